@@ -212,11 +212,6 @@ def render(
 @click.option(
     "--uncertainty-ms", type=FiniteRange(min=0), metavar="MS", help="Uncertainty (95 %) of the times."
 )
-@click.option(
-    "--recording",
-    metavar="NAME",
-    help="Which of several recordings in the folder: Caliscope's by name, OpenCap's trial, RecSync's time.",
-)
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")

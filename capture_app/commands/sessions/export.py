@@ -1,6 +1,7 @@
 """`capture-app sessions export`: a session in the format of another program."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -23,6 +24,25 @@ _FORMATS = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.ite
 @click.option(
     "--hard-link", is_flag=True, help="Hard-link image files where possible instead of copying them."
 )
+@click.option("--lossless", is_flag=True, help="Videos and redrawn pictures without loss: far larger.")
+@click.option(
+    "--instant",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="For colmap, nerfstudio, easyvolcap: one instant only, counted from 0.",
+)
+@click.option(
+    "--points",
+    type=ANY_PATH,
+    metavar="PLY",
+    help="For colmap, nerfstudio, n3dv: points to start from, as reconstruct multiview makes.",
+)
+@click.option(
+    "--masks",
+    type=ANY_PATH,
+    metavar="DIR",
+    help="For colmap, nerfstudio, easyvolcap: masks of what moves, as reconstruct movers makes.",
+)
 @click.option(
     "--near",
     type=FiniteRange(min=0, min_open=True),
@@ -33,9 +53,7 @@ _FORMATS = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.ite
     "--far", type=FiniteRange(min=0, min_open=True), metavar="DEPTH", help="For n3dv: largest depth."
 )
 @json_option
-def export(
-    session: Path, name: str, out: Path, hard_link: bool, near: float | None, far: float | None, as_json: bool
-) -> None:
+def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, **chosen: Any) -> None:
     """Convert SESSION to the format of another program.
 
     docs/exports.md describes how each format stores the times and what happens to missing images.
@@ -43,7 +61,7 @@ def export(
     from capture_app.session.exporters.common.exported_burst import ExportOptions
     from capture_app.session.exporters.export_session import export_session
 
-    options = ExportOptions(link=hard_link, near=near, far=far)
+    options = ExportOptions(link=hard_link, **chosen)
     report = export_session(Session.open(session), name, out, options, show_count("images"))
     if as_json:
         print_json(report)

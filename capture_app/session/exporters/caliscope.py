@@ -23,7 +23,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     numbers = camera_numbers(burst.cameras)
     for camera, number in numbers.items():
         file = f"recordings/{burst.name}/cam_{number}.mp4"
-        frames += write_timeline(burst, camera, folder / file, file)
+        frames += write_timeline(burst, camera, folder / file, file, options)
         for image in burst.images_of(camera):
             seconds, nanos = divmod(image.leader_ns - burst.origin_ns, 10**9)
             rows.append(f"{image.instant},{number},{seconds}.{nanos:09d}\n")

@@ -7,6 +7,8 @@ import numpy as np
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import place, suffix_for
+from capture_app.session.exporters.common.masks import write_mask
+from capture_app.session.exporters.common.point_cloud import read_ply
 from capture_app.session.exporters.common.poses import (
     Array,
     distortion_of,
@@ -39,7 +41,11 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     names = {(image.camera, image.instant): _name(image, suffix) for image in kept}
     calibration = None if burst.session.calibration() is None else burst.calibration("COLMAP")
     for image in kept:
-        place(burst, image, folder / "images" / names[image.camera, image.instant], options)
+        name = names[image.camera, image.instant]
+        place(burst, image, folder / "images" / name, options)
+        if options.masks:
+            # COLMAP finds no features where a mask is black.
+            write_mask(burst, options.masks, image, folder / "masks" / f"{name}.png", movers=0)
     config = json.dumps(_rig_config(burst.cameras, calibration), indent=1)
     (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
     frames = [Frame(i.camera, i.instant, f"images/{names[i.camera, i.instant]}", 0, i) for i in kept]
@@ -51,6 +57,8 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     if calibration is None:
         return [*notes, "the session has no calibration: COLMAP finds the cameras itself"]
     _write_model(burst, calibration, kept, names, folder / _SPARSE)
+    if options.points:
+        _write_points(options.points, folder / _SPARSE / "points3D.txt")
     return notes
 
 
@@ -107,6 +115,16 @@ def _write_model(
     lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": poses, "points3D": []}
     for file, content in lines.items():
         (folder / f"{file}.txt").write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
+
+
+def _write_points(source: Path, target: Path) -> None:
+    """Points that no image has seen: for programs that start from the model's points."""
+    cloud = read_ply(source)
+    rows = enumerate(zip(cloud.points.tolist(), cloud.colours.tolist(), strict=True), 1)
+    text = (
+        f"{number} {_numbers(point)} {' '.join(map(str, colour))} 0\n" for number, (point, colour) in rows
+    )
+    target.write_text("".join(text), encoding="utf-8")
 
 
 def _model(camera: CameraCalibration) -> tuple[str, list[float]]:

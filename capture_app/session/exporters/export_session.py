@@ -7,13 +7,19 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.session.exchange.export_record import ExportRecord, write_record
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Progress
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.reading.reader import Session
 
 Write = Callable[[ExportedBurst, Path, ExportOptions], list[str]]
+
+_ONLY_FOR = {
+    "instant": ("colmap", "nerfstudio", "easyvolcap"),
+    "points": ("colmap", "nerfstudio", "n3dv"),
+    "masks": ("colmap", "nerfstudio", "easyvolcap"),
+}
+"""Options that only some formats have a place for."""
 
 
 class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,12 +51,14 @@ def export_session(
         raise BadInputError(f"{out} lies inside the session", hint="choose a folder outside it")
     output = OutputFolder(out, replaces_nothing)
     write: Write = importlib.import_module(f"{__package__}.{name}").write
-    burst = ExportedBurst(session, progress)
+    options = options or ExportOptions()
+    for option, formats in _ONLY_FOR.items():
+        if getattr(options, option) is not None and name not in formats:
+            raise BadInputError(f"{name} takes no --{option}", hint=f"it is for {', '.join(formats)}")
+    burst = ExportedBurst(session, progress, options.instant)
     try:
         with output:
-            notes = write(burst, output.folder, options or ExportOptions())
-            record = ExportRecord(format=name, manifest=session.manifest, calibration=session.calibration())
-            write_record(output.folder, record)
+            notes = write(burst, output.folder, options)
     except OSError as error:
         what = f"cannot write {error.filename or out}: {error.strerror or error}"
         raise SimulshotError(what, hint="nothing was exported") from error

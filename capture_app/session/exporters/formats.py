@@ -3,7 +3,9 @@
 FORMATS = {
     "colmap": "images and rig_config.json; a model where calibrated",
     "nerfstudio": "transforms.json with the time of every image",
-    "n3dv": "Neural 3D Video: camNN.mp4 and poses_bounds.npy",
+    "n3dv": "Neural 3D Video, 4DGaussians: camNN.mp4, poses, points",
+    "easyvolcap": "EasyVolcap: images, intri.yml and extri.yml",
+    "easymocap": "EasyMocap: videos, intri.yml and extri.yml",
     "freemocap": "synchronized_videos and the camera calibration",
     "caliscope": "recordings, timestamps.csv and camera_array.toml",
     "pose2sim": "a trial: videos and calibration/Calib.toml",

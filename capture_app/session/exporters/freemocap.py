@@ -2,20 +2,65 @@
 
 from pathlib import Path
 
+import msgspec
+
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.tables import camera_tables, unit_note
+from capture_app.session.exporters.common.lens import Redraw, redrawing, without_k3
+from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note
 from capture_app.session.exporters.common.videos import write_paired_videos
+from capture_app.session.format.calibration import Calibration
+
+_EXACT_PX = 0.01
+"""A lens that is fitted better than this needs no redrawn pictures."""
 
 
 def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
-    """Write synchronized_videos/<camera>.mp4, as many frames each, and NAME_camera_calibration.toml.
+    """Write synchronized_videos/<session>.id-<camera>.idx-N.mp4, as many frames each, and the calibration.
 
-    FreeMoCap pairs videos and cameras by the order of their names and counts in millimetres.
+    FreeMoCap 2 finds a camera by the id in its video's name, FreeMoCap 1 by the order of the names; both
+    count in millimetres. FreeMoCap 2 reads k1, k2, p1 and p2 and takes k3 for 0: a lens with k3 becomes the
+    nearest without, and where that is not the same the pictures are redrawn for it.
     """
-    names, notes = write_paired_videos(burst, folder, "synchronized_videos")
+    ids = camera_ids(burst.cameras, burst.name)
+    files = {
+        camera: f"synchronized_videos/{_stem(burst.name, found, number)}.mp4"
+        for number, (camera, found) in enumerate(ids.items())
+    }
+    renamed = [f"{found} is {camera}" for camera, found in ids.items() if found != camera]
     if burst.session.calibration() is None:
-        return [*notes, "the session has no calibration: calibrate in FreeMoCap"]
-    calibration = burst.calibration("FreeMoCap")
-    text = camera_tables(calibration, names, "mm")
+        notes = write_paired_videos(burst, folder, files, options)
+        return [*renamed, *notes, "the session has no calibration: calibrate in FreeMoCap"]
+    calibration, redraws, lenses = _known_lenses(burst.calibration("FreeMoCap"), burst.cameras)
+    notes = write_paired_videos(burst, folder, files, options, redraws)
+    text = camera_tables(calibration, ids, "mm", numbered=True)
     (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")
-    return notes + unit_note(calibration, "mm")
+    return [*renamed, *notes, *lenses, *unit_note(calibration, "mm")]
+
+
+def camera_ids(cameras: tuple[str, ...], recording: str) -> dict[str, str]:
+    """For each camera the id in its video's name: no dots, and files and ids in the same order."""
+    ids = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
+    by_id = sorted(ids.values())
+    by_file = sorted(by_id, key=lambda found: _stem(recording, found, by_id.index(found)))
+    if by_id == by_file == list(ids.values()) and len(set(by_id)) == len(ids):
+        return ids
+    return {camera: f"cam_{number:03d}" for number, camera in enumerate(paired_names(cameras))}
+
+
+def _stem(recording: str, camera: str, number: int) -> str:
+    return f"{recording}.id-{camera}.idx-{number}"
+
+
+def _known_lenses(
+    calibration: Calibration, cameras: tuple[str, ...]
+) -> tuple[Calibration, dict[str, Redraw | None], list[str]]:
+    fitted, redraws, notes = dict(calibration.cameras), {}, []
+    for name in cameras:
+        fitted[name], worst_px = without_k3(calibration.cameras[name])
+        if worst_px > _EXACT_PX:
+            redraws[name] = redrawing(calibration.cameras[name], fitted[name])
+            notes.append(
+                f"{name}: FreeMoCap knows no k3; the pictures are redrawn, by up to {worst_px:.2f} px, "
+                "for the nearest lens without"
+            )
+    return msgspec.structs.replace(calibration, cameras=fitted), redraws, notes

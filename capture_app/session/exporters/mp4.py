@@ -12,6 +12,6 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     frames = []
     for camera in burst.cameras:
         file = f"{camera}.mp4"
-        frames += write_timeline(burst, camera, folder / file, file)
+        frames += write_timeline(burst, camera, folder / file, file, options)
     write_frames(burst, folder, frames)
     return []

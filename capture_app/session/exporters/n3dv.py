@@ -1,47 +1,72 @@
-"""Neural 3D Video: camNN.mp4, one frame an instant, and poses_bounds.npy as LLFF defined it."""
+"""Neural 3D Video: camNN.mp4, one frame an instant, poses_bounds.npy as LLFF defined it, and points."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
-from capture_app.session.exporters.common.poses import Array, centre_of, distortion_of, matrix_of, rotation_of
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.lens import project_rays, rays_of, redrawing
+from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
+from capture_app.session.exporters.common.poses import Array, centre_of, rotation_of, translation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.exporters.common.videos import spacing_notes, write_video
 from capture_app.session.format.calibration import CameraCalibration
 
+WIDTH, HEIGHT = 2704, 2028
+"""Of Neural 3D Video's own films. Its loaders take every film for one of these, and scale by that."""
+POINTS = "points3D_downsample2.ply"
+"""What 4DGaussians' loader calls the points that it starts from."""
+
+_MOST_POINTS = 40_000
+_MOST_FRAMES = 300
 _NEAR, _FAR = 0.2, 5.0
 """Guessed bounds as shares of the distance at which the cameras' axes meet."""
+_NARROWER = 0.99
+"""The step by which a field of view is tried."""
 
 
 def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write the videos of the instants that every camera has, and a row of 17 numbers a camera.
 
-    The format knows one focal length, no distortion, and a principal point in the middle: the images are
-    remapped to that. Raises BadInputError where the sizes differ or no instant is complete.
+    The format's loaders know one focal length, no distortion, a principal point in the middle, and films of
+    2704x2028 pixels: the images are redrawn to that, with no more of each than all cameras can fill.
+    Raises BadInputError where no instant is complete.
     """
     calibration = burst.calibration("N3DV")
     cameras = {name: calibration.cameras[name] for name in burst.cameras}
-    size = _one_size(burst)
-    together = [
-        instant
-        for instant in range(len(burst.instants_ns))
-        if all(burst.image_at(camera, instant) for camera in burst.cameras)
-    ]
+    together = burst.complete_instants()
     if not together:
         raise BadInputError(f"{burst.session.folder}: no instant has an image of every camera, as N3DV needs")
-    focal = float(np.mean([(camera.fx + camera.fy) / 2 for camera in cameras.values()]))
+    focal = max(_least_focal(camera) for camera in cameras.values())
     frames, rows = [], []
-    depths = focus_depths(cameras)
-    for number, (name, camera) in enumerate(cameras.items()):
+    bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
+    wanted = {name: film_camera(camera, focal) for name, camera in cameras.items()}
+    for number, name in enumerate(cameras):
         file = f"cam{number:02d}.mp4"
-        frames += _video(burst, name, together, _Remap(camera, focal), folder, file)
-        rows.append([*_pose(camera, size, focal).ravel(), *_bounds(options, depths[name])])
+        frames += _video(burst, name, together, wanted[name], folder / file, options)
+        rows.append([*_pose(wanted[name]).ravel(), *bounds[name]])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
+    cloud = read_ply(options.points) if options.points else _scattered(wanted, bounds)
+    write_ply(folder / POINTS, cloud.thinned(_MOST_POINTS))
     write_frames(burst, folder, frames)
-    return _notes(burst, together, options)
+    return _notes(burst, together, options, cameras, wanted)
+
+
+def film_camera(camera: CameraCalibration, focal: float) -> CameraCalibration:
+    """A camera in the same place as a film of Neural 3D Video shows it: `focal` px, nothing distorted."""
+    return msgspec.structs.replace(
+        camera,
+        width=WIDTH,
+        height=HEIGHT,
+        fx=focal,
+        fy=focal,
+        cx=(WIDTH - 1) / 2,
+        cy=(HEIGHT - 1) / 2,
+        distortion=(0.0,) * 5,
+    )
 
 
 def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
@@ -62,41 +87,54 @@ def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
     return dict.fromkeys(cameras, 10 * widest or 1.0)
 
 
-class _Remap:
-    """A camera's images without distortion, of this focal length in pixels, the principal point centred."""
+def _least_focal(camera: CameraCalibration) -> float:
+    """The shortest focal length, px, with which the camera's picture still fills a film to its edges."""
+    across, down = np.linspace(-0.5, WIDTH - 0.5, 41), np.linspace(-0.5, HEIGHT - 0.5, 41)
+    edge = [(x, y) for x in across for y in (down[0], down[-1])]
+    edge += [(x, y) for y in down for x in (across[0], across[-1])]
 
-    def __init__(self, camera: CameraCalibration, focal: float) -> None:
-        import cv2
+    def fills(focal: float) -> bool:
+        film = film_camera(camera, focal)
+        rays = (np.array(edge) - [film.cx, film.cy]) / focal
+        seen = project_rays(camera, rays)
+        margin = 1e-6
+        low, high = -0.5 - margin, np.array([camera.width, camera.height]) - 0.5 + margin
+        return bool(((seen >= low) & (seen <= high)).all())
 
-        x, y = (camera.width - 1) / 2, (camera.height - 1) / 2
-        wanted = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1]])
-        self._maps = None
-        if distortion_of(camera).any() or abs(wanted - matrix_of(camera)).max() > 1e-6:
-            self._maps = cv2.initUndistortRectifyMap(
-                matrix_of(camera),
-                distortion_of(camera),
-                np.eye(3),
-                wanted,
-                (camera.width, camera.height),
-                cv2.CV_32FC1,
-            )
-
-    def __call__(self, picture: Picture) -> Picture:
-        import cv2
-
-        if self._maps is None:
-            return picture
-        return np.asarray(cv2.remap(picture, *self._maps, cv2.INTER_LINEAR), np.uint8)
+    # From a narrow view outwards: far outside its picture a lens's polynomial may turn back into it.
+    focal = 100 * max(WIDTH / camera.width, HEIGHT / camera.height) * max(camera.fx, camera.fy)
+    if not fills(focal):
+        raise BadInputError(
+            f"N3DV cannot hold a principal point outside the picture, ({camera.cx:.0f}, {camera.cy:.0f})",
+            hint="calibrate again",
+        )
+    while fills(focal * _NARROWER):
+        focal *= _NARROWER
+    low, high = focal * _NARROWER, focal
+    for _ in range(40):
+        middle = (low + high) / 2
+        low, high = (low, middle) if fills(middle) else (middle, high)
+    return high
 
 
 def _video(
-    burst: ExportedBurst, camera: str, instants: list[int], remap: _Remap, folder: Path, file: str
+    burst: ExportedBurst,
+    camera: str,
+    instants: list[int],
+    wanted: CameraCalibration,
+    path: Path,
+    options: ExportOptions,
 ) -> list[Frame]:
+    redraw = redrawing(burst.calibration("N3DV").cameras[camera], wanted)
     images = [burst.images[camera, instant] for instant in instants]
     start_ns = burst.instants_ns[instants[0]]
-    pictures = ((burst.instants_ns[image.instant] - start_ns, remap(burst.pixels(image))) for image in images)
-    write_video(folder / file, pictures, burst.size(camera), burst.period_ns)
-    return [Frame(camera, image.instant, file, number, image) for number, image in enumerate(images)]
+    pictures = (
+        (burst.instants_ns[image.instant] - start_ns, redraw(pixels) if redraw else pixels)
+        for image in images
+        for pixels in [burst.pixels(image)]
+    )
+    write_video(path, pictures, (WIDTH, HEIGHT), burst.period_ns, lossless=options.lossless)
+    return [Frame(camera, image.instant, path.name, number, image) for number, image in enumerate(images)]
 
 
 def _bounds(options: ExportOptions, depth: float) -> tuple[float, float]:
@@ -106,22 +144,47 @@ def _bounds(options: ExportOptions, depth: float) -> tuple[float, float]:
     return near, far
 
 
-def _pose(camera: CameraCalibration, size: tuple[int, int], focal: float) -> Array:
+def _pose(camera: CameraCalibration) -> Array:
     """LLFF's 3x5: the camera's down, right and back axes, its centre, and (height, width, focal length)."""
     right, down, forward = rotation_of(camera)
-    intrinsics = np.array([size[1], size[0], focal], np.float64)
+    intrinsics = np.array([camera.height, camera.width, camera.fx], np.float64)
     return np.stack([down, right, -forward, centre_of(camera), intrinsics], axis=1)
 
 
-def _one_size(burst: ExportedBurst) -> tuple[int, int]:
-    sizes = {burst.size(camera) for camera in burst.cameras}
-    if len(sizes) > 1:
-        found = ", ".join(f"{name} {burst.size(name)[0]}x{burst.size(name)[1]}" for name in burst.cameras)
-        raise BadInputError(f"N3DV needs cameras of one size; {burst.session.folder} has {found}")
-    return sizes.pop()
+def _scattered(
+    cameras: Mapping[str, CameraCalibration], bounds: Mapping[str, tuple[float, float]]
+) -> PointCloud:
+    """Grey points strewn evenly through what the cameras see between near and far, where none are known."""
+    random = np.random.default_rng(0)
+    share = _MOST_POINTS // len(cameras)
+    points = []
+    for name, camera in cameras.items():
+        near, far = bounds[name]
+        depth = (random.uniform(near**3, far**3, share)) ** (1 / 3)
+        pixels = random.uniform(0, [WIDTH - 1, HEIGHT - 1], (share, 2))
+        local = np.column_stack([rays_of(camera, pixels), np.ones(share)]) * depth[:, None]
+        points.append((local - translation_of(camera)) @ rotation_of(camera))
+    every = np.concatenate(points)
+    return PointCloud(every, np.full(every.shape, 128, np.uint8))
 
 
-def _notes(burst: ExportedBurst, together: list[int], options: ExportOptions) -> list[str]:
+def _kept(camera: CameraCalibration, film: CameraCalibration) -> float:
+    """The share of a camera's picture that its film shows."""
+    columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 60))
+    rays = rays_of(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
+    seen = project_rays(film, rays)
+    with np.errstate(invalid="ignore"):
+        inside = ((seen >= -0.5) & (seen <= [WIDTH - 0.5, HEIGHT - 0.5])).all(axis=1)
+    return float(inside.mean())
+
+
+def _notes(
+    burst: ExportedBurst,
+    together: list[int],
+    options: ExportOptions,
+    cameras: Mapping[str, CameraCalibration],
+    films: Mapping[str, CameraCalibration],
+) -> list[str]:
     names = {f"cam{number:02d}": camera for number, camera in enumerate(burst.cameras)}
     notes = [f"{name} is {camera}" for name, camera in names.items() if name != camera]
     left_out = len(burst.instants_ns) - len(together)
@@ -129,6 +192,15 @@ def _notes(burst: ExportedBurst, together: list[int], options: ExportOptions) ->
         notes.append(
             f"{left_out} of {len(burst.instants_ns)} instants are left out: not every camera has them"
         )
+    if len(together) > _MOST_FRAMES:
+        notes.append(f"4DGaussians reads the first {_MOST_FRAMES} frames only")
+    least = min(_kept(cameras[name], films[name]) for name in cameras)
+    if least < 0.995:
+        notes.append(
+            f"the films are cut to 4:3 and one angle of view: at least {100 * least:.0f} % of a picture"
+        )
+    if options.points is None:
+        notes.append(f"{POINTS} is of random points: `--points` takes those of reconstruct multiview")
     if options.near is None or options.far is None:
         notes.append(
             "near and far are guessed from where the cameras look; `sessions export` takes --near and --far"

@@ -7,22 +7,28 @@ import numpy as np
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import place, suffix_for
+from capture_app.session.exporters.common.masks import write_mask
+from capture_app.session.exporters.common.point_cloud import read_ply, write_ply
 from capture_app.session.exporters.common.poses import centre_of, distortion_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import ImageRecord
 
+_POINTS = "sparse_pc.ply"
 _HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
 
 
 def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
-    """Write images/<camera>/<instant> and transforms.json.
+    """Write images/<camera>/<instant> and transforms.json, points and masks if given.
 
     `time` runs from 0 at the burst's first image to 1 at its last, each image at its own; `leader_ns` beside
-    it is exact. Without a second instant every `time` is 0.
+    it is exact. Without a second instant every `time` is 0. nerfstudio itself ignores it.
     """
     calibration = burst.calibration("nerfstudio")
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
+    if options.masks:
+        # Of a dropped frame's substitute nobody makes a mask, and nerfstudio wants all or none.
+        images = [image for image in images if not image.substitute]
     suffix = suffix_for(burst, images)
     span_ns = max(image.leader_ns for image in images) - burst.origin_ns
     several = len({image.instant for image in images}) > 1
@@ -31,18 +37,30 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
         file = f"images/{image.camera}/{image.instant:06d}{suffix}"
         place(burst, image, folder / file, options)
         time = (image.leader_ns - burst.origin_ns) / span_ns if several else 0.0
-        entries.append(_entry(file, image, calibration.cameras[image.camera], time))
+        entry = _entry(file, image, calibration.cameras[image.camera], time)
+        if options.masks:
+            # Black is what nerfstudio leaves out of its losses.
+            entry["mask_path"] = f"masks/{image.camera}/{image.instant:06d}.png"
+            write_mask(burst, options.masks, image, folder / str(entry["mask_path"]), movers=0)
+        entries.append(entry)
         frames.append(Frame(image.camera, image.instant, file, 0, image))
-    content = {
+    content: dict[str, object] = {
         "camera_model": "OPENCV",
         "time_origin_leader_ns": burst.origin_ns,
         "time_span_ns": span_ns if several else 0,
         "unit": calibration.unit,
         "frames": entries,
     }
+    if options.points:
+        content["ply_file_path"] = _POINTS
+        write_ply(folder / _POINTS, read_ply(options.points))
     (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     write_frames(burst, folder, frames)
-    return []
+    if not several:
+        return []
+    return [
+        "nerfstudio itself takes all instants for one moment: `--instant` exports one; 4D methods read `time`"
+    ]
 
 
 def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float) -> dict[str, object]:

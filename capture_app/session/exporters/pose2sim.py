@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.tables import camera_tables, unit_note
+from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note
 from capture_app.session.exporters.common.videos import write_paired_videos
 
 
@@ -13,7 +13,9 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     Pose2Sim pairs videos and cameras by the order of their names.
     """
     calibration = burst.calibration("Pose2Sim")
-    names, notes = write_paired_videos(burst, folder, "videos")
+    names = paired_names(burst.cameras)
+    files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
+    notes = write_paired_videos(burst, folder, files, options)
     (folder / "calibration").mkdir()
     text = camera_tables(calibration, names, "m")
     (folder / "calibration" / "Calib.toml").write_text(text, encoding="utf-8")

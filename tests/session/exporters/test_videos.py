@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exchange.export_record import FRAMES
 from capture_app.session.exporters.caliscope import camera_numbers
-from capture_app.session.exporters.common.tables import paired_names
+from capture_app.session.exporters.common.tables import FRAMES, paired_names
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from tests.session.exporters.conftest import (
@@ -91,7 +90,8 @@ def test_the_table_has_every_camera_and_instant(make: Make, export: Export, tmp_
         assert row["leader_ns"] == str(exact.get(place, ""))
         blank = place in {("right", "1"), ("mid", "2")}
         assert row["content"] == ("blank" if blank else "image")
-        assert row["file"] == f"synchronized_videos/{row['camera']}.mp4"
+        number = ("left", "mid", "right").index(row["camera"])
+        assert row["file"] == f"synchronized_videos/clap.id-{row['camera']}.idx-{number}.mp4"
         assert row["frame"] == row["instant"]
 
 
@@ -108,13 +108,17 @@ def test_motion_capture(
     report = export(make(), name)
     out = tmp_path / "out"
     found = sorted((out / videos).iterdir())
-    assert [path.name for path in found] == ["left.mp4", "mid.mp4", "right.mp4"]
-    for path in found:
+    cameras = ("left", "mid", "right")
+    # FreeMoCap 2 reads a camera's id and index from its video's name.
+    named = {"pose2sim": "{}.mp4", "freemocap": "clap.id-{}.idx-{}.mp4"}[name]
+    assert [path.name for path in found] == [
+        named.format(*pair) for pair in zip(cameras, range(3), strict=True)
+    ]
+    for camera, path in zip(cameras, found, strict=True):
         shown = frames(path)
         assert [time for time, _ in shown] == [(slot * PERIOD_NS + 500) // 1000 for slot in GRID]
         levels = [
-            0 if (path.stem, i) in {("right", 1), ("mid", 2)} else grey(path.stem, i)
-            for i in range(len(GRID))
+            0 if (camera, i) in {("right", 1), ("mid", 2)} else grey(camera, i) for i in range(len(GRID))
         ]
         assert [level for _, level in shown] == pytest.approx(levels, abs=5)
         capture = cv2.VideoCapture(str(path))  # how these programs count
@@ -126,8 +130,11 @@ def test_motion_capture(
         table, truth = tables[camera], calibrated(camera)
         assert table["name"] == camera
         assert table["size"] == [truth.width, truth.height]
-        assert table["matrix"] == [[truth.fx, 0, truth.cx], [0, truth.fy, truth.cy], [0, 0, 1]]
-        assert table["distortions"] == list(truth.distortion)
+        if name == "pose2sim" or not truth.distortion[4]:
+            assert table["matrix"] == [[truth.fx, 0, truth.cx], [0, truth.fy, truth.cy], [0, 0, 1]]
+            assert table["distortions"] == list(truth.distortion)
+        else:
+            assert table["distortions"][4] == 0.0  # FreeMoCap knows no k3
         assert table["translation"] == pytest.approx([v * per_metre for v in truth.translation])
         rotation = cv2.Rodrigues(np.array(table["rotation"]))[0]
         assert rotation == pytest.approx(np.array(truth.rotation), abs=1e-12)

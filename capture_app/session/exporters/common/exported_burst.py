@@ -25,11 +25,20 @@ _VERIFY = "capture-app sessions verify shows all that is wrong"
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """What a user may choose: hard links instead of copies; depth bounds in the calibration's unit."""
+    """What a user may choose.
+
+    Hard links instead of copies; videos and redrawn pictures without loss; depth bounds in the calibration's
+    unit; one instant only; a PLY file of points in the rig's coordinates and the calibration's unit; a folder
+    of masks, <camera>/<instant>.png, white where something moves.
+    """
 
     link: bool = False
+    lossless: bool = False
     near: float | None = None
     far: float | None = None
+    instant: int | None = None
+    points: Path | None = None
+    masks: Path | None = None
 
 
 class ExportedBurst:
@@ -38,13 +47,26 @@ class ExportedBurst:
     Raises BadInputError where the manifest contradicts itself: images doubled, or times that go backwards.
     """
 
-    def __init__(self, session: Session, progress: Progress = lambda done, total: None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        progress: Progress = lambda done, total: None,
+        instant: int | None = None,
+    ) -> None:
+        """`instant`: leave out what is of others. Raises BadInputError where it is of no image."""
         manifest = session.manifest
         self.session = session
         self.name = session.name
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
         self.images = _images_by_place(session)
+        if instant is not None:
+            self.images = {place: image for place, image in self.images.items() if place[1] == instant}
+            if not self.images:
+                last = len(self.instants_ns) - 1
+                raise BadInputError(
+                    f"{session.folder} has no image of instant {instant}", hint=f"there are 0 to {last}"
+                )
         filmed = {camera for camera, _ in self.images}
         self.cameras = tuple(camera.name for camera in manifest.cameras if camera.name in filmed)
         if not self.cameras:
@@ -69,6 +91,14 @@ class ExportedBurst:
         """The image that belongs to an instant, or None: a dropped frame's substitute is of another."""
         image = self.images.get((camera, instant))
         return None if image is None or image.substitute else image
+
+    def complete_instants(self) -> list[int]:
+        """The instants of which every camera has its image."""
+        return [
+            instant
+            for instant in range(len(self.instants_ns))
+            if all(self.image_at(camera, instant) for camera in self.cameras)
+        ]
 
     def size(self, camera: str) -> tuple[int, int]:
         """Width and height in pixels of a camera's images."""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
+from capture_app.session.exporters.common.lens import Redraw
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 
 _SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
@@ -24,11 +25,20 @@ def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: Expor
     data, pixels = burst.load(image)
     target.parent.mkdir(parents=True, exist_ok=True)
     if _ending(burst, image) != target.suffix:
-        target.write_bytes(_png(image, pixels))
+        target.write_bytes(_encode(image, pixels, ".png"))
     elif options.link and not isinstance(image, FrameRecord):
         os.link(burst.session.image_file(image).resolve(), target)
     else:
         target.write_bytes(data)
+
+
+def place_redrawn(burst: ExportedBurst, image: ImageRecord, target: Path, redraw: Redraw | None) -> None:
+    """Put a changed picture at `target`: JPEG of quality 98, or PNG, as the ending says."""
+    pixels = burst.pixels(image)
+    if redraw:
+        pixels = redraw(pixels)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(_encode(image, pixels, target.suffix))
 
 
 def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
@@ -38,16 +48,16 @@ def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
     """
     data, pixels = burst.load(image)
     kind = {".jpg": "jpeg", ".png": "png"}.get(_ending(burst, image))
-    return (data, kind) if kind else (_png(image, pixels), "png")
+    return (data, kind) if kind else (_encode(image, pixels, ".png"), "png")
 
 
-def _png(image: ImageRecord, pixels: Picture) -> bytes:
+def _encode(image: ImageRecord, pixels: Picture, suffix: str) -> bytes:
     import cv2
 
-    done, png = cv2.imencode(".png", pixels)
+    done, data = cv2.imencode(suffix, pixels, [cv2.IMWRITE_JPEG_QUALITY, 98] if suffix == ".jpg" else [])
     if not done:
-        raise BadInputError(f"{image.path} cannot be written as PNG")
-    return bytes(png.tobytes())
+        raise BadInputError(f"{image.path} cannot be written as {suffix[1:].upper()}")
+    return bytes(data.tobytes())
 
 
 def _ending(burst: ExportedBurst, image: ImageRecord) -> str:

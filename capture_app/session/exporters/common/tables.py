@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.names import natural_order
-from capture_app.session.exchange.export_record import FRAMES
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.poses import distortion_of, matrix_of, rodrigues, rotation_of
 from capture_app.session.format.calibration import METRES, Calibration
 from capture_app.session.format.manifest import ImageRecord
+
+FRAMES = "frames.csv"
+"""In every export: where each image is in the export, with its time in ns of the leader's clock."""
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
@@ -64,17 +66,21 @@ def paired_names(cameras: Iterable[str]) -> dict[str, str]:
     return {name: f"cam_{number:03d}_{name}" for number, name in enumerate(by_numbers)}
 
 
-def camera_tables(calibration: Calibration, names: Mapping[str, str], unit: str) -> str:
+def camera_tables(
+    calibration: Calibration, names: Mapping[str, str], unit: str, *, numbered: bool = False
+) -> str:
     """Anipose's TOML, which FreeMoCap and Pose2Sim read: a table a camera, rotations by Rodrigues.
 
     `names` are `paired_names`; translations are written in `unit` where the calibration's is a length.
+    `numbered` adds the id and the index by which FreeMoCap 2 finds a camera.
     """
     factor = METRES[calibration.unit] / METRES[unit] if calibration.unit in METRES else 1.0
     text = ""
-    for name, key in names.items():
+    for number, (name, key) in enumerate(names.items()):
         camera = calibration.cameras[name]
         table = {
             "name": key,
+            **({"id": key, "index": number} if numbered else {}),
             "size": [camera.width, camera.height],
             "matrix": matrix_of(camera).tolist(),
             "distortions": distortion_of(camera).tolist(),

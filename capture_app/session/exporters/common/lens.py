@@ -1,0 +1,164 @@
+"""OpenCV's lens: rays to pixels and back, the nearest one without k3, and pictures redrawn for another."""
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+
+from capture_app.session.exporters.common.exported_burst import Picture
+from capture_app.session.exporters.common.poses import Array, distortion_of, matrix_of
+from capture_app.session.format.calibration import CameraCalibration
+
+Redraw = Callable[[Picture], Picture]
+
+_STEPS = 30
+_FOUND_PX = 1e-6
+_GRID = 60
+
+
+def project_rays(camera: CameraCalibration, rays: Array) -> Array:
+    """Pixels (n, 2) of rays (n, 2), which are x/z and y/z in the camera; OpenCV's k1, k2, p1, p2, k3."""
+    x, y = _distorted(camera, rays)
+    return np.stack([camera.fx * x + camera.cx, camera.fy * y + camera.cy], axis=1)
+
+
+def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
+    """Rays (n, 2) of pixels (n, 2), by Newton's method; NaN where the lens has none there."""
+    wanted = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
+    rays = wanted.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            error = np.stack(_distorted(camera, rays), axis=1) - wanted
+            if not np.nanmax(np.abs(error)) > 1e-13:
+                break
+            a, b, d = _slopes(camera, rays)
+            across = a * d - b * b
+            rays -= (
+                np.stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - b * error[:, 0]], axis=1)
+                / (across[:, None])
+            )
+        far = np.abs(project_rays(camera, rays) - pixels).max(axis=1)
+        # Past its turning point a polynomial shows the same pixel again, seen from outside the picture.
+        turned = np.minimum(_slopes(camera, rays)[0], _slopes(camera, rays)[2]) <= 0
+    rays[~(far < _FOUND_PX) | turned] = np.nan
+    return rays
+
+
+def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
+    """The lens with k1, k2, p1 and p2 only that comes nearest in the whole picture.
+
+    Returns it, with its own focal lengths and principal point, and the largest distance in px between the
+    pixels that both give a ray of the picture (least squares over a grid, Gauss-Newton).
+    """
+    if not distortion_of(camera)[4]:
+        return camera, 0.0
+    columns, rows = np.meshgrid(
+        np.linspace(-0.5, camera.width - 0.5, _GRID), np.linspace(-0.5, camera.height - 0.5, _GRID)
+    )
+    rays = rays_of(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
+    rays = rays[~np.isnan(rays).any(axis=1)]
+    seen = project_rays(camera, rays)
+    fitted = msgspec.structs.replace(camera, distortion=(*map(float, distortion_of(camera)[:4]), 0.0))
+    for _ in range(_STEPS):
+        slopes = _fit_slopes(fitted, rays)
+        scale = np.linalg.norm(slopes, axis=0)
+        step = np.linalg.lstsq(slopes / scale, (seen - project_rays(fitted, rays)).ravel())[0] / scale
+        fx, fy, cx, cy, *given = np.array(_parameters(fitted)) + step
+        fitted = msgspec.structs.replace(
+            fitted,
+            fx=float(fx),
+            fy=float(fy),
+            cx=float(cx),
+            cy=float(cy),
+            distortion=(*map(float, given), 0.0),
+        )
+        if np.abs(step[:4]).max() < 1e-9:
+            break
+    return fitted, float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
+
+
+def redrawing(camera: CameraCalibration, wanted: CameraCalibration) -> Redraw | None:
+    """Makes of a camera's pictures those that the lens `wanted` had taken from there; None if it is the same.
+
+    Pixels are interpolated (bilinear); what the camera did not see is black.
+    """
+    import cv2
+
+    if (camera.width, camera.height) == (wanted.width, wanted.height) and _parameters(camera) == _parameters(
+        wanted
+    ):
+        return None
+    if distortion_of(wanted).any():
+        rows, columns = np.mgrid[: wanted.height, : wanted.width].astype(np.float64)
+        rays = rays_of(wanted, np.stack([columns.ravel(), rows.ravel()], axis=1))
+        pixels = project_rays(camera, rays).astype(np.float32).reshape(wanted.height, wanted.width, 2)
+        pixels[np.isnan(pixels)] = -10
+        maps = (np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1]))
+    else:
+        size = (wanted.width, wanted.height)
+        maps = cv2.initUndistortRectifyMap(
+            matrix_of(camera), distortion_of(camera), np.eye(3), matrix_of(wanted), size, cv2.CV_32FC1
+        )
+    for axis, length in zip(maps, (camera.width, camera.height), strict=True):
+        # Half a pixel around the outermost centres still belongs to the picture.
+        inside = (axis >= -0.51) & (axis <= length - 0.49)
+        np.clip(axis, 0, length - 1, out=axis, where=inside)
+
+    def redraw(picture: Picture) -> Picture:
+        # OpenCV's bicubic kernel (a = -0.75) does not keep a ramp: it moves a smooth dot by up to 0.06 px.
+        return np.asarray(cv2.remap(picture, *maps, cv2.INTER_LINEAR), np.uint8)
+
+    return redraw
+
+
+def _parameters(camera: CameraCalibration) -> tuple[float, ...]:
+    given = distortion_of(camera)
+    return (camera.fx, camera.fy, camera.cx, camera.cy, *map(float, given if given[4] else given[:4]))
+
+
+def _distorted(camera: CameraCalibration, rays: Array) -> tuple[Array, Array]:
+    k1, k2, p1, p2, k3 = distortion_of(camera)
+    x, y = rays[:, 0], rays[:, 1]
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
+        y * radial + 2 * p2 * x * y + p1 * (square + 2 * y * y),
+    )
+
+
+def _slopes(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array]:
+    """Derivatives dx/dx, dx/dy (which is dy/dx) and dy/dy of the distorted ray."""
+    k1, k2, p1, p2, k3 = distortion_of(camera)
+    x, y = rays[:, 0], rays[:, 1]
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    outward = 2 * (k1 + square * (2 * k2 + square * 3 * k3))
+    return (
+        radial + x * x * outward + 2 * p1 * y + 6 * p2 * x,
+        x * y * outward + 2 * p1 * x + 2 * p2 * y,
+        radial + y * y * outward + 2 * p2 * x + 6 * p1 * y,
+    )
+
+
+def _fit_slopes(camera: CameraCalibration, rays: Array) -> Array:
+    """Derivatives of the pixels, flattened, by fx, fy, cx, cy, k1, k2, p1 and p2, (2n, 8)."""
+    x, y = rays[:, 0], rays[:, 1]
+    square = x * x + y * y
+    seen_x, seen_y = _distorted(camera, rays)
+    nothing, one = np.zeros_like(x), np.ones_like(x)
+    across = [
+        seen_x,
+        nothing,
+        one,
+        nothing,
+        *(camera.fx * part for part in (x * square, x * square**2, 2 * x * y, square + 2 * x * x)),
+    ]
+    down = [
+        nothing,
+        seen_y,
+        nothing,
+        one,
+        *(camera.fy * part for part in (y * square, y * square**2, square + 2 * y * y, 2 * x * y)),
+    ]
+    return np.stack([np.stack(across, axis=1), np.stack(down, axis=1)], axis=1).reshape(-1, 8)

@@ -17,6 +17,7 @@ from reconstruction.commands.board import board
 from reconstruction.commands.calibrate import calibrate
 from reconstruction.commands.compare import compare
 from reconstruction.commands.dose import dose
+from reconstruction.commands.movers import movers
 from reconstruction.commands.multiview import multiview
 from reconstruction.commands.stereo import stereo
 from reconstruction.commands.stitch import stitch
@@ -49,7 +50,7 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure what synchronization does for them."""
 
 
-for command in (batch, board, calibrate, compare, dose, multiview, stereo, stitch, time_command):
+for command in (batch, board, calibrate, compare, dose, movers, multiview, stereo, stitch, time_command):
     app.add_command(command)
 add_verbosity(app)
 

@@ -51,7 +51,6 @@ class Uploader:
         self._opening = NodeStream(camera=camera, instance=instance)
         self.spool = spool
         self.leader: Address | None = None
-        self._run: int | None = None
         self._retry_s = retry_s
         self._waiting: deque[BurstUpload] = deque()
         self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
@@ -125,15 +124,12 @@ class Uploader:
         if self.spool is not None:
             self.spool.close()
 
-    def set_leader(self, leader: Address, run: int | None = None) -> None:
-        """Send images to that address from now on; what was refused before is offered again.
-
-        `run` is the leader's, of whose bursts alone it may say that they are to be forgotten.
-        """
+    def set_leader(self, leader: Address) -> None:
+        """Send images to that address from now on; what was refused before is offered again."""
         if leader != self.leader and self._stream is not None:
             # Nobody may ever close the stream to a relay whose plug was pulled.
             self._stream.abort()
-        self.leader, self._run = leader, run
+        self.leader = leader
         self._waiting.extendleft(reversed(self._refused))
         self._refused.clear()
         self._space_is_due = True
@@ -202,8 +198,7 @@ class Uploader:
 
     async def _send_burst(self, sender: BurstSender, burst: BurstUpload) -> None:
         refusal = await sender.send_burst(burst)
-        forget = refusal is not None and refusal.forget and burst.report.leader == self._run
-        if refusal is None or forget:
+        if refusal is None or refusal.forget:
             burst.end()
         if refusal is None:
             if burst.spooled is not None:
@@ -212,7 +207,7 @@ class Uploader:
         else:
             burst.frames.clear()
             kept = ""
-            if burst.spooled is not None and forget:
+            if burst.spooled is not None and refusal.forget:
                 await asyncio.to_thread(burst.spooled.remove)
             elif burst.spooled is not None:
                 self._refused.append(burst)

@@ -1,0 +1,37 @@
+"""`reconstruct movers`."""
+
+from pathlib import Path
+
+import click
+
+from capture_app.terminal import json_option, print_json, print_line
+from capture_app.usage import examples
+from reconstruction.commands.options import checksums_option, memory_option, out_option, session_argument
+
+
+@click.command(
+    epilog=examples(
+        "reconstruct movers sessions/burst-001 --out masks",
+        "capture-app sessions export sessions/burst-001 --to nerfstudio --masks masks --out scene",
+    )
+)
+@session_argument
+@out_option
+@memory_option
+@checksums_option
+@json_option
+def movers(session: Path, out: Path, as_json: bool) -> None:
+    """Write masks of what moves in SESSION's pictures: white in DIR/CAMERA/INSTANT.png.
+
+    What moves is seen by a still camera's pictures of other instants; the masks are a few pixels wider.
+    """
+    from reconstruction.session.dataset import Dataset
+    from reconstruction.session.mover_masks import write_masks
+
+    result = write_masks(Dataset.open(session), out)
+    if as_json:
+        print_json(result)
+        return
+    for camera, share in result.moving.items():
+        print_line(f"{camera}: {100 * share:.1f} % of its pixels move")
+    print_line(f"{result.masks} masks: {out}")

@@ -41,7 +41,7 @@ from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
+from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual, StepRefused
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
@@ -254,6 +254,8 @@ class CameraNode:
             self._talk(f"{line['event']}: {event.reason}")
         if isinstance(event, ClockRateUnusual):
             self._talk(node_message.fast_clock(event.fast_ppm))
+        elif isinstance(event, StepRefused):
+            self._talk(node_message.step_refused(event.times))
         elif isinstance(event, ClockRateChanged):
             self._talk(node_message.RATE_CHANGED)
 

@@ -100,6 +100,8 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
             return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
         case clock_events.ClockStepped():
             return {"event": "clock-stepped"}
+        case clock_events.StepRefused(times):
+            return {"event": "clock-step-refused", "times": times}
         case clock_events.ClockRateUnusual(fast_ppm):
             return {"event": "clock-rate-unusual", "fast_ppm": fast_ppm}
         case clock_events.ClockRateUsual():

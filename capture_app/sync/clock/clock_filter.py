@@ -12,6 +12,8 @@ from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 BLOCK_NS, LONG_AGO_NS, SIGMAS_95 = 1_000_000_000, -(2**66), 1.96
 CHANGE_SIGMAS, CHANGE_PPM, SETTLING_NS = 5.0, 20.0, 10_000_000_000
 """A change of the rate is told from so many ppm on; those that follow each other so quickly are one."""
+STEP_SAMPLES = 3
+"""So many samples in a row must agree on a step of a clock."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,8 @@ class ClockFilter:
 
     def __init__(self, *, window_ns: int = 30_000_000_000) -> None:
         self._window_ns, self._not_before_ns = window_ns, LONG_AGO_NS
+        self.refused_steps = 0
+        """How often samples told of a step that those after them did not confirm."""
         self.reset()
 
     def reset(self) -> None:
@@ -71,6 +75,8 @@ class ClockFilter:
         self._fitted: LikelyLine | None = None
         self._drift, self._stale = DRIFT, True
         self._changed: tuple[int, float] | None = None
+        self._suspects: list[ClockSample] = []
+        """The newest samples, where they contradict those before and agree with each other."""
 
     @property
     def rate_change(self) -> RateChange | None:
@@ -82,9 +88,10 @@ class ClockFilter:
         return RateChange(self._changed[0], change * 1e6) if told else None
 
     def add(self, sample: ClockSample) -> bool:
-        """Add a sample; False if it contradicts all earlier ones and the filter started anew with it.
+        """Add a sample; False if it is the last of STEP_SAMPLES with which the filter started anew.
 
-        Samples with a negative round trip, far too slow ones and those older than the window are ignored.
+        Those contradict all earlier ones, and agree with each other: a clock has stepped. Fewer are ignored,
+        as are samples with a negative round trip, far too slow ones and those older than the window.
         """
         since_ns = max(self._not_before_ns, self._newest_ns - self._window_ns)
         turnaround_ns, passed_ns = sample.t2_ns - sample.t1_ns, sample.t3_ns - sample.t0_ns
@@ -96,11 +103,10 @@ class ClockFilter:
         lower = sample.t3_ns, self._anchor_ns - sample.lower_ns
         highest, lowest = _tighter(self._highest, upper), _tighter(self._lowest, lower)
         if _bound_at(highest, lowest[0]) + lowest[1] < -ROUNDING_NS:
-            # Messages of before the step may still be on their way.
-            self._not_before_ns = sample.t0_ns
-            self.reset()
-            self.add(sample)
-            return False
+            return self._suspect(sample)
+        if self._suspects:
+            self._suspects.clear()
+            self.refused_steps += 1
         if self._blocks and sample.t3_ns // BLOCK_NS > self._newest_ns // BLOCK_NS:
             self._end_block()
         self._highest, self._lowest, self._stale = highest, lowest, True
@@ -137,6 +143,18 @@ class ClockFilter:
             round_trip_ns=round(line.gap),
             age_ns=max(0, now_local_ns - self._newest_ns),
         )
+
+    def _suspect(self, sample: ClockSample) -> bool:
+        """Note a sample that contradicts the others; as `add` returns."""
+        suspects = self._suspects = [s for s in self._suspects if _can_both_be(s, sample)] + [sample]
+        if len(suspects) < STEP_SAMPLES:
+            return True
+        # Messages of before the step may still be on their way.
+        self._not_before_ns = suspects[0].t0_ns
+        self.reset()
+        for suspect in suspects:
+            self.add(suspect)
+        return False
 
     def _line(self) -> LikelyLine:
         if self._fitted is None or self._stale:
@@ -186,6 +204,13 @@ class ClockFilter:
 
 def _bound_at(bound: Bound, local_ns: int) -> float:
     return bound[1] + MAX_SKEW * abs(local_ns - bound[0])
+
+
+def _can_both_be(one: ClockSample, other: ClockSample) -> bool:
+    """Whether two samples can be of the same two clocks."""
+    apart_ns = max(one.t3_ns, other.t3_ns) - min(one.t0_ns, other.t0_ns)
+    slack = MAX_SKEW * apart_ns + ROUNDING_NS
+    return one.lower_ns <= other.upper_ns + slack and other.lower_ns <= one.upper_ns + slack
 
 
 def _tighter(one: Bound, other: Bound) -> Bound:

@@ -103,6 +103,14 @@ def fast_clock(ppm: float) -> str:
     )
 
 
+def step_refused(times: int) -> str:
+    """Say that answers told of a step of the clock which others did not confirm."""
+    return (
+        f"{count(times, 'answer')} of the leader told of another time than all others and did not count:"
+        " is somebody on the way who alters them?"
+    )
+
+
 def fast_or_slow(ppm: float) -> str:
     """Write a rate: 210 ppm fast."""
     return f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'}"

@@ -19,6 +19,14 @@ class ClockStepped:
 
 
 @dataclass(frozen=True, slots=True)
+class StepRefused:
+    """Some answers told of a step of a clock, and those after them did not: they were not believed."""
+
+    times: int
+    """How often, since this was told last."""
+
+
+@dataclass(frozen=True, slots=True)
 class ClockRateUnusual:
     """This node's clock and the leader's differ in rate by more than two ordinary crystals do."""
 
@@ -51,6 +59,7 @@ class ReferenceCorrectionEnded:
 
 ClockEvent = (
     ClockStepped
+    | StepRefused
     | ClockSynced
     | ClockRateUnusual
     | ClockRateUsual

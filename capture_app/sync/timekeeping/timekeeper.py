@@ -15,15 +15,17 @@ from capture_app.sync.timekeeping.clock_events import (
     ClockSynced,
     ReferenceCorrectionEnded,
     ReferenceCorrectionStarted,
+    StepRefused,
 )
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
-from capture_app.sync.timekeeping.poll_schedule import PollSchedule, Progress, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, PollSchedule, Progress, SteadySchedule
 from capture_app.sync.timekeeping.rate_watch import RateWatch
 from capture_app.sync.wire.beacon import ArrivalReport
 from capture_app.sync.wire.codec import request_at, request_before_t0
 from capture_app.sync.wire.messages import NodeState, Report, TimeReply
 
 OUTSTANDING = 512
+TELL_STEPS_EVERY_NS = 10_000_000_000
 FURTHEST_NS = 2**62
 """No clock is further from the root's, and no relay could tell its clients so."""
 
@@ -70,6 +72,7 @@ class Timekeeper:
         self._outstanding: dict[int, int] = {}
         self._request: bytes | None = None
         self._report_due = False
+        self._told_steps, self._tell_steps_ns = 0, AT_ONCE_NS
         self._events: deque[ClockEvent] = deque()
 
     @property
@@ -128,6 +131,9 @@ class Timekeeper:
             self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
             self._events.append(ClockStepped())
+        if self.clock.refused_steps > self._told_steps and now_ns >= self._tell_steps_ns:
+            self._events.append(StepRefused(self.clock.refused_steps - self._told_steps))
+            self._told_steps, self._tell_steps_ns = self.clock.refused_steps, now_ns + TELL_STEPS_EVERY_NS
         return True
 
     def handle_timer(self, now_ns: int) -> None:

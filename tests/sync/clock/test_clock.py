@@ -1,15 +1,16 @@
 """The clock filter against simulated exchanges whose truth is known."""
 
 import random
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 
-MS = 1_000_000
+MS, HOUR_NS = 1_000_000, 3_600_000_000_000
 S = 1_000_000_000
 
 
@@ -194,15 +195,48 @@ def test_a_step_is_told_and_learned_anew(step_ns: int) -> None:
     clock, now_ns = run(link, 10**12, seed=2, seconds=3)
     on_its_way = link.exchange(now_ns - 30 * MS, 5 * MS, 24 * MS)
     link.offset_ns += step_ns
-    assert not clock.add(link.exchange(now_ns, 600_000, 600_000))
-    assert clock.samples == 1
+    before = clock.samples
+    for i in range(STEP_SAMPLES - 1):
+        assert clock.add(link.exchange(now_ns + 3 * MS * i, 600_000, 600_000))
+        assert clock.samples == before, "one alone may be a lie"
+    assert not clock.add(link.exchange(now_ns + 3 * MS * (STEP_SAMPLES - 1), 600_000, 600_000))
+    assert clock.samples == STEP_SAMPLES
     assert clock.add(on_its_way), "a late message of before the step must not count as another step"
-    assert clock.samples == 1
-    for i in range(1, 100):
+    assert clock.samples == STEP_SAMPLES
+    for i in range(STEP_SAMPLES, 100):
         assert clock.add(link.exchange(now_ns + 3 * MS * i, 600_000, 700_000))
     time_map = clock.time_map(now_ns + 300 * MS)
     assert time_map is not None
     assert error_ns(time_map, link, now_ns + 300 * MS) <= time_map.hard_bound_ns < MS
+
+
+@pytest.mark.parametrize("lies", range(1, STEP_SAMPLES))
+def test_a_step_that_the_next_samples_do_not_confirm_is_refused(lies: int) -> None:
+    link = Link(offset_ns=10**10, skew_ppm=30, epoch_ns=0)
+    clock, now_ns = run(link, 10**12, seed=2, seconds=3)
+    for _ in range(5):
+        map_before = clock.time_map(now_ns)
+        for _ in range(lies):
+            true = link.exchange(now_ns, 600_000, 600_000)
+            assert clock.add(replace(true, t1_ns=true.t1_ns + HOUR_NS, t2_ns=true.t2_ns + HOUR_NS))
+        assert clock.time_map(now_ns) == map_before
+        assert clock.add(link.exchange(now_ns, 10 * MS, 10 * MS))
+    assert clock.refused_steps == 5
+    time_map = clock.time_map(now_ns)
+    assert time_map is not None
+    assert error_ns(time_map, link, now_ns) <= time_map.hard_bound_ns
+
+
+def test_samples_that_tell_of_different_steps_confirm_none() -> None:
+    link = Link(offset_ns=10**10, skew_ppm=30, epoch_ns=0)
+    clock, now_ns = run(link, 10**12, seed=2, seconds=3)
+    map_before = clock.time_map(now_ns)
+    for hours in range(1, 20):
+        true = link.exchange(now_ns, 600_000, 600_000)
+        assert clock.add(
+            replace(true, t1_ns=true.t1_ns + hours * HOUR_NS, t2_ns=true.t2_ns + hours * HOUR_NS)
+        )
+    assert clock.time_map(now_ns) == map_before
 
 
 def test_slow_wander_forgets_the_old_and_is_not_a_step() -> None:

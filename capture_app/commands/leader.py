@@ -119,13 +119,20 @@ def leader(
 async def _run_leader(
     node: "LeaderNode", host: str, cameras: tuple[str, ...], log: Path | None, as_json: bool
 ) -> None:
-    from capture_app.net.discovery.announcement import announced
+    from capture_app.doctor.network import firewalls
+    from capture_app.net.discovery.announcement import announced, announced_hosts
+    from capture_app.net.firewall import active_firewalls
     from capture_app.rig_process import recorded_rig
 
     with ExitStack() as record:
         async with node, announced(host, node.address.port, "leader"):
             talk(f"leader at {node.address}, sessions in {node.sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
+            for finding in firewalls(
+                active_firewalls(), [node.address.port] if announced_hosts(host) else []
+            ):
+                if finding.grade == "warning":
+                    talk(f"{finding.text}: {finding.remedy}")
             if as_json:
                 address = {"leader": str(node.address), "port": node.address.port}
                 print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})

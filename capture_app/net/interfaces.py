@@ -21,6 +21,11 @@ def own_hosts(family: socket.AddressFamily) -> list[str]:
     return _hosts_v4() if family == socket.AF_INET else _hosts_v6()
 
 
+def interface_of(address: str) -> str | None:
+    """Return the name of the interface that has an IPv4 address; None where none has, or it is not known."""
+    return next((name for name, host in _named_hosts_v4() if host == address), None)
+
+
 def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> str | None:
     """Return this machine's address on the way to a host; None where there is no such way."""
     with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
@@ -31,6 +36,10 @@ def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> 
 
 
 def _hosts_v4() -> list[str]:
+    return [host for _, host in _named_hosts_v4()]
+
+
+def _named_hosts_v4() -> list[tuple[str, str]]:
     hosts = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex():
@@ -38,7 +47,8 @@ def _hosts_v4() -> list[str]:
             try:
                 (flags,) = struct.unpack_from("@H", fcntl.ioctl(probe, _SIOCGIFFLAGS, request), 16)
                 if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
-                    hosts.append(socket.inet_ntoa(fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24]))
+                    host = socket.inet_ntoa(fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24])
+                    hosts.append((name, host))
             except OSError:
                 # An interface without an IPv4 address, or one that has just gone.
                 continue

@@ -1,10 +1,11 @@
-"""Says by itself why the leaders of a node or a relay do not answer, as long as they do not."""
+"""Says by itself why the leaders of a node or a relay do not answer, and what makes the way to them slow."""
 
 import asyncio
 from collections.abc import Callable, Sequence
 
 from capture_app.net.address import Address
 from capture_app.net.reach import find_obstacle
+from capture_app.net.wifi import power_saving, power_saving_remedy, power_saving_towards
 from capture_app.sync.rig.time_client import TimeClient
 
 LOOK_EVERY_S = 0.25
@@ -22,10 +23,13 @@ class JoinWatch:
 
     async def run(self) -> None:
         """Watch until cancelled."""
-        said = ""
+        said, looked = "", False
         while True:
             if not self._is_unanswered:
                 said = ""
+                if self._time.is_member and not looked:
+                    looked = True
+                    await self._look_at_wifi()
                 await asyncio.sleep(LOOK_EVERY_S)
                 continue
             found = await asyncio.gather(*map(find_obstacle, self._leaders))
@@ -35,6 +39,12 @@ class JoinWatch:
                     self._tell(sentence)
                     said = sentence
                 await asyncio.sleep(AGAIN_S if said else LOOK_EVERY_S)
+
+    async def _look_at_wifi(self) -> None:
+        for leader in self._leaders:
+            if interface := await asyncio.to_thread(power_saving_towards, leader.host):
+                self._tell(f"{power_saving(interface)}; {power_saving_remedy(interface)}")
+                return
 
     @property
     def _is_unanswered(self) -> bool:

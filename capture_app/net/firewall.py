@@ -1,0 +1,56 @@
+"""Which firewall this machine runs, as far as anybody may see it, and the line that opens a port in it."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+MDNS_PORT = 5353
+_UFW_ENABLED = re.compile(r"^\s*ENABLED\s*=\s*yes\b", re.IGNORECASE | re.MULTILINE)
+
+_DROPS = re.compile(r"\b(drop|reject)\b")
+
+
+@dataclass(frozen=True, slots=True)
+class Firewall:
+    """One that is active."""
+
+    name: str
+    opening: str
+    """The command that opens a port for UDP and TCP: has a {port}."""
+    opening_udp: str
+    """The same for UDP alone."""
+    rules: str | None = None
+    """Its rules, where this user may read them."""
+
+    def opens(self, port: int) -> bool | None:
+        """Whether its rules name the port; None where they cannot be read."""
+        return None if self.rules is None else re.search(rf"\b{port}\b", self.rules) is not None
+
+
+def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
+    """Return the firewalls that are switched on at start, by their files below `root`."""
+    found = []
+    if _UFW_ENABLED.search(_read(root / "etc/ufw/ufw.conf") or ""):
+        rules = _read(root / "etc/ufw/user.rules")
+        found.append(Firewall("ufw", "sudo ufw allow {port}", "sudo ufw allow {port}/udp", rules))
+    if (root / "run/firewalld").is_dir():
+        zones = [_read(path) for path in sorted((root / "etc/firewalld/zones").glob("*.xml"))]
+        rules = "\n".join(zone for zone in zones if zone is not None) if None not in zones else None
+        udp, tcp = "--add-port={port}/udp", "--add-port={port}/tcp"
+        change = "sudo firewall-cmd --permanent {} && sudo firewall-cmd --reload"
+        both, udp = change.replace("{}", f"{udp} {tcp}"), change.replace("{}", udp)
+        found.append(Firewall("firewalld", both, udp, rules))
+    if (root / "etc/systemd/system/sysinit.target.wants/nftables.service").is_symlink():
+        rules = _read(root / "etc/nftables.conf")
+        # As it comes, it drops nothing. A further table cannot open what another one drops.
+        if rules is None or _DROPS.search(rules):
+            line = "add a rule for port {port} to /etc/nftables.conf, then: sudo systemctl reload nftables"
+            found.append(Firewall("nftables", line, line, rules))
+    return found
+
+
+def _read(path: Path) -> str | None:
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
+        return None

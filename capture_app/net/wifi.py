@@ -1,0 +1,70 @@
+"""Whether a WiFi interface saves power: it then sleeps between beacons, and messages wait until it wakes."""
+
+import contextlib
+import fcntl
+import socket
+import struct
+import subprocess
+from pathlib import Path
+
+from capture_app.net.interfaces import interface_of, source_address
+
+NETWORKS = Path("/sys/class/net")
+_SIOCGIWPOWER = 0x8B2D
+_REQUEST = struct.Struct("@16siBBH8x")
+"""`struct iwreq` with its `struct iw_param` (<linux/wireless.h>)."""
+_IW_TIMEOUT_S = 2.0
+
+
+def wifi_interfaces(networks: Path = NETWORKS) -> list[str]:
+    """Return the names of this machine's WiFi interfaces."""
+    try:
+        found = [folder.name for folder in networks.iterdir() if (folder / "phy80211").exists()]
+    except OSError:
+        return []
+    return sorted(found)
+
+
+def saves_power(interface: str) -> bool | None:
+    """Whether a WiFi interface saves power; None where its driver does not say."""
+    request = _REQUEST.pack(interface.encode()[:15], 0, 0, 0, 0)
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        _, _, _, disabled, _ = _REQUEST.unpack(fcntl.ioctl(probe, _SIOCGIWPOWER, request))
+        return not disabled
+    # Drivers without the old interface answer only to `iw`.
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        told = subprocess.run(  # noqa: S603 - the name of an interface of this machine
+            ["iw", "dev", interface, "get", "power_save"],  # noqa: S607 - wherever it is installed
+            capture_output=True,
+            text=True,
+            timeout=_IW_TIMEOUT_S,
+            check=True,
+        ).stdout
+        return told_power_save(told)
+    return None
+
+
+def told_power_save(told: str) -> bool | None:
+    """Read what `iw dev DEVICE get power_save` prints."""
+    _, _, state = told.strip().lower().rpartition(" ")
+    return {"on": True, "off": False}.get(state)
+
+
+def power_saving_towards(host: str, networks: Path = NETWORKS) -> str:
+    """Return the WiFi interface by which a host is reached, where that saves power; else an empty text."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    source = source_address(host, family)
+    interface = None if source is None else interface_of(source)
+    if interface is None or interface not in wifi_interfaces(networks):
+        return ""
+    return interface if saves_power(interface) else ""
+
+
+def power_saving(interface: str) -> str:
+    """Say that an interface saves power."""
+    return f"the WiFi of this machine ({interface}) saves power: messages wait up to 0.1 s for it to wake up"
+
+
+def power_saving_remedy(interface: str) -> str:
+    """Return the line that ends it until the next start."""
+    return f"sudo iw dev {interface} set power_save off"

@@ -1,0 +1,102 @@
+"""Firewalls, WiFi and leaders: what the doctor says of a network."""
+
+from pathlib import Path
+
+import pytest
+
+from capture_app.doctor import network
+from capture_app.net.address import Address
+from capture_app.net.firewall import Firewall, active_firewalls
+from capture_app.net.wifi import told_power_save, wifi_interfaces
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.trust.trust import Trust
+from tests.net.test_reach import closed_port
+
+NFTABLES = "etc/systemd/system/sysinit.target.wants/nftables.service"
+
+
+def write(root: Path, path: str, text: str = "") -> None:
+    file = root / path
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+
+
+def enable_nftables(root: Path, rules: str) -> None:
+    write(root, "etc/nftables.conf", rules)
+    (root / NFTABLES).parent.mkdir(parents=True)
+    (root / NFTABLES).symlink_to("/lib/systemd/system/nftables.service")
+
+
+def test_a_machine_without_a_firewall_has_none(tmp_path: Path) -> None:
+    write(tmp_path, "etc/ufw/ufw.conf", "# ENABLED=yes would start it\nENABLED=no\n")
+    enable_nftables(tmp_path, "table inet filter { chain input { type filter hook input priority 0; } }")
+    assert active_firewalls(tmp_path) == []
+    (found,) = network.firewalls([], [47010])
+    assert found.grade == "good"
+
+
+def test_ufw_needs_the_port_of_a_leader_and_nothing_of_a_node(tmp_path: Path) -> None:
+    write(tmp_path, "etc/ufw/ufw.conf", "ENABLED=yes\nLOGLEVEL=low\n")
+    active = active_firewalls(tmp_path)
+    (found,) = network.firewalls(active, [47010])
+    assert found.grade == "warning"
+    assert "only root sees" in found.text
+    assert found.remedy == "sudo ufw allow 47010"
+    assert list(network.firewalls(active, [])) == []
+    write(tmp_path, "etc/ufw/user.rules", "### tuple ### allow any 47010 0.0.0.0/0 any 0.0.0.0/0 in\n")
+    assert list(network.firewalls(active_firewalls(tmp_path), [47010])) == []
+    (other,) = network.firewalls(active_firewalls(tmp_path), [47020])
+    assert other.remedy == "sudo ufw allow 47020"
+
+
+def test_firewalld_and_nftables_say_how_they_are_opened(tmp_path: Path) -> None:
+    (tmp_path / "run/firewalld").mkdir(parents=True)
+    enable_nftables(tmp_path, "chain input { policy drop; }")
+    firewalld, nftables = active_firewalls(tmp_path)
+    assert (firewalld.name, nftables.name) == ("firewalld", "nftables")
+    remedies = [finding.remedy for finding in network.firewalls([firewalld, nftables], [47010])]
+    assert remedies[0].startswith(
+        "sudo firewall-cmd --permanent --add-port=47010/udp --add-port=47010/tcp &&"
+    )
+    assert remedies[1].startswith("sudo firewall-cmd --permanent --add-port=5353/udp &&")
+    assert "port 47010 to /etc/nftables.conf" in remedies[2]
+
+
+def test_a_port_is_a_whole_number_in_the_rules() -> None:
+    assert Firewall("x", "", "", "allow 147010").opens(47010) is False
+    assert Firewall("x", "", "", None).opens(47010) is None
+
+
+@pytest.mark.parametrize(
+    ("told", "saves"), [("Power save: on\n", True), ("Power save: off", False), ("", None), ("nl80211", None)]
+)
+def test_iw_is_understood(told: str, saves: bool | None) -> None:
+    assert told_power_save(told) is saves
+
+
+def test_wifi_interfaces_are_told_from_others(tmp_path: Path) -> None:
+    (tmp_path / "wlan0" / "phy80211").mkdir(parents=True)
+    (tmp_path / "eth0").mkdir()
+    assert wifi_interfaces(tmp_path) == ["wlan0"]
+    assert wifi_interfaces(tmp_path / "none") == []
+
+
+async def test_a_leader_in_reach_is_good_and_one_that_is_not_is_a_problem(tmp_path: Path) -> None:
+    async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as running:
+        assert (await network.leader(running.address)).grade == "good"
+        own = await network.own_rig(running.address)
+    assert own.grade == "warning"
+    assert "only this machine reaches it" in own.text
+    found = await network.leader(closed_port())
+    assert found.grade == "problem"
+    assert "start it there" in found.remedy
+
+
+async def test_a_rig_that_does_not_answer_is_a_problem() -> None:
+    assert (await network.own_rig(Address("127.0.0.1", closed_port().port))).grade == "problem"
+
+
+def test_what_a_machine_goes_by_is_told(tmp_path: Path) -> None:
+    assert network.trust(Trust.open()).grade == "note"
+    own = Trust(tmp_path)
+    assert own.identity.pin in network.trust(own).text

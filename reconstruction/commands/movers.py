@@ -9,12 +9,7 @@ from capture_app.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, out_option, session_argument
 
 
-@click.command(
-    epilog=examples(
-        "reconstruct movers sessions/burst-001 --out masks",
-        "capture-app sessions export sessions/burst-001 --to nerfstudio --masks masks --out scene",
-    )
-)
+@click.command(epilog=examples("reconstruct movers sessions/burst-001 --out masks"))
 @session_argument
 @out_option
 @memory_option

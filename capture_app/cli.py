@@ -29,6 +29,7 @@ COMMANDS = {
     "node": "Run one camera and join a leader.",
     "relay": "Connect nodes that cannot reach the leader themselves.",
     "doctor": "Look this machine over: network, clock, disks, cameras, and what repairs them.",
+    "trust": "List the machines that this one knows; let others in.",
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",

@@ -1,6 +1,9 @@
 """`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
+import asyncio
+import os
 import re
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,21 +11,28 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
+from capture_app.commands.joining import joining_command
 from capture_app.commands.options import (
     ANY_PATH,
     beacons_option,
     host_option,
+    open_option,
     port_option,
     run_until_stopped,
     sessions_option,
     spool_option,
 )
 from capture_app.terminal import FiniteRange, json_option, log_line, print_json_line, talk
+from capture_app.trust.known_machines import Role
+from capture_app.trust.pairing import show_code
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import News
+
+
+OWN_MACHINE = ("localhost", "127.0.0.1", "::1")
 
 
 @click.command(
@@ -69,6 +79,7 @@ if TYPE_CHECKING:
 )
 @beacons_option
 @spool_option
+@open_option
 @click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
 @click.option("--log", type=ANY_PATH, hidden=True, help="The file that stderr is: a rig in the background.")
 @json_option
@@ -128,6 +139,7 @@ async def _run_leader(
         async with node, announced(host, node.address.port, "leader"):
             talk(f"leader at {node.address}, sessions in {node.sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
+            _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())
             for finding in firewalls(
                 active_firewalls(), [node.address.port] if announced_hosts(host) else []
             ):
@@ -141,6 +153,32 @@ async def _run_leader(
             record.enter_context(recorded_rig(node.own_address, node.sessions, log))
             await node.wait_until_unwanted()
             log_line("stopped by an operator")
+
+
+def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
+    """Say how other machines become known; at a terminal Enter shows a code for the next one."""
+    if node.is_open:
+        talk("OPEN: whoever reaches this port may see, order and replace everything (--open)")
+        return
+    if host in OWN_MACHINE:
+        return
+    shows = "Enter shows one here" if on_terminal else "capture-app trust invite shows one"
+    talk(f"a machine that is not known here yet needs a code, once: {shows}")
+    if on_terminal:
+        asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _show_code, node)
+
+
+def _show_code(node: "LeaderNode") -> None:
+    handle = sys.stdin.fileno()
+    # Whoever is in the background must not read: the terminal would stop it.
+    if os.tcgetpgrp(handle) != os.getpgrp() or not os.read(handle, 4096):
+        asyncio.get_running_loop().remove_reader(handle)
+        return
+    invited = node.invite(Role.CAMERA)
+    talk(
+        f"code {show_code(invited.code)}, for one machine, within {invited.good_for_s // 60} minutes; there:"
+    )
+    talk(f"  {joining_command(str(node.address), Role.CAMERA, invited.code)}")
 
 
 def _event_record(news: "News") -> dict[str, object]:

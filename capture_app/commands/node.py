@@ -9,10 +9,12 @@ import click
 from click.core import ParameterSource
 
 from capture_app.clock import NodeClock, parse_clock
+from capture_app.commands.joining import make_known, pairing_options
 from capture_app.commands.options import (
     clock_option,
     leaders_option,
     name_option,
+    open_option,
     run_until_stopped,
     spool_option,
 )
@@ -54,6 +56,8 @@ if TYPE_CHECKING:
     "or stop and remove it.",
 )
 @click.option("--yes", is_flag=True, help="With --at-boot: do not ask.")
+@pairing_options
+@open_option
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 def node(
     name: str,
@@ -64,12 +68,15 @@ def node(
     spool: Path,
     at_boot: bool | None,
     yes: bool,
+    pin: str | None,
+    code: str | None,
     until_eof: bool,
 ) -> None:
     """Run one camera until Ctrl-C. The node waits for a leader that is not running, and rejoins it.
 
     Without --leader it looks for one in the local network, and asks which where there are several. A relay
-    can take the place of the leader.
+    can take the place of the leader. A machine that the leader does not know is let in once, by --code, or
+    by the code that this asks for.
     """
     from capture_app.cameras.catalog import parse_spec
 
@@ -78,7 +85,9 @@ def node(
         _arrange_boot(name, at_boot, yes)
         return
     clock = parse_clock(clock_text, node=name)
-    client = camera_node(name, spec, leaders or (find_leader(),), clock, spool, tolerance_us)
+    leaders = leaders or (find_leader(),)
+    make_known(leaders, pin, code)
+    client = camera_node(name, spec, leaders, clock, spool, tolerance_us)
     run_until_stopped(client.run(), until_eof=until_eof)
 
 

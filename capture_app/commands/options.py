@@ -16,6 +16,7 @@ from platformdirs import user_state_path
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, name_like
 from capture_app.net.address import DEFAULT_PORT, Address, parse_address
+from capture_app.trust.trust import OPEN_VARIABLE
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -38,6 +39,23 @@ class AddressType(click.ParamType[Address]):
             self.fail(str(error), param, ctx)
 
 
+def _speak_openly(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value:
+        before = os.environ.get(OPEN_VARIABLE, "")
+        os.environ[OPEN_VARIABLE] = "1"
+        ctx.call_on_close(lambda: os.environ.update({OPEN_VARIABLE: before}))
+
+
+open_option = click.option(
+    "--open",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_speak_openly,
+    help="Ask no machine who it is: for a network that nobody else is in. To be given on all machines.",
+)
+
+
 def _usual_leader() -> str:
     from capture_app.rig_process import list_rigs
 
@@ -47,7 +65,7 @@ def _usual_leader() -> str:
 
 _USUAL_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
 
-leader_option = click.option(
+_leader_option = click.option(
     "--leader",
     type=AddressType(),
     default=_usual_leader,
@@ -55,6 +73,12 @@ leader_option = click.option(
     metavar="HOST:PORT",
     help="Address of the leader or a relay.",
 )
+
+
+def leader_option(command: F) -> F:
+    """Give a command the options --leader and --open."""
+    return _leader_option(open_option(command))
+
 
 leaders_option = click.option(
     "--leader",

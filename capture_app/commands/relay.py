@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.clock import parse_clock
+from capture_app.commands.joining import make_known, pairing_options
 from capture_app.commands.options import (
     AddressType,
     beacons_option,
     clock_option,
     host_option,
     name_option,
+    open_option,
     port_option,
     run_until_stopped,
 )
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 @port_option
 @clock_option
 @beacons_option
+@pairing_options
+@open_option
 @json_option
 def relay(
     parents: tuple[Address, ...],
@@ -38,6 +42,8 @@ def relay(
     port: int,
     clock_text: str,
     reference_broadcast: bool,
+    pin: str | None,
+    code: str | None,
     as_json: bool,
 ) -> None:
     """Run a relay until Ctrl-C: nodes join it as they would join the leader.
@@ -49,6 +55,7 @@ def relay(
     from capture_app.net.multicast import BEACONS, BeaconSender
     from capture_app.node.relay import RelayNode
 
+    make_known(parents, pin, code)
     node = RelayNode(
         name=name,
         parents=parents,

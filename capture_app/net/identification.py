@@ -44,28 +44,34 @@ async def open_identified(
         who = trust.peer(_certificate(writer))
         if not as_stranger and not who.may(Role.LEADER):
             raise UnknownMachineError(
-                f"this machine does not know the leader at {address}",
-                hint=f"pair them once: capture-app trust pair {address}",
+                f"this machine does not know the leader at {address}", hint=_how_to_pair(address)
             )
         if context is not None:
-            await _be_greeted(reader, address)
+            await _be_greeted(reader, address, trust)
     except BaseException:
         writer.transport.abort()
         raise
     return reader, writer, who
 
 
-async def _be_greeted(reader: asyncio.StreamReader, address: Address) -> None:
+async def _be_greeted(reader: asyncio.StreamReader, address: Address, trust: Trust) -> None:
     """Wait until the leader has seen who speaks: to one that it does not know it says nothing at all."""
     try:
         greeting = await reader.readexactly(len(GREETING))
     except (OSError, asyncio.IncompleteReadError) as error:
         raise UnknownMachineError(
             f"the leader at {address} does not know this machine",
-            hint=f"pair them once: capture-app trust pair {address}",
+            hint=f"{_how_to_pair(address)}; or there: capture-app trust add {trust.identity.pin}",
         ) from error
     if greeting != GREETING:
         raise NetworkError(f"{address} is no leader's port", hint="check host and port")
+
+
+def _how_to_pair(leader: Address) -> str:
+    return (
+        f"pair them once: capture-app trust pair {leader} --code CODE, with the code that"
+        " capture-app trust invite shows on the leader's machine"
+    )
 
 
 def _certificate(writer: asyncio.StreamWriter) -> bytes | None:

@@ -1,11 +1,13 @@
 """Keys for datagrams: leaders and relays hand them out over streams whose peer they know, nodes ask."""
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 
 from capture_app.errors import BadInputError, NetworkError, UnknownMachineError
 from capture_app.net.address import Address
 from capture_app.net.channel import connect
+from capture_app.node.pairing.introduction import knock
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.wire.speaker import Speaker
@@ -64,6 +66,9 @@ class KeyRequester:
             self._after_key()
         except UnknownMachineError as error:
             self._time.note_refusal(str(error))
+            with contextlib.suppress(NetworkError):
+                # Its pin may have been added there.
+                await knock(Address(*leader), self._trust)
         except NetworkError:
             # Whether there is a way to a leader at all is looked into elsewhere.
             pass

@@ -88,13 +88,11 @@ class RelayNode:
         self.instance = secrets.randbits(32)
         """This run of the relay, by which its nodes tell it from the next."""
         self._engine: Relay
-        self._trust = trust or Trust.of_user()
         self._sealed: SealedRelay | None = None
         self._keys: KeyRequester | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._pump: Pump
         self._server: TransferServer[ToLeader]
-        self._watching: asyncio.Task[None]
 
     async def __aenter__(self) -> Self:
         await self.start()

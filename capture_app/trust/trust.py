@@ -55,7 +55,7 @@ class Trust:
     @classmethod
     def of_user(cls) -> "Trust":
         """The trust of this process' user, in $XDG_DATA_HOME/simulshot/trust on Linux."""
-        if os.environ.get(OPEN_VARIABLE, "1") != "0":
+        if (os.environ.get(OPEN_VARIABLE) or "1") != "0":
             return _OPEN
         return _of_folder(user_data_path("simulshot", appauthor=False) / "trust")
 

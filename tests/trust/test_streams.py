@@ -153,7 +153,9 @@ async def test_a_first_word_that_comes_at_once_is_not_lost(leader: Trust) -> Non
             assert answers == [(Pong(7), b"picture")] * 20
 
 
-async def test_half_a_greeting_holds_no_stream_for_long(leader: Trust) -> None:
+async def test_half_a_greeting_holds_no_stream_for_long(
+    leader: Trust, machine: Trust, caplog: pytest.LogCaptureFixture
+) -> None:
     async with serving(echo, trust=leader, patience=Patience(first_s=0.1)) as address:
         for first in (b"", b"\x16\x03", b"GET / HTTP/1.0\r\n\r\n", bytes(5000)):
             with socket.create_connection(address) as stranger:
@@ -161,4 +163,8 @@ async def test_half_a_greeting_holds_no_stream_for_long(leader: Trust) -> None:
                 with suppress(ConnectionResetError):
                     while await asyncio.to_thread(stranger.recv, 1000):
                         pass
+        machine.known.add(leader.identity.pin, Role.LEADER)
+        with pytest.raises(UnknownMachineError):
+            await ask(address, machine)
         assert await ask(address, leader) == (Pong(7), b"picture")
+    assert not caplog.records, "none of it is an error of the leader's"

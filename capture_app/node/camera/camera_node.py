@@ -31,7 +31,6 @@ from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
-from capture_app.node.pairing.introduction import wait_until_known
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
@@ -176,8 +175,6 @@ class CameraNode:
                 tasks.create_task(self._camera.carry_out_commands())
                 tasks.create_task(self._uploader.run())
                 tasks.create_task(self._viewfinder.run())
-                for leader in () if self._trust.is_open else self._leaders:
-                    tasks.create_task(wait_until_known(leader, self._trust, self._talk))
                 tasks.create_task(JoinWatch(self._leaders, self._engine.time, self._talk).run())
         except* SimulshotError as group:
             raise group.exceptions[0] from None

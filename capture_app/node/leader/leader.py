@@ -33,12 +33,14 @@ from capture_app.node.leader.wording import News, TrustNews
 from capture_app.node.pairing.desk import PairingDesk
 from capture_app.node.wire.messages import BurstRequest, ToLeader
 from capture_app.node.wire.operating import AddCamera
+from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.timekeeping.rate_jury import RateJury
 from capture_app.trust.keys import ClientKeys
+from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import Trust
 
@@ -85,6 +87,7 @@ class LeaderNode:
         self._clock: NodeClock = clock or HostClock()
         self.news = NewsLog()
         """What has happened, for whoever looks later."""
+        self._desk = PairingDesk(self._trust, lambda text: self._on_news(TrustNews(text)))
         self._tell_news = on_news or (lambda _: None)
         self._spool = spool
         self._room = FolderRoom(sessions)
@@ -154,7 +157,7 @@ class LeaderNode:
             self._viewfinders,
             watchers,
             self._knows,
-            PairingDesk(self._trust, lambda text: self._on_news(TrustNews(text))),
+            self._desk,
             None if self._sealed is None else self._sealed.keys,
         )
         self._server = TransferServer(ToLeader, service.serve, trust=self._trust)
@@ -192,6 +195,15 @@ class LeaderNode:
             sessions_folder=str(self.sessions.absolute()),
             disk_free_bytes=self._room.free_bytes(now_ns),
         )
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it asks no machine who it is."""
+        return self._trust.is_open
+
+    def invite(self, role: Role) -> Invited:
+        """Make a code by which one machine becomes known. Raises UnknownMachineError where none needs it."""
+        return self._desk.invite(role)
 
     async def add_camera(self, spec: str) -> str:
         """Run a camera of this machine and return its name. Raises what `LocalNodes.add_camera` raises."""

@@ -12,6 +12,7 @@ from capture_app.node.wire.message import Message
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.node.wire.views import NodeDetail
 from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
 
 ANSWER_TIMEOUT_S = 10.0
 ORDER_TIMEOUT_S = 40.0
@@ -67,7 +68,10 @@ async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOU
     except TimeoutError as error:
         raise NetworkError(f"the leader at {channel.peer} does not answer") from error
     if answer is None:
-        raise NetworkError(f"the leader at {channel.peer} closed the connection", hint="was it stopped?")
+        asks = ", or does it ask who you are? leave out --open" if Trust.of_user().is_open else "?"
+        raise NetworkError(
+            f"the leader at {channel.peer} closed the connection", hint=f"was it stopped{asks}"
+        )
     if isinstance(answer, messages.Refusal):
         raise answer.as_error()
     return answer

@@ -1,8 +1,7 @@
-"""A machine's part of becoming known to a leader, and the sentences that a person reads until it is."""
+"""A machine's part of becoming known to a leader."""
 
 import asyncio
 import socket
-from collections.abc import Callable
 from typing import Any, TypeVar
 
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
@@ -16,7 +15,6 @@ from capture_app.trust.pairing import Candidate
 from capture_app.trust.trust import Trust
 
 ANSWER_TIMEOUT_S = 10.0
-KNOCK_EVERY_S = 3.0
 
 A = TypeVar("A", bound=Message)
 
@@ -33,20 +31,12 @@ async def is_known(leader: Address, trust: Trust) -> bool:
 async def knock(leader: Address, trust: Trust) -> None:
     """Show this machine to a leader that is known here, which may have been given its pin.
 
-    Raises UnknownMachineError with what a person can do, NetworkError.
+    Raises UnknownMachineError where it was not, or is not known here, NetworkError.
     """
-    hint = unpaired_hint(leader)
     async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
         if not channel.who.may(Role.LEADER):
-            raise UnknownMachineError(f"this machine does not know the leader at {leader}", hint=hint)
-        certificate, pin = trust.identity.certificate, trust.identity.pin
-        try:
-            await _ask(channel, pairing.Knock(certificate=certificate), pairing.Known)
-        except UnknownMachineError as error:
-            added = f"or there, capture-app trust add {pin}"
-            raise UnknownMachineError(
-                f"the leader at {leader} does not know this machine", hint=f"{hint}; {added}"
-            ) from error
+            raise UnknownMachineError(f"this machine does not know the leader at {leader}")
+        await _ask(channel, pairing.Knock(certificate=trust.identity.certificate), pairing.Known)
 
 
 async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
@@ -66,35 +56,6 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
         candidate.check(known.proof)
     trust.known.add(shown, Role.LEADER, name=known.leader)
     return known.roles
-
-
-async def wait_until_known(
-    leader: Address, trust: Trust, tell: Callable[[str], None], *, every_s: float = KNOCK_EVERY_S
-) -> None:
-    """Knock until this machine and a leader know each other; say once what a person can do about it.
-
-    A leader that does not answer is waited for, and spoken of by others.
-    """
-    said = ""
-    while True:
-        try:
-            if await is_known(leader, trust):
-                return
-            await knock(leader, trust)
-        except UnknownMachineError as error:
-            if said != (said := str(error)):
-                tell(said)
-        except NetworkError:
-            pass
-        await asyncio.sleep(every_s)
-
-
-def unpaired_hint(leader: Address) -> str:
-    """What a person does with two machines that do not know each other."""
-    return (
-        f"pair them once: capture-app trust pair {leader} --code CODE,"
-        " with the code that capture-app trust invite shows on the leader's machine"
-    )
 
 
 async def _ask(channel: Channel[Any], message: Message, kind: type[A]) -> A:

@@ -1,6 +1,5 @@
 """Machines that become known to a leader: by a code, by a pin, and not at all."""
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from pathlib import Path
@@ -11,12 +10,11 @@ import pytest
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.pairing.introduction import is_known, knock, pair, wait_until_known
+from capture_app.node.pairing.introduction import is_known, knock, pair
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
-from tests.waiting import until
 
 
 @pytest.fixture
@@ -84,6 +82,8 @@ async def test_pins_that_are_pasted_on_both_sides_do_without_a_code(
 ) -> None:
     machine.known.add(home.identity.pin, Role.LEADER)
     with pytest.raises(UnknownMachineError, match=f"trust add {machine.identity.pin}"):
+        await connect(leader.own_address, FromLeader, trust=machine)
+    with pytest.raises(UnknownMachineError, match="does not know this machine"):
         await knock(leader.own_address, machine)
     assert home.known.all() == ()
     assert any("wants to join" in line for line in news(leader))
@@ -100,22 +100,6 @@ async def test_a_machine_shows_itself_to_no_leader_that_it_does_not_know(
         await knock(leader.own_address, machine)
     (known,) = home.known.all()
     assert known.certificate is None
-
-
-async def test_a_node_that_waits_says_once_what_to_do_and_goes_on_by_itself(
-    leader: LeaderNode, home: Trust, machine: Trust
-) -> None:
-    said: list[str] = []
-    waiting = asyncio.create_task(wait_until_known(leader.own_address, machine, said.append, every_s=0.02))
-    await until(lambda: said)
-    assert f"capture-app trust pair {leader.own_address} --code CODE" in said[0]
-    machine.known.add(home.identity.pin, Role.LEADER)
-    await until(lambda: len(said) == 2)
-    assert "does not know this machine" in said[1]
-    home.known.add(machine.identity.pin, Role.CAMERA)
-    async with asyncio.timeout(60):
-        await waiting
-    assert len(said) == 2
 
 
 OF_STRANGERS = [pairing.Knock(certificate=b"nothing"), pairing.PairingProof(proof=b"")]

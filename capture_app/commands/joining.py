@@ -1,0 +1,137 @@
+"""How a command becomes known to its leader: by --pin and --code, or by asking at the terminal, once."""
+
+import asyncio
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import click
+
+from capture_app.errors import BadInputError, NetworkError, UnknownMachineError
+from capture_app.net.address import Address
+from capture_app.terminal import log_line, talk
+from capture_app.trust.identity import parse_pin
+from capture_app.trust.known_machines import Role
+from capture_app.trust.pairing import parse_code, show_code
+from capture_app.trust.trust import Trust
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class CodeType(click.ParamType[str]):
+    """A one-time code of a leader."""
+
+    name = "code"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Read the digits; a mistake is a usage error."""
+        try:
+            return parse_code(str(value))
+        except BadInputError as error:
+            self.fail(str(error), param, ctx)
+
+
+class PinType(click.ParamType[str]):
+    """The pin of a machine."""
+
+    name = "pin"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Read it as it was pasted; a mistake is a usage error."""
+        try:
+            return parse_pin(str(value))
+        except BadInputError as error:
+            self.fail(str(error), param, ctx)
+
+
+code_option = click.option(
+    "--code",
+    type=CodeType(),
+    metavar="CODE",
+    show_default="asked for at the terminal, where it is needed",
+    help="One-time code that makes this machine known: capture-app trust invite, at the leader.",
+)
+_pin_option = click.option(
+    "--pin",
+    type=PinType(),
+    metavar="PIN",
+    help="Pin of the leader's machine, as its capture-app trust list shows it: no other is followed.",
+)
+
+
+def pairing_options(command: F) -> F:
+    """Give a command that joins a leader the options --pin and --code."""
+    return code_option(_pin_option(command))
+
+
+def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) -> None:
+    """Make this machine and its leaders known to each other, as far as they answer and a person helps.
+
+    A leader that does not answer yet is waited for by the node itself, which then says what to do.
+    Raises UnknownMachineError where `code` is not the code.
+    """
+    trust = Trust.of_user()
+    if trust.is_open:
+        return
+    if pin is not None:
+        trust.known.add(pin, Role.LEADER)
+    for leader in leaders:
+        try:
+            if asyncio.run(_is_known(leader, trust)):
+                continue
+            if code is not None:
+                pair_with(leader, code)
+                code = None
+            elif sys.stdin.isatty():
+                _ask_code(leader)
+        except UnknownMachineError:
+            raise
+        except NetworkError:
+            continue
+
+
+def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
+    """Make this machine known to a leader by a code, say so, and return what it may do there."""
+    from capture_app.node.pairing.introduction import pair
+
+    roles = asyncio.run(pair(leader, code, Trust.of_user()))
+    log_line(f"this machine is known to the leader at {leader} from now on, as {' and '.join(roles)}")
+    return roles
+
+
+def ask_and_pair(leader: Address) -> tuple[Role, ...]:
+    """Ask for codes at the terminal until one is right, and return what this machine may do there."""
+    while True:
+        code = click.prompt("Its code, 8 digits", type=CodeType(), err=True)
+        try:
+            return pair_with(leader, code)
+        except UnknownMachineError as error:
+            talk(str(error))
+
+
+def joining_command(leader: str, role: Role, code: str) -> str:
+    """Return the line that is typed on the machine that shall join."""
+    if role is Role.CAMERA:
+        return f'capture-app node --leader {leader} --camera SPEC --code "{show_code(code)}"'
+    if role is Role.RELAY:
+        return f'capture-app relay {leader} --code "{show_code(code)}"'
+    return f'capture-app trust pair {leader} --code "{show_code(code)}"'
+
+
+def _ask_code(leader: Address) -> None:
+    talk(f"The leader at {leader} and this machine do not know each other yet.")
+    talk("On the leader's machine, capture-app trust invite shows a code; the terminal UI shows it with i.")
+    ask_and_pair(leader)
+
+
+async def _is_known(leader: Address, trust: Trust) -> bool:
+    from capture_app.node.pairing.introduction import is_known, knock
+
+    if await is_known(leader, trust):
+        return True
+    try:
+        # Its pin may have been added there.
+        await knock(leader, trust)
+    except UnknownMachineError:
+        return False
+    return await is_known(leader, trust)

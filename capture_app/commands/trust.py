@@ -1,0 +1,138 @@
+"""`capture-app trust`: the machines that this one knows, and how others become known."""
+
+import asyncio
+import sys
+from datetime import UTC, datetime
+
+import click
+
+from capture_app.commands.joining import (
+    PinType,
+    ask_and_pair,
+    code_option,
+    joining_command,
+    pair_with,
+)
+from capture_app.commands.options import AddressType, leader_option
+from capture_app.errors import UnknownMachineError
+from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.trust.known_machines import Role
+from capture_app.trust.pairing import show_code
+from capture_app.trust.trust import Trust
+from capture_app.usage import examples
+
+PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"
+role_option = click.option(
+    "--as",
+    "role",
+    type=click.Choice(list(Role), case_sensitive=False),
+    default=Role.CAMERA,
+    help="What it may do: bring pictures, give orders, speak for those it knows, or lead cameras here.",
+)
+
+
+@click.group(epilog=examples("capture-app trust list", "capture-app trust invite"))
+def trust() -> None:
+    """List the machines that this one knows; let others in, and take them off.
+
+    Machines become known once, by a code or by their pins, and then for ever. Processes of one user on one
+    machine need none of this.
+    """
+
+
+@trust.command("list", epilog=examples("capture-app trust list"))
+@json_option
+def list_command(as_json: bool) -> None:
+    """List the machines that are known here, and this machine's own pin."""
+    mine = _trust()
+    machines = mine.known.all()
+    if as_json:
+        shown = [
+            {"pin": one.pin, "name": one.name, "roles": one.roles, "added_unix_s": one.added_unix_s}
+            for one in machines
+        ]
+        print_json({"pin": mine.identity.pin, "machines": shown})
+        return
+    print_line(f"pin of this machine: {mine.identity.pin}")
+    if machines:
+        rows = [(one.name, ", ".join(one.roles), one.pin, _day(one.added_unix_s)) for one in machines]
+        print_table(("machine", "may be", "pin", "since"), rows)
+    else:
+        talk("no other machine is known here")
+
+
+@trust.command(epilog=examples(f"capture-app trust add {PIN}"))
+@click.argument("pin", type=PinType())
+@role_option
+@click.option("--name", default="", metavar="NAME", show_default="chosen for you", help="What to call it.")
+@json_option
+def add(pin: str, role: Role, name: str, as_json: bool) -> None:
+    """Let the machine of PIN join here, without a code. `capture-app trust list` there shows its pin."""
+    machine = _trust().known.add(pin, Role(role), name=name)
+    if as_json:
+        print_json({"pin": machine.pin, "name": machine.name, "roles": machine.roles})
+    else:
+        talk(f"{machine.name} is known from now on, as {' and '.join(machine.roles)}")
+
+
+@trust.command(epilog=examples("capture-app trust remove garage-pi"))
+@click.argument("machine")
+@json_option
+def remove(machine: str, as_json: bool) -> None:
+    """Take MACHINE off, by its name or the beginning of its pin; what it has open is broken off."""
+    removed = _trust().known.remove(machine)
+    if as_json:
+        print_json({"removed": removed.name, "pin": removed.pin})
+    else:
+        talk(f"{removed.name} is not known any more")
+
+
+@trust.command(epilog=examples("capture-app trust invite", "capture-app trust invite --as operator"))
+@role_option
+@click.option("--qr", is_flag=True, help="Show the line to type as a QR code, too.")
+@leader_option
+@json_option
+def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
+    """Show a code by which one machine becomes known to a running leader."""
+    from capture_app.node.operator.requests import ask_invitation, ask_status
+
+    role = Role(role)
+    if role is Role.LEADER:
+        raise click.UsageError("a leader invites, and is not invited")
+    invited = asyncio.run(ask_invitation(leader, role))
+    line = joining_command(asyncio.run(ask_status(leader)).leader, role, invited.code)
+    if as_json:
+        print_json({"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line})
+        return
+    print_line(show_code(invited.code))
+    talk(f"for one machine, within {invited.good_for_s // 60} minutes; there: {line}")
+    if qr:
+        import segno
+
+        segno.make(line, error="l", boost_error=False, micro=False).terminal(sys.stdout, compact=True)
+
+
+@trust.command(epilog=examples('capture-app trust pair 192.168.1.20 --code "1234 5678"'))
+@click.argument("leader", type=AddressType())
+@code_option
+@json_option
+def pair(leader: Address, code: str | None, as_json: bool) -> None:
+    """Make this machine known to the leader at LEADER by a code, which the person there has."""
+    _trust()
+    if code is None and not sys.stdin.isatty():
+        raise click.UsageError("--code is needed where there is no terminal to ask on")
+    roles = ask_and_pair(leader) if code is None else pair_with(leader, code)
+    if as_json:
+        print_json({"leader": str(leader), "roles": roles})
+
+
+def _trust() -> Trust:
+    trust = Trust.of_user()
+    if trust.is_open:
+        raise UnknownMachineError("no machine is asked who it is", hint="leave out --open and SIMULSHOT_OPEN")
+    return trust
+
+
+def _day(unix_s: int) -> str:
+    return f"{datetime.fromtimestamp(unix_s, UTC).astimezone():%Y-%m-%d}"

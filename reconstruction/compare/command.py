@@ -165,6 +165,7 @@ class Comparison:
             offset_frames=self.offset.frames,
             actual_offset_ms=self.offset.actual_ms,
             time_shifts_ms=dict(self.options.time_shifts_ms),
+            unsynchronized=self.dataset.unsynchronized,
             verdict=verdict(
                 self.stereo.result,
                 self.panorama.result,
@@ -174,6 +175,7 @@ class Comparison:
                 self.multiview.result,
                 self.timing,
                 self.rig_timing,
+                self.dataset.unsynchronized,
             ),
             timing=self.timing,
             rig_timing=self.rig_timing,

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from reconstruction.calibration.rig import Rig
-from reconstruction.scores.timing import RigTiming, Timing, judge_timing
+from reconstruction.scores.timing import RigTiming, Timing, judge_timing, without_common_times
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
 from reconstruction.time_offsets.offset_fit import OffsetFit
 from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
@@ -77,4 +77,5 @@ class TimingStudy:
             times.middle_ms(second, k) - times.middle_ms(first, k) for k in self.dataset.instants(*cameras)
         ]
         apart_ms = float(np.median(apart or [0.0]))
-        return judge_timing(cameras, fit, apart_ms, self._spacing_ms, self._moving(cameras))
+        timing = judge_timing(cameras, fit, apart_ms, self._spacing_ms, self._moving(cameras))
+        return without_common_times(timing) if self.dataset.unsynchronized else timing

@@ -50,7 +50,8 @@ def provenance_entries(result: CompareResult) -> list[Entry]:
         shifts = (f"{name} {ms:+g}{wording.GAP}ms" for name, ms in result.time_shifts_ms.items())
         entries.append(Entry("Times corrected", ", ".join(shifts)))
     frames = count(result.offset_frames, "frame")
-    sync = wording.synchronization(result.sync_residual_us, result.sync_bound_us)
+    recorded = wording.synchronization(result.sync_residual_us, result.sync_bound_us)
+    sync = result.unsynchronized or recorded
     entries += [
         Entry("Offset", f"{asked} asked for; {actual} given, which is {frames}"),
         Entry("Calibration", result.calibration),

@@ -29,15 +29,18 @@ def verdict(
     multiview: MultiviewComparison | None = None,
     timing: Timing | None = None,
     rig: RigTiming | None = None,
+    unsynchronized: str = "",
 ) -> str:
     """A few sentences; `moving_share` is the share of pixels that move, 0..1.
 
     Pictures are said to be of one instant only where `timing` (of the pair) and `rig` found them so.
+    `unsynchronized`: what is known of the times of a recording without common ones.
     """
+    unknown = f"This recording is {unsynchronized}." if unsynchronized else ""
     moved = motion_sentence(timing) if timing is not None else ""
     found = _what_was_found(stereo, stitch, offset_ms, moving_share, poses, multiview, timing, rig)
     others = rig_sentence(rig, timing) if rig is not None else ""
-    return " ".join(text for text in (moved, found, others) if text)
+    return " ".join(text for text in (unknown, moved, found, others) if text)
 
 
 def _what_was_found(

@@ -102,6 +102,8 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     actual_offset_ms: float
     time_shifts_ms: dict[str, float] = {}
     """What was added to the times of these cameras."""
+    unsynchronized: str = ""
+    """Why nothing is called synchronized: the offsets between the cameras' times are unknown."""
     verdict: str
     """One or two plain sentences for somebody who has never heard of synchronization."""
     calibration: str

@@ -49,6 +49,7 @@ class Dataset:
             session.camera(name)
         kept = [record for record in manifest.images if not record.substitute]
         self._records = shift_times(kept, shifts_ms or {}, self.instants_ns, self.period_ns)
+        self._shifted = any((shifts_ms or {}).values())
         self._adopted: Calibration | None = None
         self._scale = 1.0
         self._read = self._kept_images()
@@ -208,6 +209,12 @@ class Dataset:
         if self._scale < 1.0:
             digest.update(repr([self.size(camera) for camera in self.cameras]).encode())
         return digest.hexdigest()
+
+    @property
+    def unsynchronized(self) -> str:
+        """What is known of the times of cameras whose offsets are unknown, in words; empty of others."""
+        times = self.session.manifest.burst.common_times
+        return times.words if times is not None and times.unknown and not self._shifted else ""
 
     def worst_residual_us(self) -> float | None:
         """Largest distance of an image from its instant by the session's record, us.

@@ -2,8 +2,9 @@
 
 import pytest
 
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report.timing_words import motion_sentence, timing_sentences
-from reconstruction.scores.timing import Timing, judge_timing, with_curve_peak
+from reconstruction.scores.timing import Timing, judge_timing, with_curve_peak, without_common_times
 from reconstruction.time_offsets.offset_fit import InstantOffset, OffsetFit
 
 FRAME_MS = 33.3
@@ -21,6 +22,13 @@ def test_zero_within_a_small_error_is_synchronized() -> None:
     assert not found.offset
     assert found.option == ""
     assert "R is 0.4 ± 0.6 ms late against L" in timing_sentences(found)
+
+
+def test_without_common_times_nothing_is_called_synchronized() -> None:
+    found = without_common_times(judged(0.4, 0.3))
+    assert not found.synchronized
+    assert NOT_SYNCHRONIZED in found.reason
+    assert "cannot be told" in timing_sentences(found)
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,12 @@ def render(
     "--fps",
     type=float,
     metavar="FPS",
-    help="Frame rate, for recordings in which equal frame numbers are the same instant.",
+    help="Frame rate. Images with equal frame numbers are the same instant; videos only with --synchronized.",
+)
+@click.option(
+    "--synchronized",
+    is_flag=True,
+    help="The recorder synchronized its cameras: equal frame numbers of the videos are the same instant.",
 )
 @click.option(
     "--timestamps",

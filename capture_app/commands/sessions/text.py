@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from statistics import median
 
+from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.format.manifest import CameraRecord, Manifest
 from capture_app.session.reading.reader import Session, SessionSummary
 from capture_app.session.reading.skipped_instants import skipped_text
@@ -59,6 +60,9 @@ def _describe_spread(session: Session) -> list[str]:
     manifest = session.manifest
     if len(manifest.cameras) < 2 or not manifest.images:
         return []
+    times = manifest.burst.common_times
+    if times is not None and times.unknown:
+        return [judge(manifest).sentence, *describe_common_times(times)]
     sync = find_sync_record(manifest)
     images = session.images_by_instant()
     spreads = [spread for spread, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1]
@@ -74,10 +78,29 @@ def _describe_spread(session: Session) -> list[str]:
             "rolling shutter: rows of the same number are up to "
             f"{duration(sync.row_spread_ns)} apart, because readout times differ"
         )
+    if times is not None:
+        lines += describe_common_times(times)
     counts = ((sync.dropped, "dropped"), (sync.substituted, "substituted"), (sync.late, "late"))
     if any(number for number, _ in counts):
         lines.append(", ".join(f"{number} {what}" for number, what in counts if number))
     return lines
+
+
+def describe_common_times(times: CommonTimes) -> list[str]:
+    """What the times of an imported recording rest on, and each camera's offset and rate."""
+    return [times.words, *(f"  {name}: {_describe_times(of)}" for name, of in times.cameras.items())]
+
+
+def _describe_times(times: CameraTimes) -> str:
+    if times.offset_ns is None:
+        return f"offset unknown: {times.reason}" if times.reason else "offset unknown"
+    if times.source == REFERENCE:
+        return "the reference"
+    error = "" if times.uncertainty_ns is None else f" ± {times.uncertainty_ns / 1e6:.2f}"
+    text = f"{times.offset_ns / 1e6:+.2f}{error} ms"
+    if times.rate_uncertainty_ppm is not None:
+        text += f", rate {times.rate_ppm:+.1f} ± {times.rate_uncertainty_ppm:.1f} ppm"
+    return f"{text} (95 %), by {times.source}"
 
 
 def _describe_spreads(spreads_ns: Sequence[int]) -> str:

@@ -7,6 +7,7 @@ from msgspec import Meta, Struct
 
 from capture_app.camera_facts import CameraFacts, Count, Positive
 from capture_app.names import Name
+from capture_app.session.format.common_times import CommonTimes
 from capture_app.text import pretty_json
 
 SCHEMA_VERSION = 1
@@ -104,6 +105,8 @@ class BurstRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     requested_ns: int | None = None
     skipped: tuple[SkippedInstant, ...] = ()
     """Moments that would have been instants, had every camera had its frame; later ones took their place."""
+    common_times: CommonTimes | None = None
+    """Of an imported recording: whether its cameras' times are of one clock; None where they always were."""
 
 
 class ImageRecord(_Record, frozen=True, kw_only=True):

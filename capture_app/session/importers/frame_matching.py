@@ -3,7 +3,7 @@
 import statistics
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from capture_app.errors import BadInputError
@@ -79,6 +79,15 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
             if farther is not None:
                 left.append((farther.leader_ns, name, farther))
     return groups + _group(sorted(left, key=lambda one: one[:2]), period_ns)
+
+
+def with_own_times(timeline: Timeline) -> Timeline:
+    """The same, each frame's time kept as that of its own camera too."""
+    instants = [
+        replace(one, frames={name: replace(of, local_ns=of.leader_ns) for name, of in one.frames.items()})
+        for one in timeline.instants
+    ]
+    return replace(timeline, instants=instants)
 
 
 def check_order(where: str, frames: Sequence[TimedFrame]) -> None:

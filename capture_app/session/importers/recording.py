@@ -10,8 +10,9 @@ from capture_app.names import check_name
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
+from capture_app.session.importers.clock_state import clock_state
 from capture_app.session.importers.embedded_times import TimeSource
-from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline
+from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, with_own_times
 from capture_app.session.importers.layouts.recognition import Layout, recognize_layout
 from capture_app.session.importers.open_sources import open_sources, split_name
 from capture_app.session.importers.sources import Source
@@ -39,7 +40,6 @@ class ImportOptions(TimeOptions):
     every: int = 1
     png: bool = False
     """Keep a video's frames as PNG instead of JPEG (quality 95)."""
-    uncertainty_ms: float | None = None
     calibration: Sequence[str] = field(default_factory=tuple)
     """PATH or NAME=PATH, see `read_views`."""
     unit: str | None = None
@@ -65,7 +65,11 @@ def import_recording(
         talk(f"{layout.videos} is of {layout.program}")
         paths, options = [str(layout.videos)], _with_layout(layout, options)
     sources = open_sources(paths, png=options.png)
+    common = clock_state(sources, options)
     timeline = make_timeline(sources, options, talk)
+    if common is not None and common.unknown:
+        timeline = with_own_times(timeline)
+        talk(f"{common.words}; docs/synchronizing.md says how to align it")
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
@@ -90,7 +94,7 @@ def import_recording(
         if views is not None:
             writer.set_calibration(fit_calibration(views, sizes, unit=options.unit, fit=options.fit))
         times_ns = tuple(instant.leader_ns for instant in instants)
-        burst = BurstRecord(instants_ns=times_ns, period_ns=timeline.period_ns)
+        burst = BurstRecord(instants_ns=times_ns, period_ns=timeline.period_ns, common_times=common)
         writer.finish(cameras, burst, _missing(writer, names, instants), "imported", options.note)
     return Session.open(root / name)
 
@@ -108,7 +112,7 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
     calibrated = bool(options.calibration) or layout.calibration is None
     return replace(
         options,
-        same_frames=layout.same_frames,
+        synchronized=options.synchronized or layout.same_frames,
         timestamps=layout.timestamps if said_nothing else options.timestamps,
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,

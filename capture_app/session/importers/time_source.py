@@ -25,8 +25,10 @@ class TimeOptions:
     times: TimeSource = TimeSource.AUTO
     offsets_ms: Mapping[str, float] = field(default_factory=dict)
     """What is added to a camera's own times to get the rig's, by the camera's name."""
-    same_frames: bool = False
-    """Videos whose frames of the same number are of one instant, at their own rate."""
+    synchronized: bool = False
+    """Frames of the same number are of one instant; of videos without a rate given, at their own."""
+    uncertainty_ms: float | None = None
+    """The 95 % error of the times, as the user says."""
 
 
 def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
@@ -57,7 +59,7 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callabl
         for remark in filter(None, (source.remark for source in sources)):
             talk(remark)
         return _by_times("the recording", recorded, options)
-    if options.same_frames or options.offsets_ms:
+    if options.synchronized or options.offsets_ms:
         return _by_videos(sources, options, talk)
     if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
         return timeline_by_times("the recording", {name: [TimedFrame(0, 0)] for name in names})
@@ -70,7 +72,7 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callabl
 
 def _by_videos(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
     rates = {source.fps for source in sources if isinstance(source, Video)}
-    if options.same_frames and rates:
+    if options.synchronized and rates:
         return timeline_by_rate(sources, max(rates))
     frames = {source.name: _own(source, TimeSource.VIDEO, talk) for source in sources}
     return _by_times("the recording", frames, options)

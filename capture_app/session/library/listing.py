@@ -13,6 +13,7 @@ from msgspec import Struct
 from capture_app.errors import BadInputError
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.checks import inside, read_struct
+from capture_app.session.format.common_times import TimesState
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION
 from capture_app.session.reading.reader import is_being_written
 
@@ -39,7 +40,9 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     images: int = 0
     missing: int = 0
     spread_ns: int | None = None
-    """The worst over the instants; None where no instant has two images."""
+    """The worst over the instants; None where no instant has two images, or there is no common clock."""
+    unsynchronized: bool = False
+    """The offsets between its cameras' times are not known."""
     uncertainty_ns: int | None = None
     """95 % error of the worst image's time."""
     dropped: int = 0
@@ -129,8 +132,10 @@ def read_card(folder: Path) -> SessionCard:
             problem=error.what,
             remedy=error.hint or f"capture-app sessions repair {folder}",
         )
-    sync, instants = head.sync, len(head.burst.instants_ns)
+    sync, times, instants = head.sync, head.burst.common_times, len(head.burst.instants_ns)
     names = tuple(camera.name for camera in head.cameras)
+    unsynchronized = times is not None and times.state == TimesState.UNKNOWN
+    comparable = sync is not None and len(names) > 1 and not unsynchronized
     return SessionCard(
         folder=folder,
         created=head.created,
@@ -139,7 +144,8 @@ def read_card(folder: Path) -> SessionCard:
         instants=instants,
         images=len(head.images) + sum(video.frames for video in head.videos),
         missing=len(head.missing),
-        spread_ns=max(sync.spread_ns, default=None) if sync is not None and len(names) > 1 else None,
+        spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
+        unsynchronized=unsynchronized,
         uncertainty_ns=None if sync is None else sync.uncertainty_ns,
         dropped=0 if sync is None else sync.dropped,
         late=0 if sync is None else sync.late,
@@ -189,8 +195,13 @@ class _Video(msgspec.Struct):
     frames: int
 
 
+class _Times(msgspec.Struct):
+    state: str = ""
+
+
 class _Burst(msgspec.Struct):
     instants_ns: list[msgspec.Raw]
+    common_times: _Times | None = None
 
 
 class _Sync(msgspec.Struct):

@@ -4,6 +4,7 @@ from enum import StrEnum
 
 from msgspec import Struct
 
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.format.manifest import Manifest, SyncRecord
 from capture_app.session.reading.synchronization import sync_record
 from capture_app.text import count, duration
@@ -26,6 +27,10 @@ class Grade(StrEnum):
     """There are no two images of one instant, or the error of their times is not known."""
 
 
+UNSYNCHRONIZED_SENTENCE = (
+    "images are paired by each camera's own times, which say nothing of the others': "
+    "reconstruct time --apply aligns them by what moves"
+)
 _LIMITS_PX = ((0.1, Grade.EXCELLENT), (1.0, Grade.GOOD), (10.0, Grade.FAIR))
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
@@ -65,18 +70,25 @@ class Verdict(Struct, frozen=True, kw_only=True):
 
 def judge(manifest: Manifest) -> Verdict:
     """Judge a take by its spread, its error bars, and what is missing."""
-    sync = find_sync_record(manifest)
+    sync, times = find_sync_record(manifest), manifest.burst.common_times
+    unknown = times is not None and times.unknown
     images = [0] * len(manifest.burst.instants_ns)
     for image in manifest.images:
         images[image.instant] += 1
     spreads = [spread for spread, number in zip(sync.spread_ns, images, strict=True) if number > 1]
-    spread_ns = max(spreads, default=None)
+    # Times that have no common clock have no spread.
+    spread_ns = None if unknown else max(spreads, default=None)
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
     grade, motion = grade_of(spread_ns, error_ns)
+    purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
+    if unknown:
+        purpose, sentence = NOT_SYNCHRONIZED, UNSYNCHRONIZED_SENTENCE
+    elif spreads:
+        sentence = describe_displacement(sync)
     return Verdict(
         grade=grade,
-        headline=f"{_purpose(grade, motion, spread_ns)}; {_completeness(manifest, sync)}",
-        sentence=describe_displacement(sync) if spreads else "there are no two images of one instant",
+        headline=f"{purpose}; {_completeness(manifest, sync)}",
+        sentence=sentence,
         spread_ns=spread_ns,
         spread_error_ns=error_ns,
         motion_px_per_s=motion,

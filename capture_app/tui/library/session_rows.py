@@ -12,7 +12,7 @@ from textual.strip import Strip
 
 from capture_app.session.library.listing import SessionCard, SessionState
 from capture_app.session.library.thumbnails import ThumbnailCache
-from capture_app.session.reading.verdict import grade_of
+from capture_app.session.reading.verdict import Grade, grade_of
 from capture_app.text import count, duration, printable
 from capture_app.tui.drawing.line_parts import justified, strip_of_line
 from capture_app.tui.drawing.row_list import RowList
@@ -168,6 +168,8 @@ class SessionRows(RowList):
 
 def spread_of(card: SessionCard) -> Content:
     """How well synchronized a session is: the grade, and the total that it judges, error included."""
+    if card.unsynchronized:
+        return Content.styled(f"{GRADES[Grade.UNKNOWN].glyph} not synchronized", "$foreground-muted")
     if card.spread_ns is None:
         return Content.styled(
             "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"

@@ -3,6 +3,7 @@
 import msgspec
 import pytest
 
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report import wording
 from reconstruction.report.opening import describe_exactness
 from reconstruction.scores.timing import RigTiming
@@ -56,6 +57,13 @@ def test_what_was_not_measured_is_not_made_up():
     assert (found.error, found.bears) == (wording.NOT_AVAILABLE, wording.NOT_AVAILABLE)
     assert "not measured" in found.error_source + found.bears_source
     assert found.conclusion == ""
+
+
+def test_unknown_offsets_stand_where_the_error_would(tmp_path, read_report):
+    unknown = {"timing": None, "sync_residual_us": None, "unsynchronized": NOT_SYNCHRONIZED}
+    found = describe_exactness(msgspec.structs.replace(RESULT, **unknown))
+    assert (found.error, found.error_source) == (wording.NOT_AVAILABLE, NOT_SYNCHRONIZED)
+    assert NOT_SYNCHRONIZED in read_report(unsynchronized=NOT_SYNCHRONIZED).text
 
 
 def test_a_motion_that_bears_all_that_was_tried_has_a_lower_bound_only(tmp_path):

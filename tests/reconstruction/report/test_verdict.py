@@ -1,5 +1,6 @@
 """The verdict says what the figures say, also where they say nothing."""
 
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report.verdict import verdict
 from reconstruction.scores.results import (
     DepthScores,
@@ -166,3 +167,8 @@ def test_where_no_pair_gives_depth_all_cameras_are_told_of() -> None:
     assert "off by a different delay, for 2 %" in text
     assert "all 3 cameras" not in verdict(stereo(0.97, 0.01), None, 66.7, 0.1, None, many(0.02))
     assert verdict(None, None, 66.7, 0.1, None, many(0.85)).startswith("No clear difference")
+
+
+def test_a_recording_without_common_times_is_called_so_first() -> None:
+    text = verdict(None, None, 66.7, 0.1, unsynchronized=NOT_SYNCHRONIZED)
+    assert text.startswith("This recording is not synchronized, offsets unknown.")

@@ -1,0 +1,86 @@
+"""Whether the cameras' times of a recording are of one clock, and what was done to make them so."""
+
+import math
+from enum import StrEnum
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from capture_app.camera_facts import Count
+from capture_app.names import Name
+
+NOT_SYNCHRONIZED = "not synchronized, offsets unknown"
+"""What is said of a recording without common times, everywhere."""
+
+REFERENCE = "reference"
+"""The source of the camera whose times all others are brought to."""
+
+
+class TimesState(StrEnum):
+    """How the times of a recording's cameras go together."""
+
+    UNKNOWN = "unknown"
+    """Each camera has times of its own, and what is between them is not known."""
+    GIVEN = "given"
+    """Whoever imported it said so, by a frame rate, a shift or an uncertainty."""
+    RECORDED = "recorded"
+    """The recording has times of one clock: a table, or a phone's metadata."""
+    ALIGNED = "aligned"
+    """Measured after it was recorded; see the cameras."""
+
+
+class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """How a camera's own times become the recording's: leader = local + offset + rate * (local - epoch).
+
+    `uncertainty_ns` and `rate_uncertainty_ppm` are 95 % errors, against the reference; the former is at the
+    epoch, where the error of the rate has no part in it. What is not known is None, and `reason` says why.
+    """
+
+    offset_ns: int | None = None
+    uncertainty_ns: Count | None = None
+    rate_ppm: float = 0.0
+    rate_uncertainty_ppm: Annotated[float, Meta(ge=0)] | None = None
+    epoch_local_ns: int = 0
+    source: str = ""
+    """What it was measured by: timecode, sound, flash, motion, or reference."""
+    reason: str = ""
+
+    def leader_from_local(self, local_ns: int) -> int:
+        """The recording's time in ns of a camera's own; its own time where the offset is not known."""
+        if self.offset_ns is None:
+            return local_ns
+        return local_ns + self.offset_ns + round(self.rate_ppm * 1e-6 * (local_ns - self.epoch_local_ns))
+
+    def uncertainty_at_ns(self, local_ns: int) -> int | None:
+        """The 95 % error of `leader_from_local` there."""
+        if self.uncertainty_ns is None:
+            return None
+        drift_ns = (self.rate_uncertainty_ppm or 0.0) * 1e-6 * (local_ns - self.epoch_local_ns)
+        return round(math.hypot(self.uncertainty_ns, drift_ns))
+
+
+class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The state of a recording's times, and each camera's offset and rate where they were aligned."""
+
+    state: TimesState
+    reason: str = ""
+    """What the state rests on."""
+    reference: str = ""
+    """The camera whose own times the recording's are."""
+    cameras: dict[Name, CameraTimes] = {}
+
+    @property
+    def unknown(self) -> bool:
+        """Whether the offset of any camera is not known."""
+        return self.state is TimesState.UNKNOWN
+
+    @property
+    def words(self) -> str:
+        """The state in a short sentence without a full stop."""
+        words = {
+            TimesState.UNKNOWN: NOT_SYNCHRONIZED,
+            TimesState.GIVEN: "times taken as common as given",
+            TimesState.RECORDED: "common times recorded",
+            TimesState.ALIGNED: "aligned after recording",
+        }[self.state]
+        return f"{words}: {self.reason}" if self.reason else words

@@ -11,7 +11,7 @@ from msgspec import to_builtins
 from capture_app.commands.options import leader_option, run_until_stopped
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_json_line, print_line, print_table, talk
-from capture_app.text import count
+from capture_app.text import clock_offset, count
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -91,6 +91,10 @@ def _print_rig(rig: "RigStatus") -> None:
             for row in rows:
                 del row["apart µs"]
         print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
+    for ahead in rig.ahead:
+        begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns)).lstrip("+")
+        cancel = f"capture-app burst --cancel {ahead.burst}"
+        print_line(f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back")
     for path in rig.sessions:
         print_line(f"saved {path}")
 

@@ -15,7 +15,7 @@ from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.readiness import check_room, expected_image_bytes
 from capture_app.node.leader.wording import DiskNews, News
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck, SpoolSpace
-from capture_app.node.wire.status import BurstStatus
+from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.complete_instants import usual_spare
 from capture_app.sync.rig.events import BurstRefused
@@ -138,12 +138,26 @@ class ActiveBursts:
             raise
         return session
 
+    @property
+    def ahead(self) -> tuple[BurstAhead, ...]:
+        """The bursts that are ordered and begin later than soon."""
+        soon_ns = self.now_ns() + SOON_NS
+        return tuple(
+            BurstAhead(
+                burst=of.burst.number,
+                name=of.status.name,
+                first_leader_ns=of.burst.instants_ns[0],
+                instants=of.burst.frames,
+            )
+            for of in self._bursts.values()
+            if not of.finished.is_set() and of.burst.instants_ns[0] > soon_ns
+        )
+
     def _check_number(self, at_leader_ns: int | None) -> None:
         """Raise IncompleteError where too many bursts are under way, or ordered ahead."""
-        soon_ns = self.now_ns() + SOON_NS
-        open_bursts = [of.burst for of in self._bursts.values() if not of.finished.is_set()]
-        ahead = [burst.number for burst in open_bursts if burst.instants_ns[0] > soon_ns]
-        is_ahead = at_leader_ns is not None and at_leader_ns > soon_ns
+        ahead = [burst.burst for burst in self.ahead]
+        open_bursts = [of for of in self._bursts.values() if not of.finished.is_set()]
+        is_ahead = at_leader_ns is not None and at_leader_ns > self.now_ns() + SOON_NS
         if is_ahead and len(ahead) >= MAX_BURSTS_AHEAD:
             numbers = ", ".join(map(str, ahead))
             raise IncompleteError(

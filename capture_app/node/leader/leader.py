@@ -191,6 +191,7 @@ class LeaderNode:
                 local=() if self._local is None else self._local.names,
             ),
             burst=None if self._bursts.newest is None else self._bursts.newest.status,
+            ahead=self._bursts.ahead,
             sessions=tuple(self._bursts.saved),
             sessions_folder=str(self.sessions.absolute()),
             disk_free_bytes=self._room.free_bytes(now_ns),

@@ -60,6 +60,16 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     """Moments that were left out, as not every camera had its frame; later ones took their place."""
 
 
+class BurstAhead(Struct, frozen=True, kw_only=True):
+    """A burst that is ordered and begins later."""
+
+    burst: int
+    name: str
+    first_leader_ns: int
+    """Its first instant, in leader time."""
+    instants: int
+
+
 class RigStatus(Struct, frozen=True, kw_only=True):
     """The whole rig at one moment."""
 
@@ -75,6 +85,8 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()
     burst: BurstStatus | None = None
+    ahead: tuple[BurstAhead, ...] = ()
+    """Bursts that begin much later; they can be cancelled."""
     sessions: tuple[str, ...] = ()
     """Paths of the newest sessions saved by this leader, newest last."""
     sessions_folder: str = ""

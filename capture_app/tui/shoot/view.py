@@ -19,9 +19,9 @@ from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.library.trash import trash_session
 from capture_app.text import printable
 from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
-from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
+from capture_app.tui.shoot.burst_control import BurstControl
 from capture_app.tui.shoot.plan_panel import PlanPanel
 from capture_app.tui.shoot.questions import again_question, not_ready_question
 from capture_app.tui.shoot.shooting import Moment, Shooting
@@ -37,7 +37,7 @@ NARROW = 110
 """Below so many columns the plan leaves the pictures more room."""
 
 
-class ShootView(ModeView):
+class ShootView(BurstControl):
     """Takes pictures and shows what became of them."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

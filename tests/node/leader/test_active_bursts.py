@@ -96,7 +96,11 @@ async def test_bursts_ahead_are_bounded_keep_nobody_waiting_and_can_be_cancelled
         assert "--cancel" in (refused.value.hint or "")
         now = await order(bursts)
         assert not now.finished.is_set(), "those ahead are not in its way"
+        numbers = [session.burst.number for session in ahead]
+        assert [burst.burst for burst in bursts.ahead] == numbers
+        assert bursts.ahead[0].first_leader_ns == ahead[0].burst.instants_ns[0]
         await bursts.cancel(ahead[0].burst.number)
+        assert [burst.burst for burst in bursts.ahead] == numbers[1:]
         again = await bursts.order(frames=1, at_leader_ns=hour_ns)
         assert again.burst.number > now.burst.number
 

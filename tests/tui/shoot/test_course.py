@@ -3,11 +3,12 @@
 import asyncio
 from pathlib import Path
 
-from textual.widgets import Static
+from textual.widgets import Button, Static
 from textual.widgets._toast import Toast
 
-from capture_app.errors import DiskFullError, IncompleteError
+from capture_app.errors import BadInputError, DiskFullError, IncompleteError
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import BurstAhead
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
 from capture_app.tui.shoot.status_line import StatusLine
@@ -208,3 +209,52 @@ async def test_a_take_that_cannot_be_read_says_why(tmp_path: Path) -> None:
         await pilot.press("space")
         await studio.settle(pilot)
         assert "✖ it cannot be looked at" in studio.view.take_panel.plain
+
+
+async def test_bursts_ahead_are_cancelled_by_a_key(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    minute_ns = 60_000_000_000
+    rig.different["ahead"] = (
+        BurstAhead(burst=8, name="burst-008", first_leader_ns=9 * minute_ns, instants=5),
+        BurstAhead(burst=7, name="burst-007", first_leader_ns=2 * minute_ns, instants=1),
+    )
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("x")
+        await studio.settle(pilot)
+        buttons = [str(button.label) for button in studio.app.screen.query(Button)]
+        assert buttons == [
+            "1 burst-007: begins in 2 min, 1 frame",
+            "2 burst-008: begins in 9 min, 5 frames",
+            "esc Cancel",
+        ]
+        await pilot.press("escape", "x", "2")
+        await studio.settle(pilot)
+        assert [asked for asked in rig.asked if asked[0] == "cancel_burst"] == [("cancel_burst", 8)]
+
+
+async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_told(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    rig.take, rig.saves = saves_into(tmp_path, cameras=2), asyncio.Event()
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24), notifications=True) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("x")
+        await studio.settle(pilot)
+        await studio.settle(pilot)
+        assert "no burst lies ahead" in str(studio.app.screen.query_one(Toast).render())
+        await pilot.press("space")
+        await studio.settle(pilot)
+        await pilot.press("x")
+        await studio.settle(pilot)
+        first = studio.app.screen.query(Button).first()
+        assert str(first.label).startswith("1 burst-001: 0 of ")
+        rig.failure = BadInputError("burst 1 is not under way", hint="a saved one is a session")
+        await pilot.press("1")
+        await studio.settle(pilot)
+        assert ("cancel_burst", 1) in rig.asked
+        await studio.settle(pilot)
+        assert any("not under way" in str(toast.render()) for toast in studio.app.screen.query(Toast))
+        rig.saves.set()
+        await studio.settle(pilot)

@@ -25,15 +25,20 @@ class JoinWatch:
         """Watch until cancelled."""
         said, looked = "", False
         while True:
-            if not self._is_unanswered:
+            if self._time.is_member:
                 said = ""
-                if self._time.is_member and not looked:
+                if not looked:
                     looked = True
                     await self._look_at_wifi()
+            if not self._is_unanswered:
                 await asyncio.sleep(LOOK_EVERY_S)
                 continue
             found = await asyncio.gather(*map(find_obstacle, self._leaders))
-            sentence = "; ".join(str(obstacle) for obstacle in found if obstacle is not None)
+            # What a leader has said itself is told already.
+            news = (
+                obstacle for obstacle in found if obstacle and obstacle.what not in self._time.why_joining
+            )
+            sentence = "; ".join(map(str, news))
             if self._is_unanswered:
                 if sentence and sentence != said:
                     self._tell(sentence)

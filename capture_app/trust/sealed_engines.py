@@ -12,13 +12,13 @@ from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import WireError, decode, encode
 from capture_app.sync.wire.messages import Hello, JoinRefusal
 from capture_app.sync.wire.speaker import Speaker
-from capture_app.sync.wire.version import is_version_answer, version_answer
+from capture_app.sync.wire.version import is_version_answer, is_version_question, version_answer
 from capture_app.trust.keys import Address, ClientKeys, LeaderKeys
 from capture_app.trust.refusals import Refusals
 from capture_app.trust.sealing import Refused, SealError, unknown_key, unknown_key_of
 
 Sealed = Iterator[tuple[bytes, Address]]
-NOT_PAIRED = "this rig takes paired nodes only"
+NOT_PAIRED = "this rig takes paired nodes only: start this one without --open"
 MOST_NOTICES = 64
 
 
@@ -140,7 +140,8 @@ class _Desk:
         try:
             return self._keys.open(data, address)
         except SealError as error:
-            self._refusals.add(address[0], error.why)
+            if not is_version_question(data):
+                self._refusals.add(address[0], error.why)
             answer = _answer_to_stranger(data, error.why)
             if answer is not None and len(answer) <= len(data) and len(self._notices) < MOST_NOTICES:
                 self._notices.append((answer, address))

@@ -43,3 +43,18 @@ async def test_it_says_nothing_before_an_answer_is_missing() -> None:
     client.handle_timer(client.next_timer())
     await until(lambda: said)
     watching.cancel()
+
+
+async def test_what_the_leader_said_itself_is_not_said_again() -> None:
+    said: list[str] = []
+    leader, client = closed_port(), asking_in_vain()
+    client.note_refusal(f"127.0.0.1 is there, but no leader listens on its port {leader.port} (as it said)")
+    for _ in range(UNANSWERED):
+        client.handle_timer(client.next_timer())
+    others = leader, Address("nobody.invalid", 47010)
+    watching = asyncio.create_task(JoinWatch(others, client, said.append).run())
+    await until(lambda: said)
+    watching.cancel()
+    (sentence,) = said
+    assert "no leader listens" not in sentence
+    assert "cannot resolve host" in sentence

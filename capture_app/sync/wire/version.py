@@ -43,6 +43,11 @@ def answered_version(data: bytes, token: bytes) -> int | None:
     return int(version) if is_answer else None
 
 
+def is_version_question(data: bytes) -> bool:
+    """Whether a datagram only asks for the version, which anybody may."""
+    return len(data) == _FORM.size and data[:2] == MAGIC and (data[2], data[3]) == (_ASKING, KIND_VERSION)
+
+
 def is_version_answer(data: bytes) -> bool:
     """Whether a datagram tells another version than this one, whoever asked."""
     is_one = len(data) == _FORM.size and data[:2] == MAGIC and data[3] == KIND_VERSION

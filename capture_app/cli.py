@@ -32,6 +32,7 @@ COMMANDS = {
     "trust": "List the machines that this one knows; let others in.",
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
+    "record": "Record a synchronized video with every camera.",
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
     "preview": "Save a small picture of what a camera of a running rig sees.",
     "coverage": "Count live what a calibration board has covered, and say what is missing.",

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 class FramePicture(Protocol):
     """A frame's picture, encoded only when it is saved."""
 
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes."""
+
     def encode(self) -> bytes:
         """Return the image file's bytes (JPEG). May take a second: call it off the event loop."""
 

@@ -1,16 +1,15 @@
 """`capture-app burst`: take a burst with a running leader and wait for its session."""
 
 import asyncio
-import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from msgspec.structs import asdict
 
 from capture_app.commands.options import leader_option
-from capture_app.errors import IncompleteError, NetworkError, NoCameraHereError, SimulshotError
+from capture_app.commands.take import judge_if_here, take_burst
+from capture_app.errors import IncompleteError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
 from capture_app.usage import examples
@@ -18,34 +17,41 @@ from capture_app.usage import examples
 if TYPE_CHECKING:
     from capture_app.node.wire.messages import BurstRequest
     from capture_app.node.wire.status import BurstStatus
-    from capture_app.session.reading.verdict import Verdict
 
-_FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
+MOST_FRAMES = 100_000
 
 
 @click.command(
     epilog=examples(
         "capture-app burst",
         "capture-app burst --frames 30 --name jump --wait-s 20",
+        "capture-app burst --frames 360 --interval-s 10 --name clouds",
         "capture-app burst --leader 192.168.1.20 --repeat 10 --every 60 --json",
     )
 )
 @leader_option
 @click.option(
     "--frames",
-    type=click.IntRange(1, 1000),
+    type=click.IntRange(1, MOST_FRAMES),
     metavar="N",
     default=5,
     help="Number of frames from each camera.",
 )
 @click.option(
-    "--spacing", type=click.IntRange(1, 10_000), metavar="N", default=1, help="Take every Nth frame."
+    "--spacing", type=click.IntRange(1, 1_000_000), metavar="N", default=1, help="Take every Nth frame."
+)
+@click.option(
+    "--interval-s",
+    type=FiniteRange(0.001, 86_400.0),
+    metavar="S",
+    show_default="that of --spacing",
+    help="Seconds from one frame to the next: a time-lapse.",
 )
 @click.option(
     "--spare",
     type=click.IntRange(0, 999),
     metavar="N",
-    show_default="as many as frames, at least 4",
+    show_default="as many as frames, at least 4; none in a burst of over 2 s",
     help="Skip up to this many instants of which some camera dropped its frame, and take later ones.",
 )
 @click.option(
@@ -102,6 +108,7 @@ def burst(
     leader: Address,
     frames: int,
     spacing: int,
+    interval_s: float | None,
     spare: int | None,
     consecutive: bool,
     at_ns: int | None,
@@ -117,7 +124,9 @@ def burst(
 ) -> None:
     """Take a burst and print the path of its session, which is on the leader's machine.
 
-    With --repeat take several, and print each path when it is saved; with --json all of them at the end.
+    A burst of more than two seconds is saved while it is taken, with every instant: what a camera drops is
+    missing. With --repeat take several, and print each path when it is saved; with --json all of them at the
+    end.
     """
     from capture_app.node.wire.messages import BurstRequest
 
@@ -131,6 +140,7 @@ def burst(
     request = BurstRequest(
         frames=frames,
         spacing=spacing,
+        interval_s=interval_s,
         spare=0 if consecutive else spare,
         at_leader_ns=at_ns,
         before=before,
@@ -142,7 +152,7 @@ def burst(
     results: list[dict[str, Any]] = []
 
     def show(done: "BurstStatus") -> None:
-        verdict = _judge_if_here(done)
+        verdict = judge_if_here(done)
         results.append({**asdict(done), "verdict": verdict})
         if not as_json and done.session is not None:
             print_line(done.session)
@@ -180,7 +190,7 @@ async def _take_bursts(
     """Take them one after the other, or each in its turn though the one before is still being saved."""
 
     async def take() -> "BurstStatus":
-        done = await _take_burst(leader, request)
+        done = await take_burst(leader, request)
         show(done)
         return done
 
@@ -197,35 +207,3 @@ async def _take_bursts(
     except* SimulshotError as group:
         raise group.exceptions[0] from None
     return [task.result() for task in taking]
-
-
-def _judge_if_here(done: "BurstStatus") -> "Verdict | None":
-    """The verdict where the session is on this machine: a leader elsewhere saves it there."""
-    from capture_app.session.reading.reader import Session
-    from capture_app.session.reading.verdict import judge
-
-    try:
-        return None if done.session is None else judge(Session.open(Path(done.session)).manifest)
-    except SimulshotError:
-        return None
-
-
-async def _take_burst(leader: Address, request: "BurstRequest") -> "BurstStatus":
-    from capture_app.node.leader.wording import burst_line
-    from capture_app.node.operator.requests import ask_burst
-
-    last, said = None, ""
-    try:
-        async for last in ask_burst(leader, request):
-            line = burst_line(last)
-            # A figure that changes a little while the rig is waited for is no news.
-            gist = line if last.burst else _FIGURE.sub("", line)
-            if gist != said:
-                said = gist
-                talk(line)
-    except NoCameraHereError as error:
-        hint = f"start one with: capture-app node --leader {leader} --camera SPEC"
-        raise NoCameraHereError(error.what, hint=hint) from error
-    if last is None:
-        raise NetworkError(f"the leader at {leader} did not take the burst")
-    return last

@@ -49,6 +49,20 @@ if TYPE_CHECKING:
 )
 @spool_option
 @click.option(
+    "--ring-s",
+    type=FiniteRange(0.1, 600.0),
+    default=3.0,
+    metavar="S",
+    help="How far back its frames are kept, for bursts that begin in the past.",
+)
+@click.option(
+    "--ring-mb",
+    type=FiniteRange(1.0, 1_000_000.0),
+    default=256.0,
+    metavar="MB",
+    help="The most memory for these, and as much for frames that are not on a disk yet.",
+)
+@click.option(
     "--at-boot/--not-at-boot",
     default=None,
     show_default=False,
@@ -66,6 +80,8 @@ def node(
     clock_text: str,
     tolerance_us: float | None,
     spool: Path,
+    ring_s: float,
+    ring_mb: float,
     at_boot: bool | None,
     yes: bool,
     pin: str | None,
@@ -87,7 +103,7 @@ def node(
     clock = parse_clock(clock_text, node=name)
     leaders = leaders or (find_leader(),)
     make_known(leaders, pin, code)
-    client = camera_node(name, spec, leaders, clock, spool, tolerance_us)
+    client = camera_node(name, spec, leaders, clock, spool, tolerance_us, ring_s, ring_mb)
     run_until_stopped(client.run(), until_eof=until_eof)
 
 
@@ -160,6 +176,8 @@ def camera_node(
     clock: NodeClock,
     spool: Path,
     tolerance_us: float | None = None,
+    ring_s: float = 3.0,
+    ring_mb: float = 256.0,
 ) -> "CameraNode":
     """Make the node of one camera, which talks on stderr; the camera is opened when it runs."""
     from capture_app.cameras.catalog import open_camera
@@ -175,5 +193,7 @@ def camera_node(
         tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
         talk=lambda line: log_line(f"{name}: {line}"),
         spool=spool,
+        ring_ns=round(ring_s * 1e9),
+        ring_bytes=round(ring_mb * 1e6),
         profiles=DeviceProfiles(),
     )

@@ -43,7 +43,7 @@ class SealedRig:
         self.nodes = {name: self._new_node(name, number) for number, name in enumerate(names)}
 
     def _new_node(self, name: str, number: int) -> Node:
-        config = ClientConfig(name, 100 + number, make_facts(), 100_000, ring_frames=8)
+        config = ClientConfig(name, 100 + number, make_facts(), 100_000)
         client: Client[int] = Client(config, random.Random(number))
         sealed = SealedClient(Failover(client, (LEADER,)))
         speaker = Speaker(name, 100 + number, pin=f"pin of {name}")

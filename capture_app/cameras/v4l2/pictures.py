@@ -21,6 +21,11 @@ class JpegPicture:
 
     data: bytes
 
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes."""
+        return len(self.data)
+
     def encode(self) -> bytes:
         """Return the camera's own bytes."""
         return self.data
@@ -54,6 +59,11 @@ class RawPicture:
 
     data: bytes
     layout: PixelFormat
+
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes."""
+        return len(self.data)
 
     def encode(self) -> bytes:
         """Return a JPEG of quality 95."""

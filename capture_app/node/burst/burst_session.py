@@ -13,7 +13,14 @@ from capture_app.errors import BadInputError, DiskError, SimulshotError, TryAgai
 from capture_app.node.burst import plans
 from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.disk_threads import DiskThreads
-from capture_app.node.burst.image_commits import ImageCommits
+from capture_app.node.burst.image_commits import ImageCommits, IncomingImage
+from capture_app.node.burst.incoming_frames import (
+    add_images,
+    ignore_image,
+    known_image,
+    receive_frame,
+    shortened,
+)
 from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.burst.progress import burst_status, disk_reason, mean_image_bytes, waiting_text
 from capture_app.node.burst.settlement import Settlement
@@ -50,7 +57,7 @@ class BurstSession:
         self._writer = writer
         self._disk = disk
         self._interrupted = interrupted
-        begin_ns = burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
+        begin_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         self._cameras = {
             name: CameraProgress(CameraRecord(name=name, facts=of), begin_ns, was_silent=name in hasty)
             for name, of in cameras.items()
@@ -123,6 +130,9 @@ class BurstSession:
         report that is not of this burst, DiskError while the disk does not take it.
         """
         camera = self._camera(report.camera.name)
+        if self.burst.streamed:
+            # It may have heard late that the burst ends earlier.
+            report = replace(report, instants=tuple(n for n in report.instants if n < self.burst.frames))
         self._choice.check_ordered([*report.instants, *(missing.instant for missing in report.missing)])
         camera.interrupt()
         async with camera.writing:
@@ -152,14 +162,19 @@ class BurstSession:
         TryAgainError for a damaged one, DiskFullError, as does the future; a full disk ends the burst.
         """
         self._check_open()
+        if self.burst.streamed and upload.record.instant >= self.burst.frames:
+            return await ignore_image(upload, payload)
         record, camera = self._choice.renumbered(upload.record), self._camera(upload.record.camera)
         known = self._writer.image(record.camera, record.instant)
         if known is not None:
-            done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-            done.set_result(known.sha256)
-            return done
+            return known_image(known.sha256)
         if record.instant in camera.saving:
             return camera.saving[record.instant]
+        if self.burst.video:
+            frame = await receive_frame(replace(upload, record=record), payload)
+            self._check_open()
+            camera.note_heard(now_ns, advanced=True)
+            return self._commit(camera, frame)
         partial = PartialImage(self._writer.folder, replace(upload, record=record))
         try:
             await camera.receive_image(partial, payload, self._disk, self._check_open)
@@ -168,14 +183,20 @@ class BurstSession:
                 if record.instant in camera.saving:
                     return camera.saving[record.instant]
                 truth = await self._disk.call(partial.split_off_truth)
-                saved = self._commits.add(ReceivedImage(record, partial.file, truth, upload.true_ns))
-                task = asyncio.create_task(self._wait_until_saved(camera, record, saved))
-                camera.saving[record.instant] = task
+                task = self._commit(camera, ReceivedImage(record, partial.file, truth, upload.true_ns))
         except DiskError as error:
             await self.finish_now(disk_reason(error))
             raise
         camera.note_heard(now_ns, advanced=True)
         return task
+
+    async def end(self, burst: Burst) -> None:
+        """Wait for no instants beyond those of `burst`: it ends earlier than it was ordered."""
+        self.burst = burst
+        self._choice.end(burst)
+        self._plan.end(burst)
+        await self._settlement.save_plan()
+        await self.finish_if_complete()
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Wait no longer for a camera; `silent` where it may have its images all the same."""
@@ -249,11 +270,17 @@ class BurstSession:
         if self.finished.is_set():
             raise TryAgainError(f"burst {self.burst.number} is over")
 
-    async def _save(self, images: Sequence[ReceivedImage]) -> list[SimulshotError | None]:
-        return await self._disk.call(self._writer.add_received, images)
+    def _commit(self, camera: CameraProgress, image: IncomingImage) -> "asyncio.Task[str]":
+        saved = self._commits.add(image)
+        task = asyncio.create_task(self._wait_until_saved(camera, image.record, saved))
+        camera.saving[image.record.instant] = task
+        return task
+
+    async def _save(self, images: Sequence[IncomingImage]) -> list[SimulshotError | None]:
+        return await self._disk.call(add_images, self._writer, images)
 
     def _note_saved(self, record: ImageRecord) -> None:
-        self._cameras[record.camera].instants.add(record.instant)
+        self._cameras[record.camera].note_saved(record.instant)
 
     async def _wait_until_saved(
         self, camera: CameraProgress, record: ImageRecord, saved: "asyncio.Future[None]"
@@ -288,6 +315,10 @@ class BurstSession:
             yield
 
     def _finish(self) -> Path | None:
+        if self.burst.video:
+            # Without an end, or cut off by one, it lasts as long as any camera has recorded.
+            self.burst = shortened(self.burst, self._cameras)
+            self._choice.end(self.burst)
         lost = {} if self._interrupted is None else self._interrupted.lost
         missing = [gap for c in self._cameras.values() for gap in c.missing_images(self._choice, lost)]
         burst = self._choice.record(self._settlement.reports)

@@ -36,6 +36,8 @@ class CameraProgress:
     """What it has told, with the instants' numbers as they were ordered."""
     instants: set[int] = field(default_factory=set)
     """Those whose images are in the session, with their numbers there."""
+    next_instant: int = 0
+    """The one after the last of them."""
     was_silent: bool = False
     """It brought nothing of the burst before, without a word: it is waited for less."""
     advanced_ns: int = 0
@@ -57,14 +59,26 @@ class CameraProgress:
     def __post_init__(self) -> None:
         """Count as advanced from when it is waited for."""
         self.advanced_ns = max(self.advanced_ns, self.heard_ns)
+        self.next_instant = 1 + max(self.instants, default=-1)
 
     def is_complete(self, choice: InstantChoice) -> bool:
         """Whether nothing is waited for."""
         if self.given_up:
             return True
-        if self.report is None or not choice.is_settled:
+        if self.report is None or not choice.is_settled or self.report.picking:
             return False
+        if self.report.picked is not None:
+            decided = min(self.report.picked, len(choice.chosen or ()))
+            gone = sum(
+                max(0, min(run.first + run.count, decided) - run.first) for run in self.report.missing_runs
+            )
+            return len(self.instants) >= decided - gone
         return self.instants >= choice.numbers(self.report.instants)
+
+    def note_saved(self, instant: int) -> None:
+        """An image is in the session."""
+        self.instants.add(instant)
+        self.next_instant = max(self.next_instant, instant + 1)
 
     def transfer(self, instants: int) -> CameraTransfer:
         """How much of so many instants it has brought."""
@@ -80,6 +94,9 @@ class CameraProgress:
         gone_ns, stalled_ns = (HASTE_NS, PATIENCE_NS) if self.was_silent else (PATIENCE_NS, STALL_NS)
         if silent_ns >= gone_ns and (not self.streams or name in lost):
             return lost.get(name, "it sent nothing")
+        if self.streams and name not in lost and self.report is not None and self.report.picking:
+            # The next instant may be hours away.
+            return ""
         # Words without images do not count, nor images that trickle: they could go on for ever.
         stalled = now_ns - self.advanced_ns >= stalled_ns
         return f"it sent nothing for {stalled_ns // 10**9} s" if stalled else ""
@@ -103,9 +120,14 @@ class CameraProgress:
             self.partial.close()
 
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
-        """What is here of its images, whole or in part, numbered as ordered. Blocks on the disk."""
-        name, chosen = self.camera.name, choice.chosen or ()
-        images = [writer.image(name, instant) for instant in sorted(self.instants)]
+        """What is here of its images, whole or in part, numbered as ordered. Blocks on the disk.
+
+        Of images that are sent as they come only those count that the camera says it still has.
+        """
+        name, chosen, report = self.camera.name, choice.chosen or (), self.report
+        sent_as_they_come = report is not None and (report.picking or report.picked is not None)
+        asked = self.instants & {*report.instants} if report and sent_as_they_come else self.instants
+        images = [writer.image(name, instant) for instant in sorted(asked)]
         stored = (
             ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
             for image in images
@@ -123,6 +145,11 @@ class CameraProgress:
         """What has not come of the session's instants, and why; `lost` are reasons from before."""
         name, chosen = self.camera.name, choice.chosen or ()
         told = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
+        for run in self.report.missing_runs if self.report else ():
+            for instant in range(run.first, min(run.first + run.count, len(chosen))):
+                told[instant] = MissingImage(
+                    camera=name, instant=instant, reason=run.reason, dropped=run.dropped
+                )
         for gap in self.report.missing if self.report else ():
             if gap.instant in chosen:
                 number = chosen.index(gap.instant)

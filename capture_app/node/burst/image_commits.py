@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from capture_app.errors import SimulshotError
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.received_image import ReceivedImage
+from capture_app.session.writing.video_store import NewFrame
 
+IncomingImage = ReceivedImage | NewFrame
 MAX_BATCH = 128
 """So many images are synced together at most: the first of them waits for the last."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    image: ReceivedImage
+    image: IncomingImage
     saved: "asyncio.Future[None]"
     since_s: float
 
@@ -24,7 +26,7 @@ class ImageCommits:
 
     def __init__(
         self,
-        save: Callable[[Sequence[ReceivedImage]], Awaitable[list[SimulshotError | None]]],
+        save: Callable[[Sequence[IncomingImage]], Awaitable[list[SimulshotError | None]]],
         on_saved: Callable[[ImageRecord], None],
     ) -> None:
         """`save` returns when images are safely on the disk, `on_saved` is told first."""
@@ -34,7 +36,7 @@ class ImageCommits:
         self._batch: list[_Waiting] = []
         self._work: asyncio.Task[None] | None = None
 
-    def add(self, image: ReceivedImage) -> "asyncio.Future[None]":
+    def add(self, image: IncomingImage) -> "asyncio.Future[None]":
         """Save an image; what is returned is done, or has an error, when that has been done."""
         loop = asyncio.get_running_loop()
         waiting = _Waiting(image, loop.create_future(), loop.time())

@@ -1,6 +1,6 @@
 """Which of the instants that were ordered a burst gets, and what becomes of their numbers."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 from msgspec.structs import replace
 
@@ -26,7 +26,7 @@ class InstantChoice:
     def __init__(self, burst: Burst, chosen: tuple[int, ...] | None = None) -> None:
         """`chosen` are the instants of a burst that was begun before; without spare ones it has all."""
         self._burst = burst
-        self.chosen = chosen if burst.spare else tuple(range(burst.frames))
+        self.chosen: Sequence[int] | None = chosen if burst.spare else range(burst.frames)
         """Their numbers as ordered; None while it is not settled which they are."""
 
     @property
@@ -37,7 +37,11 @@ class InstantChoice:
     @property
     def wanted(self) -> tuple[int, ...] | None:
         """What nodes are to send, where that is not all."""
-        return self.chosen if self._burst.spare else None
+        return tuple(self.chosen) if self._burst.spare and self.chosen is not None else None
+
+    def end(self, burst: Burst) -> None:
+        """Take note that a burst whose frames are sent as they come ends earlier than it was ordered."""
+        self._burst, self.chosen = burst, range(burst.frames)
 
     def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:
         """The instants that can be settled on by what the cameras that are awaited have told."""
@@ -51,7 +55,7 @@ class InstantChoice:
 
     def settle_without_reports(self) -> None:
         """Take the instants as they were ordered: no camera can be asked."""
-        self.chosen = tuple(range(self._burst.frames))
+        self.chosen = range(self._burst.frames)
 
     def check_ordered(self, instants: Collection[int]) -> None:
         """Raise BadInputError for one that was not ordered."""
@@ -61,6 +65,8 @@ class InstantChoice:
 
     def numbers(self, ordered: Collection[int]) -> set[int]:
         """The numbers in the session of those of these instants that it has."""
+        if not self._burst.spare:
+            return {instant for instant in ordered if instant < self._burst.frames}
         told = frozenset(ordered)
         return {number for number, instant in enumerate(self.chosen or ()) if instant in told}
 
@@ -82,6 +88,8 @@ class InstantChoice:
 
     def skipped(self, reports: Reports) -> tuple[SkippedInstant, ...]:
         """The instants that later ones have taken the place of, and why."""
+        if not self._burst.spare:
+            return ()
         chosen = self.chosen or (0,)
         skipped = []
         for instant in sorted({*range(chosen[-1])} - {*chosen}):

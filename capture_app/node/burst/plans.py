@@ -13,7 +13,7 @@ from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.wire.messages import CameraReport
-from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, MissingImage
 from capture_app.session.reading.reader import Session
@@ -45,10 +45,21 @@ def write_manifest(
 
 
 def burst_record(burst: Burst) -> BurstRecord:
-    """The record of a burst as it was ordered."""
+    """The record of a burst as it was ordered, without its instants where frames are sent as they come."""
     return BurstRecord(
-        instants_ns=burst.instants_ns, period_ns=burst.period_ns, requested_ns=burst.requested_ns
+        instants_ns=() if burst.streamed else tuple(burst.instants_ns),
+        period_ns=burst.period_ns,
+        requested_ns=burst.requested_ns,
     )
+
+
+def instant_range(burst: Burst) -> InstantRange | None:
+    """The instants of a burst whose frames are sent as they come; None of any other."""
+    if not burst.streamed:
+        return None
+    first_ns, count = burst.instants_ns[0], len(burst.instants_ns)
+    step_ns = burst.instants_ns[1] - first_ns if count > 1 else burst.period_ns
+    return InstantRange(first_ns=first_ns, step_ns=step_ns, count=count, video=burst.video)
 
 
 def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
@@ -81,7 +92,13 @@ class SharedPlan:
             cameras=(),
             spare=burst.spare,
             note=note,
+            streamed=instant_range(burst),
         )
+
+    def end(self, burst: Burst) -> None:
+        """Take note that a burst ends earlier than it was ordered; it is on disk after the next `save`."""
+        if self._newest is not None:
+            self._newest = msgspec.structs.replace(self._newest, streamed=instant_range(burst))
 
     async def save(self, cameras: Iterable[CameraPlan], chosen: tuple[int, ...] | None) -> None:
         """Return once what the cameras have told, and the instants of the burst, are on the disk.
@@ -104,12 +121,22 @@ def camera_plan(report: CameraReport, known: CameraPlan | None = None) -> Camera
     Where an earlier run of the leader knew what the camera was, only what is to come may be told anew.
     """
     if known is not None and known.reported:
-        return msgspec.structs.replace(known, instants=report.instants, missing=report.missing)
+        return msgspec.structs.replace(
+            known,
+            instants=report.instants,
+            missing=report.missing,
+            picking=report.picking,
+            picked=report.picked,
+            missing_runs=report.missing_runs,
+        )
     return CameraPlan(
         camera=report.camera,
         reported=True,
         instants=report.instants,
         missing=report.missing,
+        picking=report.picking,
+        picked=report.picked,
+        missing_runs=report.missing_runs,
         calibration=report.calibration,
         true_clock=report.true_clock,
     )
@@ -135,7 +162,7 @@ class InterruptedBurst:
         writer = SessionWriter.resume(folder)
         plan = writer.plan
         assert plan is not None
-        instants_ns, requested_ns = plan.burst.instants_ns, plan.burst.requested_ns
+        instants_ns, requested_ns = plan.instants_ns, plan.burst.requested_ns
         burst = Burst(
             plan.number,
             instants_ns,
@@ -143,11 +170,13 @@ class InterruptedBurst:
             instants_ns[0] if requested_ns is None else requested_ns,
             tuple(told.camera.name for told in plan.cameras),
             plan.spare,
+            streamed=plan.streamed is not None,
+            video=plan.streamed is not None and plan.streamed.video,
         )
         choice, cameras = InstantChoice(burst, plan.chosen), {}
         for told in plan.cameras:
             name = told.camera.name
-            there = {n for n in range(len(choice.chosen or ())) if writer.image(name, n) is not None}
+            there = writer.instants_of(name)
             report = told if told.reported else None
             cameras[name] = CameraProgress(told.camera, heard_ns, report=report, instants=there)
         reason = "its file was damaged or lost after it came"

@@ -41,7 +41,10 @@ def burst_status(
     resumed: bool,
 ) -> BurstStatus:
     """How far a burst is; one of an earlier run has no number in this one."""
-    transfer = tuple(camera.transfer(burst.frames) for _, camera in sorted(cameras.items()))
+    # Nobody knows how long a recording will be: of one under way as much is expected as any camera has sent.
+    so_far = max((camera.next_instant for camera in cameras.values()), default=0)
+    instants = so_far if burst.video and not done else burst.frames
+    transfer = tuple(camera.transfer(instants) for _, camera in sorted(cameras.items()))
     received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
     if resumed:
         message = f"{writer.name} of an earlier run: {received} of {expected} images" + (
@@ -51,13 +54,14 @@ def burst_status(
         burst=0 if resumed else burst.number,
         name=writer.name,
         cameras=len(cameras),
-        instants=burst.frames,
+        instants=instants,
         received=received,
         expected=expected,
         done=done,
         session=None if session is None else str(session),
         message=message,
         transfer=transfer,
+        recording=burst.video,
         skipped=choice.skipped({name: camera.report for name, camera in cameras.items()}),
     )
 

@@ -10,6 +10,8 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import HostClock, NodeClock
@@ -32,6 +34,7 @@ from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
 from capture_app.node.transfer.burst_upload import BurstUpload
+from capture_app.node.transfer.picked_stream import PickedStream
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import JsonValue, KeyRequest
@@ -39,13 +42,13 @@ from capture_app.node.wire.views import NodeDetail
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
+from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual, StepRefused
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
 
-RING_FRAMES = 90
 EVENTS_KEPT = 200
 DEFAULT_TOLERANCE_NS = 100_000
 RESET_TOLERANCE_NS = 2_000_000
@@ -64,7 +67,8 @@ class CameraNode:
         others: tuple[Address, ...] = (),
         clock: NodeClock | None = None,
         tolerance_ns: int | None = None,
-        ring_frames: int = RING_FRAMES,
+        ring_ns: int = RING_NS,
+        ring_bytes: int = RING_BYTES,
         talk: Callable[[str], None] | None = None,
         spool: Path | None = None,
         profiles: DeviceProfiles | None = None,
@@ -73,6 +77,7 @@ class CameraNode:
         """`open_camera` is called again after each failure of the device; `talk` gets what a user may see.
 
         `others` are asked in turn where the leader, or relay, is gone; they must be of the same rig.
+        `ring_ns` and `ring_bytes` bound the frames that are kept for bursts in the past.
         `spool` is the folder that bursts are kept in until the leader has them; without one, memory is.
         `profiles` tell how devices like this one were moved before, and are told.
         `trust` is whom it follows, else its user's.
@@ -81,7 +86,7 @@ class CameraNode:
         self._leaders = (leader, *others)
         self._clock: NodeClock = clock or HostClock()
         self._tolerance_ns = tolerance_ns
-        self._ring_frames = ring_frames
+        self._ring_ns, self._ring_bytes = ring_ns, ring_bytes
         self._profiles = profiles
         self._trust = trust or Trust.of_user()
         self._tell = talk or (lambda _: None)
@@ -150,12 +155,18 @@ class CameraNode:
             instance=self._instance,
             camera=facts,
             tolerance_ns=self._tolerance_ns,
-            ring_frames=self._ring_frames,
+            ring_ns=self._ring_ns,
+            ring_bytes=self._ring_bytes,
             injection_profile=self._profiles.injection_profile(facts) if self._profiles else None,
             start_latencies_ns=self._profiles.start_latencies_ns(facts) if self._profiles else (),
         )
         rng = random.Random(secrets.randbits(64))
-        self._engine = Client(config, rng, on_sample=self._journal.add_sample)
+        self._engine = Client(
+            config,
+            rng,
+            on_sample=self._journal.add_sample,
+            size_of=lambda frame: frame.picture.held_bytes,
+        )
         self._failover = Failover(self._engine, peers)
         if not self._trust.is_open:
             self._sealed = SealedClient(self._failover)
@@ -260,12 +271,21 @@ class CameraNode:
         assert self._tolerance_ns is not None
         if ready.further:
             missing = missing_images(self.name, ready.gaps)
-            self._uploader.extend_burst(ready.leader, ready.burst, ready.picks, missing)
+            self._uploader.extend_burst(
+                ready.leader, ready.burst, ready.picks, missing, over=ready.over, ended=ready.ended
+            )
             return
         camera, corrections = self._camera, self._engine.aligner.corrections
         record = camera_record(self.name, camera.facts, ready, corrections, self._tolerance_ns)
         truth = true_clock(self._clock, camera.facts)
         report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
         self._events.clear()
+        if ready.trigger is not None:
+            stream = PickedStream(ready.trigger.video, self._ring_bytes)
+            begun = replace(report, instants=(), missing=(), picking=True)
+            upload = BurstUpload(begun, deque(), stream=stream)
+            upload.extend(ready.picks, report.missing, over=ready.over, ended=ready.ended)
+            self._uploader.add_burst(upload)
+            return
         forget = functools.partial(self._engine.forget_burst, ready.leader, ready.burst)
         self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_settled=forget))

@@ -1,6 +1,7 @@
 """The bursts of a leader that are under way: ordered, collected and saved, with those of earlier runs."""
 
 import asyncio
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
@@ -11,12 +12,12 @@ from capture_app.names import check_name
 from capture_app.node.burst.answers import CancelledBurstError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.numbered_sessions import MAX_FOLDER_NUMBER, RECORDING, UNNAMED, create_numbered
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.readiness import check_room, expected_image_bytes
 from capture_app.node.leader.wording import DiskNews, News
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstAhead, BurstStatus
-from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.complete_instants import usual_spare
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader
@@ -26,10 +27,14 @@ CANCELLED = "the burst was cancelled"
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD, REMEMBERED = 16, 16, 64
 SOON_NS = 30_000_000_000
 """A burst that begins later is one ahead, and is none of those that are being saved."""
-UNNAMED = "burst"
-"""What the sessions of takes without a name begin with."""
-MAX_FOLDER_NUMBER = 999_999
+LONG_NS = 2_000_000_000
+"""The frames of bursts that last longer are sent as they come, and no instant is skipped."""
+END_LEAD_NS = 300_000_000
+"""A recording that is to end now goes on for so long, that every node hears of its end."""
+SURE_FRAMES = 300
+"""There must be room for so many frames of each camera before a recording begins."""
 SILENCE_CHECK_S = 0.25
+TELL_EVERY_NS = 1_000_000_000
 
 
 class ActiveBursts:
@@ -64,6 +69,7 @@ class ActiveBursts:
         """The number in the name of the last session, by what is before it."""
         self._image_bytes: dict[str, int] = {}
         self._spools: dict[str, SpoolSpace] = {}
+        self._told_ns = 0
         self._silent: set[str] = set()
         """Cameras of this run that left their last burst without a word: one must not hold up all others."""
         self._trouble = ""
@@ -94,19 +100,25 @@ class ActiveBursts:
         at_leader_ns: int | None = None,
         name: str = "",
         note: str = "",
+        video: bool = False,
     ) -> BurstSession:
         """Order a burst of all nodes that are here, and begin its session, which is named after the take.
 
-        Up to `spare` further instants make up for those that not every camera has; None for the usual number.
+        The frames of a long one, and those of a `video`, are sent as they come. Of others up to `spare`
+        further instants make up for those that not every camera has; None for the usual number.
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
         where there is no camera, DiskFullError where it will hardly find room here or on a node.
         """
         self._check_number(at_leader_ns)
-        prefix = name or UNNAMED
+        prefix = name or (RECORDING if video else UNNAMED)
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
-        self._engine.check_burst(frames=frames, spacing=spacing)
+        goal = self._engine.goal
+        long = goal is not None and (frames - 1) * spacing * goal.period_ns > LONG_NS
+        streamed = video or (long and not spare)
+        self._engine.check_burst(frames=frames, spacing=spacing, streamed=streamed)
         image_bytes = expected_image_bytes(self._engine.clients(self.now_ns()), self._image_bytes)
-        check_room(self._root, image_bytes, frames, self._spools)
+        # A recording may be stopped at any time.
+        check_room(self._root, image_bytes, min(frames, SURE_FRAMES) if video else frames, self._spools)
         # A number that was given up is never given again: nodes may still know it.
         after = self._last_folders.get(prefix, 0)
         writer, folder = await asyncio.to_thread(create_numbered, self._root, prefix, after=after)
@@ -121,6 +133,8 @@ class ActiveBursts:
                 spare=usual_spare(frames) if spare is None else spare,
                 at_leader_ns=at_leader_ns,
                 number=number,
+                streamed=streamed,
+                video=video,
             )
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
@@ -181,6 +195,28 @@ class ActiveBursts:
         self._engine.cancel(session.burst, self.now_ns())
         await session.cancel(CANCELLED)
 
+    async def end(self, number: int | None = None) -> int:
+        """Let a recording, or a long burst, end now: that of this number, or else the newest; return it.
+
+        Raises BadInputError where there is none.
+        """
+        under_way = [of for of in self._bursts.values() if of.burst.streamed and not of.finished.is_set()]
+        found = [of for of in under_way if number is None or of.burst.number == number]
+        if not found:
+            what = "no recording is" if number is None else f"burst {number} is no recording that is"
+            raise BadInputError(f"{what} under way", hint="capture-app status shows what is")
+        await self._end(found[-1])
+        return found[-1].burst.number
+
+    async def _end(self, session: BurstSession) -> None:
+        """Order no instants of a session beyond those that every node can have heard of."""
+        burst, now_ns = session.burst, self.now_ns()
+        frames = max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
+        if frames < burst.frames:
+            ended = self._engine.end(burst, frames, now_ns)
+            if not session.finished.is_set():
+                await session.end(ended)
+
     async def wait_until_saved(self, burst: int) -> BurstStatus:
         """Wait until a burst of this run is saved or given up, and return its last status."""
         session = self._bursts.get(burst)
@@ -225,9 +261,12 @@ class ActiveBursts:
             self._on_news(DiskNews(space.camera, space.problem))
 
     def tell_progress(self, session: BurstSession) -> None:
-        """Report how far a burst is, unless it is finished: that is reported once."""
-        if not session.finished.is_set():
-            self._on_news(session.status)
+        """Report how far a burst is, a long one now and then; that it is finished is reported once."""
+        now_ns = self.now_ns()
+        if session.finished.is_set() or (session.burst.streamed and now_ns < self._told_ns + TELL_EVERY_NS):
+            return
+        self._told_ns = now_ns
+        self._on_news(session.status)
 
     def note_refusal(self, refusal: BurstRefused) -> None:
         """A node takes no part in a burst."""
@@ -243,6 +282,9 @@ class ActiveBursts:
     def _note_finished(self, session: BurstSession) -> None:
         status = session.status
         path, number = status.session, session.burst.number
+        if session.burst.streamed and self._bursts.get(number) is session:
+            # Where it ended for another reason, as a full disk, nodes still pick.
+            self._spawn(self._end(session))
         if path is not None and path not in self.saved:
             self.saved.append(path)
         if path is not None:
@@ -276,24 +318,3 @@ class ActiveBursts:
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-
-def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tuple[SessionWriter, int]:
-    """Begin the session `PREFIX-NNN` of the next free number over `after`, and return that number too.
-
-    Raises BadInputError, DiskFullError.
-    """
-    number = 1 + max([after, *(_number(path, prefix) for path in root.glob(f"{prefix}-*"))])
-    while True:
-        name = f"{prefix}-{number:03d}"
-        try:
-            return SessionWriter.create(root, name), number
-        except BadInputError:
-            if not (root / name).exists():
-                raise
-        number += 1
-
-
-def _number(path: Path, prefix: str) -> int:
-    digits = path.name.removeprefix(f"{prefix}-")
-    return int(digits) if digits.isdecimal() and len(digits) <= len(str(MAX_FOLDER_NUMBER)) else 0

@@ -17,6 +17,7 @@ from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, 
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
+from capture_app.node.burst.burst_length import frames_and_spacing
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.advice import review_rates, rig_advice
@@ -239,25 +240,30 @@ class LeaderNode:
 
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
-        if request.before > request.frames:
+        if request.before > (request.frames or 0):
             raise BadInputError(
                 f"{request.before} of {request.frames} frames cannot be before", hint="ask for more frames"
             )
         asked_ns = self._clock.now_ns()
-        before = BurstStatus(burst=0, name="", cameras=0, instants=request.frames, received=0, expected=0)
+        frames = request.frames or 0
+        before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
         if request.wait_ready_s:
             async for reason in reasons_until_ready(self._views, request.wait_ready_s, request.nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self._clock.now_ns()
         if coarse := coarse_nodes(self._views()):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
+        goal = self._engine.goal
+        # Without a camera there is no goal: that is said when the burst is ordered.
+        frames, spacing = frames_and_spacing(request, goal.period_ns) if goal is not None else (1, 1)
         session = await self._bursts.order(
-            frames=request.frames,
-            spacing=request.spacing,
+            frames=frames,
+            spacing=spacing,
             spare=request.spare,
-            at_leader_ns=self._first_instant(request, asked_ns),
+            at_leader_ns=self._first_instant(request, spacing, asked_ns),
             name=request.name,
             note=request.note,
+            video=request.video,
         )
         self._pump.turn()
         while not session.finished.is_set():
@@ -267,13 +273,13 @@ class LeaderNode:
                     await session.finished.wait()
         yield session.status
 
-    def _first_instant(self, request: BurstRequest, asked_ns: int) -> int | None:
+    def _first_instant(self, request: BurstRequest, spacing: int, asked_ns: int) -> int | None:
         """Leader time about which a burst begins; None: as soon as all nodes can know of it."""
         goal = self._engine.goal
         if not request.before or goal is None:
             return request.at_leader_ns
         at_ns = asked_ns if request.at_leader_ns is None else request.at_leader_ns
-        return at_ns - request.before * request.spacing * goal.period_ns
+        return at_ns - request.before * spacing * goal.period_ns
 
     def _on_news(self, news: News) -> None:
         self.news.note(news)

@@ -51,6 +51,9 @@ class OperatorOrders:
                 await self._remove(name)
             case operating.CancelBurst(burst=burst):
                 await self._bursts.cancel(burst)
+            case operating.EndBurst(burst=number):
+                await self._bursts.end(number)
+                self._after_turn()
             case operating.StopRig():
                 self._news.add("stopped by an operator")
                 self.stop_wanted.set()

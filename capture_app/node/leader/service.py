@@ -191,6 +191,7 @@ class LeaderService:
                 | operating.AddSimulated()
                 | operating.RemoveCamera()
                 | operating.CancelBurst()
+                | operating.EndBurst()
                 | operating.StopRig()
             ):
                 await channel.send(await self._orders.carry_out(message))

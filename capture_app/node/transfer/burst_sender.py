@@ -26,10 +26,22 @@ class PostponedError(NetworkError):
     """The leader cannot take a burst now, and may later."""
 
 
+class PausedError(Exception):
+    """A burst that is still being picked has nothing to send at present, and another one has."""
+
+
 class BurstSender:
     """Sends bursts over one stream; `news` is set whenever there is more to send."""
 
-    def __init__(self, channel: Channel[Any], news: asyncio.Event, talk: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        channel: Channel[Any],
+        news: asyncio.Event,
+        talk: Callable[[str], None],
+        others_wait: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """`others_wait` tells whether other bursts have something to send."""
+        self._others_wait = others_wait
         self._channel = channel
         self._news = news
         self._talk = talk
@@ -39,7 +51,8 @@ class BurstSender:
     async def send_burst(self, burst: BurstUpload) -> messages.Refusal | None:
         """Send a burst as it is encoded; returns when the leader has all it wants, or its refusal for good.
 
-        Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off.
+        Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off,
+        PausedError where other bursts have something to send, and this one at present has not.
         """
         try:
             return await self._send_burst(burst)
@@ -79,7 +92,7 @@ class BurstSender:
             if told is not burst.report or not burst.is_settled:
                 refusal = await self._take_all_answers(burst)
                 if refusal is None:
-                    report = burst.report if told is None else replace(burst.report, events=())
+                    report = burst.report_now() if told is None else replace(burst.report_now(), events=())
                     told = burst.report
                     answer = await self.ask(report)
                     if isinstance(answer, messages.ReportAck):
@@ -90,7 +103,9 @@ class BurstSender:
                 await self._send_image(burst, burst.images[len(self._in_flight)], receipts)
             elif self._in_flight:
                 refusal = await self._take_answer(burst)
-            elif burst.frames:
+            elif burst.is_picking and not burst.frames and self._others_wait():
+                raise PausedError("others have something to send")
+            elif burst.frames or burst.is_picking:
                 await self._news.wait()
             elif burst.disputed:
                 return _disputed(burst)

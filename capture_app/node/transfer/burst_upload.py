@@ -9,6 +9,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from capture_app.cameras.base import CapturedFrame
+from capture_app.node.transfer.picked_stream import PickedStream
 from capture_app.node.transfer.spool import SpooledBurst
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.files.disk import disk_error
@@ -44,6 +45,28 @@ class BurstUpload:
     """Nothing of it is to be sent any more: the leader has it, or does not want it."""
     on_settled: Callable[[], None] = lambda: None
     """Called when no further instants are wanted."""
+    stream: PickedStream | None = None
+    """Of a burst whose frames are sent as they are picked."""
+
+    @property
+    def is_picking(self) -> bool:
+        """Whether further frames will be picked."""
+        return self.stream is not None and not self.stream.ended
+
+    @property
+    def has_work(self) -> bool:
+        """Whether there is something to tell or to send."""
+        return not self.is_picking or bool(self.images) or not self.is_settled
+
+    def report_now(self) -> CameraReport:
+        """The report as it stands now."""
+        if self.stream is None:
+            return self.report
+        return self.stream.report(self.report, (image.record.instant for image in self.images))
+
+    def report_to_keep(self) -> CameraReport:
+        """The report as the spool has it, which has the images beside it."""
+        return self.report if self.stream is None else self.stream.report(self.report, ())
 
     def load(self, image: ImageUpload) -> bytes | None:
         """An image's bytes; None where the spool does not have them as they were.
@@ -63,8 +86,26 @@ class BurstUpload:
         whole = len(data) == record.bytes + image.truth_bytes
         return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
 
-    def extend(self, frames: Iterable[Pick[CapturedFrame]], missing: Iterable[MissingImage]) -> None:
-        """Add what was picked for further instants, unless the leader does without them."""
+    def extend(
+        self,
+        frames: Iterable[Pick[CapturedFrame]],
+        missing: Iterable[MissingImage],
+        *,
+        over: int = 0,
+        ended: bool = False,
+    ) -> None:
+        """Add what was picked for further instants, unless the leader does without them.
+
+        Of a burst whose frames are sent as they are picked, `over` instants are decided now; with `ended`
+        these are all.
+        """
+        if self.stream is not None:
+            waiting = sum(map(len, list(self.in_memory.values())))
+            self.frames.extend(self.stream.add(frames, missing, over=over, held_bytes=waiting))
+            if ended and not self.stream.ended:
+                self.stream.ended = True
+                self.report = replace(self.report)
+            return
         if self.is_settled or self.is_over:
             return
         new = [*frames]
@@ -94,7 +135,8 @@ class BurstUpload:
 
         An image that it has another one in the place of is disputed.
         """
-        self.confirmed.update(stored)
+        if self.stream is None:
+            self.confirmed.update(stored)
         for image in tuple(self.images):
             if stored.get(image.record.instant, image.record.sha256) != image.record.sha256:
                 self.images.remove(image)
@@ -109,12 +151,20 @@ class BurstUpload:
 
     def lost_instants(self) -> list[int]:
         """Those that are wanted of what was announced, and are neither here nor with the leader."""
+        if self.stream is not None:
+            return []
         here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
         wanted = set(self.report.instants) if self.wanted is None else self.wanted & {*self.report.instants}
         return sorted(wanted - here - self.confirmed)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
         """Move announced images that will not come to those that are missing."""
+        if self.stream is not None:
+            for instant in instants:
+                self.stream.note_missing(instant, reason)
+            if self.stream.ended:
+                self.report = replace(self.report)
+            return
         name = self.report.camera.name
         gone = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
         left = tuple(instant for instant in self.report.instants if instant not in instants)

@@ -24,12 +24,14 @@ class EncodingError(Exception):
     """A frame that could not be turned into an image file."""
 
 
-def encode_frame(report: CameraReport, picked: Pick[CapturedFrame]) -> tuple[ImageUpload, bytes]:
+def encode_frame(
+    report: CameraReport, picked: Pick[CapturedFrame], *, with_truth: bool = True
+) -> tuple[ImageUpload, bytes]:
     """Return an image's header and its bytes, ground truth behind them. Raises EncodingError."""
     frame = picked.frame
     try:
         image = frame.picture.encode()
-        truth = b"" if frame.truth is None else frame.truth.encode()
+        truth = b"" if frame.truth is None or not with_truth else frame.truth.encode()
     except Exception as error:
         # Drivers and encoders raise what they like; one bad frame must not end the node.
         raise EncodingError(f"the frame could not be encoded: {error}") from error
@@ -86,6 +88,8 @@ class FrameEncoder:
         # While it was encoded, the leader may have refused the burst.
         if burst.frames and burst.frames[0] is picked:
             burst.frames.popleft()
+            if burst.stream is not None:
+                burst.stream.note_encoded(picked)
             if image is not None:
                 burst.images.append(image)
 
@@ -94,14 +98,15 @@ class FrameEncoder:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     def _encode(self, burst: BurstUpload, picked: Pick[CapturedFrame]) -> ImageUpload:
-        image, data = encode_frame(burst.report, picked)
+        with_truth = burst.stream is None or not burst.stream.video
+        image, data = encode_frame(burst.report, picked, with_truth=with_truth)
         # It can be sent from here at once, while the spool's disk takes its time.
         burst.in_memory[picked.instant] = data
         if self._spool is None or not burst.spooling:
             return image
         try:
             if burst.spooled is None:
-                burst.spooled = self._spool.create_burst(burst.report)
+                burst.spooled = self._spool.create_burst(burst.report_to_keep())
             burst.spooled.add_image(image, data)
         except SimulshotError as error:
             # The folder of a burst that is over is gone.

@@ -12,7 +12,7 @@ from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.transfer.burst_sender import BurstSender, PostponedError
+from capture_app.node.transfer.burst_sender import BurstSender, PausedError, PostponedError
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.encoding import FrameEncoder, note_useless_spool
 from capture_app.node.transfer.spool import Spool
@@ -93,11 +93,21 @@ class Uploader:
         self._to_encode.set()
 
     def extend_burst(
-        self, leader: int, burst: int, frames: Iterable[Pick[CapturedFrame]], missing: Iterable[MissingImage]
+        self,
+        leader: int,
+        burst: int,
+        frames: Iterable[Pick[CapturedFrame]],
+        missing: Iterable[MissingImage],
+        *,
+        over: int = 0,
+        ended: bool = False,
     ) -> None:
-        """Add further instants to a burst that was taken on before, where they are still of use."""
+        """Add further instants to a burst that was taken on before, where they are still of use.
+
+        `over` and `ended` as for `BurstUpload.extend`.
+        """
         for upload in self._uploads_of(leader, burst):
-            upload.extend(frames, missing)
+            upload.extend(frames, missing, over=over, ended=ended)
         self._news.set()
         self._to_encode.set()
 
@@ -140,6 +150,7 @@ class Uploader:
             self._to_encode.clear()
             burst = next((burst for burst in self._waiting if burst.frames), None)
             if burst is None:
+                await self._keep_ends()
                 await self._to_encode.wait()
                 continue
             spooling = burst.spooling
@@ -149,6 +160,15 @@ class Uploader:
                 await asyncio.to_thread(burst.spooled.remove)
             self._news.set()
             self._to_sync.set()
+
+    async def _keep_ends(self) -> None:
+        """Keep in the spool what is missing of bursts that have ended."""
+        for burst in tuple(self._waiting):
+            stream, spooled = burst.stream, burst.spooled
+            if stream is not None and stream.ended and not stream.kept and spooled and not burst.is_over:
+                stream.kept = True
+                with contextlib.suppress(SimulshotError):
+                    await asyncio.to_thread(spooled.write_report, burst.report_to_keep())
 
     async def _sync_spool(self) -> None:
         """Sync the spool for all images that were written to it during the sync before."""
@@ -178,7 +198,7 @@ class Uploader:
             try:
                 async with await connect(self.leader, FromLeader, trust=self._trust) as channel:
                     self._stream = channel
-                    sender = BurstSender(channel, self._news, self.talk)
+                    sender = BurstSender(channel, self._news, self.talk, self._others_wait)
                     await sender.introduce(self._opening)
                     while self._waiting or self._space_is_due:
                         if self._space_is_due:
@@ -197,7 +217,11 @@ class Uploader:
                 self._stream = None
 
     async def _send_burst(self, sender: BurstSender, burst: BurstUpload) -> None:
-        refusal = await sender.send_burst(burst)
+        try:
+            refusal = await sender.send_burst(burst)
+        except PausedError:
+            self._waiting.rotate(-1)
+            return
         if refusal is None or refusal.forget:
             burst.end()
         if refusal is None:
@@ -215,6 +239,9 @@ class Uploader:
             self.talk(f"burst {burst.report.burst} given up: {refusal.what}{kept}")
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
+
+    def _others_wait(self) -> bool:
+        return any(burst.has_work for burst in tuple(self._waiting)[1:])
 
     def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
         of = leader, burst
@@ -235,6 +262,10 @@ class Uploader:
 
 def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraReport:
     """A report with the spare instants, too, that were picked after it was written."""
-    instants = sorted({*report.instants, *(image.record.instant for image in images)})
+    here = {image.record.instant for image in images}
+    if report.picking or report.picked is not None:
+        # What is not here any more the leader has: it was sent as it came.
+        return replace(report, instants=tuple(sorted(here)), picking=False)
+    instants = sorted({*report.instants, *here})
     missing = tuple(gap for gap in report.missing if gap.instant not in instants)
     return replace(report, instants=tuple(instants), missing=missing)

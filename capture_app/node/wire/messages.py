@@ -13,6 +13,7 @@ from capture_app.node.wire.message import Message
 from capture_app.node.wire.operating import FromOperator, FromViewfinder, ToOperator, ToViewfinder
 from capture_app.node.wire.pairing import FromStranger, Invite, Invited, SpeaksFor, ToStranger
 from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
 from capture_app.trust.keys import Grant
@@ -59,6 +60,12 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
     """Of a simulated camera: the node's clock as it really is."""
     events: tuple[dict[str, JsonValue], ...] = ()
     """What the node's engine saw and did lately, times in its own clock."""
+    picking: bool = False
+    """Its frames are sent as they are picked, and more will be; `instants` are those that wait here now."""
+    picked: Count | None = None
+    """Of such a burst, when nothing more is picked: the instants before this one are there or missing."""
+    missing_runs: tuple[MissingRun, ...] = ()
+    """Those that are missing then."""
 
 
 class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
@@ -156,8 +163,14 @@ class StatusAnswer(Message, frozen=True, kw_only=True, tag="status"):
 class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     """The command line wants a burst, as soon as all nodes are ready or `wait_ready_s` have passed."""
 
-    frames: Annotated[int, Meta(gt=0)]
+    frames: Annotated[int, Meta(gt=0)] | None = None
+    """None: as many as `seconds` hold, or until it is ended."""
     spacing: Annotated[int, Meta(gt=0)] = 1
+    interval_s: Annotated[float, Meta(gt=0)] | None = None
+    """From one frame to the next; None: `spacing` tells."""
+    seconds: Annotated[float, Meta(gt=0)] | None = None
+    video: bool = False
+    """Take a recording, with a video for each camera."""
     at_leader_ns: int | None = None
     wait_ready_s: Annotated[float, Meta(ge=0)] = 0.0
     nodes: Annotated[int, Meta(gt=0)] = 1

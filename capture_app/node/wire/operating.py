@@ -102,6 +102,12 @@ class CancelBurst(Message, frozen=True, kw_only=True, tag="cancel-burst"):
     burst: int
 
 
+class EndBurst(Message, frozen=True, kw_only=True, tag="end-burst"):
+    """Let a recording, or a long burst, end now and save it; None: the newest one."""
+
+    burst: int | None = None
+
+
 class StopRig(Message, frozen=True, kw_only=True, tag="stop-rig"):
     """End the leader and the nodes that are its processes."""
 
@@ -113,7 +119,7 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
     """Of the cameras that were started."""
 
 
-Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | StopRig
+Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | EndBurst | StopRig
 """What an operator can ask a leader to do, beside a burst."""
 FromOperator = WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | Order
 FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer

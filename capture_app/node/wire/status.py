@@ -54,6 +54,8 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     done: bool = False
     session: str | None = None
     message: str = ""
+    recording: bool = False
+    """It is a recording: `expected` are the frames until now."""
     transfer: tuple[CameraTransfer, ...] = ()
     """Of each camera, by name."""
     skipped: tuple[SkippedInstant, ...] = ()

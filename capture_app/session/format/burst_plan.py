@@ -1,10 +1,11 @@
 """`burst.json`: the plan of a burst, on disk before its first image, to finish it by after a crash."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from msgspec import Struct
 
-from capture_app.camera_facts import Count
+from capture_app.camera_facts import Count, Positive
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError
 from capture_app.names import Name, check_name
@@ -14,6 +15,26 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Missi
 
 PLAN = "burst.json"
 PLAN_VERSION = 1
+
+
+class MissingRun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Instants in a row of which a camera has no frame, all for one reason."""
+
+    first: Count
+    count: Count
+    reason: str
+    dropped: bool = False
+    """The camera dropped the frames."""
+
+
+class InstantRange(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The instants of a burst whose frames are sent as they come, which may be millions; times in ns."""
+
+    first_ns: int
+    step_ns: Positive
+    count: Positive
+    video: bool = False
+    """The frames go into a video for each camera."""
 
 
 class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -26,6 +47,11 @@ class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The images that it has announced."""
     missing: tuple[MissingImage, ...] = ()
     """The images that it has reported missing."""
+    picking: bool = False
+    """More frames are picked than it has told of."""
+    picked: Count | None = None
+    """Of frames that are sent as they come: the instants before this one are there or missing."""
+    missing_runs: tuple[MissingRun, ...] = ()
     calibration: CameraCalibration | None = None
     true_clock: SimulatedClock | None = None
     """A simulated camera's clock as it really is."""
@@ -50,7 +76,17 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """So many of the instants only make up for those that not every camera has."""
     chosen: tuple[Count, ...] | None = None
     """The instants that the session has; None while that is not settled, or where it has all."""
+    streamed: InstantRange | None = None
+    """The instants, where `burst` has none: frames are sent as they come."""
     schema_version: int = PLAN_VERSION
+
+    @property
+    def instants_ns(self) -> Sequence[int]:
+        """The leader times of the instants that were ordered, in ns."""
+        of = self.streamed
+        if of is None:
+            return self.burst.instants_ns
+        return range(of.first_ns, of.first_ns + of.step_ns * of.count, of.step_ns)
 
     @property
     def key(self) -> tuple[int, int]:
@@ -64,6 +100,6 @@ def read_plan(folder: Path) -> BurstPlan:
     check_name(plan.name, "session")
     for share in plan.cameras:
         check_name(share.camera.name, "camera")
-    if any(instant >= len(plan.burst.instants_ns) for instant in plan.chosen or ()):
+    if any(instant >= len(plan.instants_ns) for instant in plan.chosen or ()):
         raise BadInputError(f"{folder / PLAN} has chosen an instant that was not ordered")
     return plan

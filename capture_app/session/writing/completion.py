@@ -8,6 +8,7 @@ import msgspec
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.files.disk import reserve
 from capture_app.session.files.durable import sync_all, write_atomic
+from capture_app.session.format.burst_plan import BurstPlan
 from capture_app.session.format.checks import check_references, encode_checked, indented
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.session.reading.checksums import write_checksums
@@ -18,11 +19,18 @@ from capture_app.session.writing.recovery import RESERVE
 RESERVED_BYTES = 1 << 16
 RESERVED_BYTES_PER_IMAGE = 1500
 """What the manifest and the checksums may need."""
+RESERVED_BYTES_PER_INSTANT, MOST_RESERVED_INSTANTS = 60, 400_000
+"""The same of a recording, of which nobody knows how long it will be."""
 
 
-def reserve_room(folder: Path, images: int) -> None:
-    """Keep room on the disk for the manifest of so many images. Raises OSError where there is none."""
-    reserve(folder / RESERVE, RESERVED_BYTES + RESERVED_BYTES_PER_IMAGE * images)
+def reserve_room(folder: Path, plan: BurstPlan) -> None:
+    """Keep room on the disk for the manifest of a burst. Raises OSError where there is none."""
+    instants = len(plan.instants_ns)
+    if plan.streamed is not None and plan.streamed.video:
+        needed = RESERVED_BYTES_PER_INSTANT * min(instants, MOST_RESERVED_INSTANTS)
+    else:
+        needed = RESERVED_BYTES_PER_IMAGE * len(plan.cameras) * instants
+    reserve(folder / RESERVE, RESERVED_BYTES + needed)
 
 
 def encode_manifest(folder: Path, manifest: Manifest) -> bytes:

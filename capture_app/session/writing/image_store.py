@@ -86,6 +86,10 @@ class ImageStore:
         """The record of an image that is saved."""
         return self._records.get((camera, instant))
 
+    def instants(self, camera: str) -> set[int]:
+        """The instants of which a camera's image is saved."""
+        return {instant for of, instant in self._records if of == camera}
+
     def open(self, *, recover: bool) -> None:
         """Open the journal; with `recover`, first find the images that an interrupted writer has left."""
         if recover:

@@ -109,7 +109,7 @@ class SessionWriter:
         with self._writing():
             write_atomic(self.folder / PLAN, indented(encode_checked(plan, BurstPlan)))
             if self.plan is None:
-                reserve_room(self.folder, len(plan.cameras) * len(plan.burst.instants_ns))
+                reserve_room(self.folder, plan)
             self.plan = plan
 
     def add_image(
@@ -166,6 +166,10 @@ class SessionWriter:
     def image(self, camera: str, instant: int) -> ImageRecord | None:
         """The record of an image that is saved already; None where it is not."""
         return self._images.get(camera, instant) or self.videos.frame(camera, instant)
+
+    def instants_of(self, camera: str) -> set[int]:
+        """The instants of which a camera's image is saved."""
+        return self._images.instants(camera) | {*self.videos.instants(camera)}
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
         """Append what the engine saw or did to events.ndjson."""

@@ -26,6 +26,11 @@ class SimulatedPicture:
     seed: int
     quality: int = JPEG_QUALITY
 
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes: nothing worth counting, before it is rendered."""
+        return 0
+
     def encode(self) -> bytes:
         """Render the frame and return it as JPEG bytes; the same frame gives the same bytes."""
         import cv2

@@ -111,7 +111,7 @@ class VirtualRig:
             rng.getrandbits(32),
             facts_of(spec.profile, width=spec.profile.image_width, height=spec.profile.image_rows),
             spec.tolerance_ns,
-            ring_frames=60,
+            ring_ns=60 * spec.profile.period_ns,
             injection_profile=spec.injection_profile,
         )
         client: Client[SensorFrame] = Client(config, rng, spec.schedule(), on_sample=spec.on_sample)
@@ -133,14 +133,31 @@ class VirtualRig:
         self.leader = self._new_leader()
 
     def trigger(
-        self, *, frames: int, spacing: int = 1, spare: int = 0, at_leader_ns: int | None = None
+        self,
+        *,
+        frames: int,
+        spacing: int = 1,
+        spare: int = 0,
+        at_leader_ns: int | None = None,
+        streamed: bool = False,
     ) -> Burst:
         """Order a burst as `Leader.trigger` does."""
         burst = self.leader.trigger(
-            self.now_true_ns, frames=frames, spacing=spacing, spare=spare, at_leader_ns=at_leader_ns
+            self.now_true_ns,
+            frames=frames,
+            spacing=spacing,
+            spare=spare,
+            at_leader_ns=at_leader_ns,
+            streamed=streamed,
         )
         self._pump_leader()
         return burst
+
+    def end(self, burst: Burst, frames: int) -> Burst:
+        """Let a burst end after so many frames."""
+        ended = self.leader.end(burst, frames, self.now_true_ns)
+        self._pump_leader()
+        return ended
 
     def cancel(self, burst: Burst) -> None:
         """Take a burst back."""
@@ -219,8 +236,9 @@ class VirtualRig:
             if isinstance(event, BurstPicked):
                 known = node.bursts.get(event.burst)
                 if event.further and known is not None:
+                    newest = known if event.trigger is None else event
                     event = replace(
-                        known, picks=(*known.picks, *event.picks), gaps=(*known.gaps, *event.gaps)
+                        newest, picks=(*known.picks, *event.picks), gaps=(*known.gaps, *event.gaps)
                     )
                 node.bursts[event.burst] = event
         node.timer.set(node.spec.clock.true_from_local(client.next_timer()) + 1)

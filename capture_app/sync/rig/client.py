@@ -42,10 +42,11 @@ class Client(Generic[F]):
         schedule: PollSchedule | None = None,
         *,
         on_sample: Callable[[ClockSample], None] | None = None,
+        size_of: Callable[[F], int] = lambda _: 0,
     ) -> None:
         """`schedule` says when it asks for the time; the default is that of `SteadySchedule`.
 
-        `on_sample` is called with every exchange with the leader.
+        `on_sample` is called with every exchange with the leader; `size_of` tells a frame's bytes in memory.
         """
         self.config = config
         self._phase_loop = PhaseLoop(config, rng)
@@ -64,7 +65,7 @@ class Client(Generic[F]):
             objection=self._objection,
         )
         """Its membership and its clock."""
-        self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
+        self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes, size_of)
         self.failure = ""
         self._root: int | None = None
         self._bursts: PendingBursts[F] = PendingBursts()
@@ -235,7 +236,7 @@ class Client(Generic[F]):
                 self._phase_loop.note_join()
                 if self.time.terms.path[0] != self._root:
                     # Bursts are the root's, in its time: another relay does not end them.
-                    self._bursts.clear()
+                    self._events.extend(self._bursts.clear())
                     self._root = self.time.terms.path[0]
 
     def _align(self, now_ns: int) -> None:
@@ -259,7 +260,7 @@ class Client(Generic[F]):
             refusal = self.failure
         elif not self.time.timekeeper.time_is_known:
             refusal = "its clock is not synchronized yet"
-        elif not is_possible_burst(trigger.count, trigger.step_ns):
+        elif not is_possible_burst(trigger.count, trigger.step_ns, streamed=trigger.streamed):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         else:
             self._bursts.add(trigger)

@@ -12,6 +12,7 @@ from capture_app.sync.stamps.frame_stamp import PhaseEstimate
 from capture_app.sync.timekeeping.clock_events import ClockEvent
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import CameraCommand
+from capture_app.sync.wire.messages import Trigger
 
 F = TypeVar("F")
 
@@ -89,7 +90,16 @@ class BurstPicked(Generic[F]):
     phase: PhaseEstimate | None
     """Of the stream at the last instant; None where it was not known."""
     further: bool = False
-    """They are of spare instants, and add to what was told of the burst before."""
+    """They add to what was told of the burst before: spare instants, or the next of one that is streamed."""
+    trigger: Trigger | None = None
+    """Of a burst that is streamed: what was ordered, as it stands now."""
+    over: int = 0
+    """Of such a burst: how many of its instants have been told, these included."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether no further frames of a burst that is streamed will come."""
+        return self.trigger is None or self.over >= self.trigger.count
 
 
 @dataclass(frozen=True, slots=True)

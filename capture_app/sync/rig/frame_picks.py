@@ -1,7 +1,7 @@
 """A burst's instants in leader time, and the frames a client picks for them."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -13,18 +13,38 @@ F = TypeVar("F")
 EXACT_STAMP = StampError()
 
 
-class RingBuffer(Generic[F]):
-    """Holds the last `capacity` frames with their timestamps in ns of the local clock."""
+RING_NS = 3_000_000_000
+RING_BYTES = 256 << 20
 
-    def __init__(self, capacity: int) -> None:
-        self._entries: deque[tuple[int, F]] = deque(maxlen=capacity)
+
+class RingBuffer(Generic[F]):
+    """Holds the frames of the last `span_ns`, with their timestamps in ns of the local clock.
+
+    They may take `most_bytes` of memory by what `size_of` tells of each; the newest two are kept in any case.
+    """
+
+    def __init__(
+        self,
+        span_ns: int = RING_NS,
+        most_bytes: int = RING_BYTES,
+        size_of: Callable[[F], int] = lambda _: 0,
+    ) -> None:
+        self._span_ns, self._most_bytes, self._size_of = span_ns, most_bytes, size_of
+        self._entries: deque[tuple[int, F]] = deque()
+        self._bytes = 0
 
     def __len__(self) -> int:
         return len(self._entries)
 
     def add(self, local_ns: int, frame: F) -> None:
-        """Keep a frame; the oldest goes when the buffer is full."""
+        """Keep a frame; the oldest go where they are too old, or take too much memory."""
         self._entries.append((local_ns, frame))
+        self._bytes += self._size_of(frame)
+        # A clock that was set back leaves frames from its future.
+        while len(self._entries) > 2 and (
+            abs(local_ns - self._entries[0][0]) > self._span_ns or self._bytes > self._most_bytes
+        ):
+            self._bytes -= self._size_of(self._entries.popleft()[1])
 
     @property
     def oldest_local_ns(self) -> int | None:
@@ -41,13 +61,15 @@ class RingBuffer(Generic[F]):
         return min(self._entries, key=lambda entry: abs(entry[0] - local_ns), default=None)
 
 
-MAX_FRAMES = 1000
-"""The longest burst a leader asks for; a client's ring buffer sets its own limit on the past."""
-MAX_BURST_NS = 600_000_000_000
-"""The longest time from a burst's first instant to its last."""
+MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
+"""The longest burst whose frames are told after the last, and the longest time from its first to its last."""
+MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
+"""The same of one whose frames are sent as they come."""
 
 DROPPED = "the camera dropped the frame"
 """The reason of a gap where the frames before and after it came."""
+NO_FRAME_OF_ITS_OWN = "the camera's frames are further apart than the instants"
+"""The reason of a gap where the nearest frame is that of the instant before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +77,16 @@ class Burst:
     """A burst as the leader ordered it: instants in leader time, ns, on the rig's grid."""
 
     number: int
-    instants_ns: tuple[int, ...]
+    instants_ns: Sequence[int]
     period_ns: int
     requested_ns: int
     clients: tuple[str, ...]
     spare: int = 0
     """So many of the last instants only make up for those that not every camera has."""
+    streamed: bool = False
+    """Its frames are sent as they come, and not after the last."""
+    video: bool = False
+    """They go into a video for each camera."""
 
     @property
     def frames(self) -> int:
@@ -107,15 +133,16 @@ class Gap:
     reason: str
 
 
-def is_possible_burst(frames: int, step_ns: int) -> bool:
+def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:
     """Whether a burst of so many frames, so far apart in ns, is within the limits."""
-    return 0 < frames <= MAX_FRAMES and step_ns > 0 and (frames - 1) * step_ns <= MAX_BURST_NS
+    most, most_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
+    return 0 < frames <= most and step_ns > 0 and (frames - 1) * step_ns <= most_ns
 
 
-def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> tuple[int, ...]:
+def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> range:
     """Snap a moment to the rig's grid and return the burst's instants from there, in leader ns."""
-    first = goal.index_of(at_leader_ns)
-    return tuple(goal.instant(first + k * spacing) for k in range(frames))
+    first_ns, step_ns = goal.instant(goal.index_of(at_leader_ns)), spacing * goal.period_ns
+    return range(first_ns, first_ns + frames * step_ns, step_ns)
 
 
 def pick_frame(

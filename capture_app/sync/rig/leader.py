@@ -193,9 +193,9 @@ class Leader:
 
     # Bursts
 
-    def check_burst(self, *, frames: int, spacing: int) -> None:
+    def check_burst(self, *, frames: int, spacing: int, streamed: bool = False) -> None:
         """Raise BadInputError for an impossible burst, NoCameraHereError where no client could take it."""
-        check_burst(self._roster.cameras(), self.goal, frames, spacing)
+        check_burst(self._roster.cameras(), self.goal, frames, spacing, streamed=streamed)
 
     def trigger(
         self,
@@ -206,14 +206,16 @@ class Leader:
         spare: int = 0,
         at_leader_ns: int | None = None,
         number: int | None = None,
+        streamed: bool = False,
+        video: bool = False,
     ) -> Burst:
         """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
 
-        Up to `spare` more follow, for cameras that drop frames, until it is known which are complete.
-        `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
-        half a second from now, delayed by up to the leader's `max_delay_ns`. `number` must be a new one; the
-        default is the next. Raises BadInputError for an impossible burst, NoCameraHereError where no
-        client is there to take it.
+        Up to `spare` more follow, for cameras that drop frames, until it is known which are complete; none of
+        one that is `streamed`, whose frames are sent as they come, for a `video` or not. `at_leader_ns` may
+        lie in the past, as far back as the clients' ring buffers reach; the default is half a second from
+        now, delayed by up to the leader's `max_delay_ns`. `number` must be a new one, by default the next.
+        Raises BadInputError for an impossible burst, NoCameraHereError where nobody is there to take it.
         """
         return self._orders.place(
             self._roster.cameras(),
@@ -226,7 +228,13 @@ class Leader:
             at_leader_ns=now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns,
             max_delay_ns=self.config.max_delay_ns if at_leader_ns is None else 0,
             number=number,
+            streamed=streamed,
+            video=video,
         )
+
+    def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
+        """Let a burst that is streamed end after so many frames, and return it as it is then."""
+        return self._orders.end(burst, frames, self._roster.cameras(), self.config.instance, now_ns)
 
     def cancel(self, burst: Burst, now_ns: int) -> None:
         """Take a burst back: clients forget it, whether they have picked its frames or not."""

@@ -1,7 +1,7 @@
 """Bursts that a leader orders, and their triggers, sent again until each is answered or has expired."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.goal import Goal
@@ -9,6 +9,8 @@ from capture_app.sync.rig.events import BurstAccepted, BurstRefused
 from capture_app.sync.rig.frame_picks import (
     MAX_BURST_NS,
     MAX_FRAMES,
+    MAX_STREAMED_FRAMES,
+    MAX_STREAMED_NS,
     Burst,
     burst_instants,
     is_possible_burst,
@@ -62,17 +64,20 @@ CANCELLED = "it was cancelled"
 """A client's answer to a trigger that takes a burst back."""
 
 
-def check_burst(cameras: Sequence[Member], goal: Goal | None, frames: int, spacing: int) -> Goal:
-    """Return the grid of a burst of these cameras.
+def check_burst(
+    cameras: Sequence[Member], goal: Goal | None, frames: int, spacing: int, *, streamed: bool = False
+) -> Goal:
+    """Return the grid of a burst of these cameras; `streamed` where frames are sent as they come.
 
     Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
     """
     if not cameras or goal is None:
         raise NoCameraHereError("no camera is here")
-    if not is_possible_burst(frames, spacing * goal.period_ns):
+    if not is_possible_burst(frames, spacing * goal.period_ns, streamed=streamed):
+        most, most_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
         raise BadInputError(
             f"a burst of {frames} frames, every {spacing} periods, is not possible",
-            hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
+            hint=f"1 to {most} frames, spacing 1 or more, {most_ns // 10**9} s at most",
         )
     return goal
 
@@ -85,6 +90,8 @@ class _OpenOrder:
     trigger: Trigger
     give_up_ns: int
     due_ns: int = 0
+    again: bool = False
+    """The client has the burst already: this only ends it earlier."""
 
 
 class Orders:
@@ -108,6 +115,8 @@ class Orders:
         spare: int = 0,
         max_delay_ns: int = 0,
         number: int | None = None,
+        streamed: bool = False,
+        video: bool = False,
     ) -> Burst:
         """Order a burst of these cameras, on the rig's grid, for the leader of that run.
 
@@ -115,7 +124,7 @@ class Orders:
         from a leader time in ns on, and may be delayed by `max_delay_ns` to reach the best predicted
         alignment; without a number it gets the next one. Raises what `check_burst` does.
         """
-        goal, first_ns = check_burst(cameras, goal, frames, spacing), at_leader_ns
+        goal, first_ns = check_burst(cameras, goal, frames, spacing, streamed=streamed), at_leader_ns
         if abs(at_leader_ns - now_ns) > MOST_AWAY_NS:
             raise BadInputError(
                 f"a burst at {at_leader_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
@@ -124,15 +133,34 @@ class Orders:
         if max_delay_ns > 0:
             first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, max_delay_ns)
         step_ns = spacing * goal.period_ns
-        spare = max(0, min(spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
+        spare = (
+            0 if streamed else max(0, min(spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
+        )
         instants_ns = burst_instants(goal, first_ns, frames + spare, spacing)
         number = self._bursts = self._bursts + 1 if number is None else number
         for member in cameras:
-            trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, len(instants_ns), spare)
+            count = len(instants_ns)
+            trigger = Trigger(
+                member.number, leader, number, instants_ns[0], step_ns, count, spare, streamed, video
+            )
             self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
         self._busy_until_ns[number] = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
         names = tuple(member.name for member in cameras)
-        return Burst(number, instants_ns, goal.period_ns, at_leader_ns, names, spare)
+        return Burst(number, instants_ns, goal.period_ns, at_leader_ns, names, spare, streamed, video)
+
+    def end(self, burst: Burst, frames: int, cameras: Sequence[Member], leader: int, now_ns: int) -> Burst:
+        """Let a burst that is streamed end after so many frames, and return it as it is then."""
+        instants_ns = burst.instants_ns[:frames]
+        self._orders = [order for order in self._orders if order.trigger.burst != burst.number]
+        for member in (member for member in cameras if member.name in burst.clients):
+            step_ns = burst.instants_ns[1] - burst.instants_ns[0] if len(burst.instants_ns) > 1 else 1
+            first_ns, number = burst.instants_ns[0], burst.number
+            trigger = Trigger(
+                member.number, leader, number, first_ns, step_ns, len(instants_ns), 0, True, burst.video
+            )
+            self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS, again=True))
+        self._busy_until_ns[burst.number] = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
+        return replace(burst, instants_ns=instants_ns)
 
     def cancel(self, burst: Burst, cameras: Sequence[Member], leader: int, now_ns: int) -> None:
         """Take a burst back from those of these cameras that were to take it."""
@@ -157,6 +185,8 @@ class Orders:
                         self._orders.remove(order)
                     return None
                 self._orders.remove(order)
+                if order.again:
+                    return None
                 if ack.refusal:
                     return BurstRefused(member.name, ack.burst, ack.refusal)
                 return BurstAccepted(member.name, ack.burst)
@@ -169,7 +199,7 @@ class Orders:
             if order.member.lost or now_ns >= order.give_up_ns:
                 self._orders.remove(order)
                 reason = order.member.lost or "it does not answer"
-                if order.trigger.count:
+                if order.trigger.count and not order.again:
                     refused.append(BurstRefused(order.member.name, order.trigger.burst, reason))
         return refused
 

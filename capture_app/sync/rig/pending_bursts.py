@@ -5,9 +5,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
+from msgspec.structs import replace
+
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import BurstPicked
-from capture_app.sync.rig.frame_picks import Gap, Pick, RingBuffer, pick_frame, timed_pick
+from capture_app.sync.rig.frame_picks import (
+    NO_FRAME_OF_ITS_OWN,
+    Gap,
+    Pick,
+    RingBuffer,
+    pick_frame,
+    timed_pick,
+)
 from capture_app.sync.rig.phase_loop import CameraGrid
 from capture_app.sync.stamps.frame_stamp import PhaseEstimate, StampError
 from capture_app.sync.wire.messages import Trigger
@@ -16,6 +25,8 @@ F = TypeVar("F")
 
 PATIENCE_PERIODS = 30
 """So long after an instant a camera without frames is waited for."""
+PAUSE_NS = 5_000_000_000
+"""Between two instants that are so far apart a stream may be moved."""
 
 
 @dataclass(slots=True)
@@ -28,7 +39,9 @@ class _PendingBurst(Generic[F]):
     told: int = 0
     """How many instants are."""
     time_map: TimeMap | None = None
-    """By which they were: one burst has one map."""
+    """By which they were: one burst has one map, but for one that is streamed."""
+    last_stamp_ns: int | None = None
+    """Of the last frame that was picked."""
 
     @property
     def over(self) -> int:
@@ -37,12 +50,33 @@ class _PendingBurst(Generic[F]):
 
     @property
     def has_news(self) -> bool:
-        """Whether there is something to tell: spare instants are told one by one, those before together."""
+        """Whether there is something to tell.
+
+        Spare instants are told one by one, those before together; of a burst that is streamed each by itself.
+        """
+        if self.trigger.streamed:
+            return bool(self.picked) or self.over >= self.trigger.count
         return bool(self.picked) and self.over >= self.trigger.count - self.trigger.spare
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Leader times between which the stream should not be moved, in ns."""
+        if self.trigger.streamed and self.trigger.step_ns >= PAUSE_NS:
+            return self.instant_ns(self.over), self.instant_ns(self.over)
+        return self.instant_ns(0), self.instant_ns(self.trigger.count - 1)
 
     def instant_ns(self, instant: int) -> int:
         """Leader time in ns."""
         return self.trigger.first_leader_ns + instant * self.trigger.step_ns
+
+    def once(self, picked: Pick[F] | Gap) -> Pick[F] | Gap:
+        """The same, but a gap where its frame is that of the instant before: one further away is none."""
+        if isinstance(picked, Gap):
+            return picked
+        if picked.stamp_ns == self.last_stamp_ns:
+            return Gap(picked.instant, NO_FRAME_OF_ITS_OWN)
+        self.last_stamp_ns = picked.stamp_ns
+        return picked
 
 
 class PendingBursts(Generic[F]):
@@ -56,16 +90,22 @@ class PendingBursts(Generic[F]):
         """Whether any burst is still to be picked."""
         return bool(self._pending)
 
-    def clear(self) -> None:
-        """Forget all bursts: those of another root are in another time."""
+    def clear(self) -> list[BurstPicked[F]]:
+        """Forget all bursts, as those of another root are in another time; return how those under way end."""
+        under_way = [burst for burst in self._pending.values() if burst.trigger.streamed]
+        ends = [_end(burst, burst.time_map) for burst in under_way if burst.time_map is not None]
         self._pending.clear()
         self._done.clear()
+        return ends
 
     def add(self, trigger: Trigger) -> None:
-        """Add a burst; a trigger that comes again changes nothing."""
+        """Add a burst; a trigger that comes again can only end one that is streamed earlier."""
         key = trigger.leader, trigger.burst
-        if key not in self._done:
-            self._pending.setdefault(key, _PendingBurst(trigger))
+        if key in self._done:
+            return
+        known = self._pending.setdefault(key, _PendingBurst(trigger))
+        if known.trigger.streamed and trigger.count < known.trigger.count:
+            known.trigger = replace(known.trigger, count=max(trigger.count, known.over))
 
     def forget(self, leader: int, burst: int) -> None:
         """Pick nothing more of a burst, also should its trigger come again."""
@@ -74,8 +114,11 @@ class PendingBursts(Generic[F]):
             self._done.append((leader, burst))
 
     def first_before(self, leader_ns: int) -> tuple[int, int] | None:
-        """First and last instant of the earliest burst that has begun, or does before a leader time in ns."""
-        spans = [(b.instant_ns(0), b.instant_ns(b.trigger.count - 1)) for b in self._pending.values()]
+        """First and last instant of the earliest burst that has begun, or does before a leader time in ns.
+
+        Of one with long pauses it is the next instant alone: between two of them the stream may be moved.
+        """
+        spans = [burst.span_ns for burst in self._pending.values() if burst.over < burst.trigger.count]
         return min((span for span in spans if span[0] <= leader_ns), default=None)
 
     def pick_due(
@@ -98,19 +141,20 @@ class PendingBursts(Generic[F]):
             for instant in range(burst.over, burst.trigger.count):
                 if not _is_over(burst.instant_ns(instant), ring, grid, time_map, now_ns):
                     break
-                burst.picked.append(
-                    pick_frame(
-                        ring,
-                        time_map,
-                        instant,
-                        burst.instant_ns(instant),
-                        grid.goal.period_ns,
-                        offset_ns=grid.offset_ns,
-                        stamp_error=stamp_error,
-                    )
+                picked = pick_frame(
+                    ring,
+                    time_map,
+                    instant,
+                    burst.instant_ns(instant),
+                    grid.goal.period_ns,
+                    offset_ns=grid.offset_ns,
+                    stamp_error=stamp_error,
                 )
+                burst.picked.append(burst.once(picked))
             if burst.has_news:
-                due.append(_tell(burst, grid, burst.time_map or time_map, stamp_error, phase))
+                newest = burst.trigger.streamed or burst.time_map is None
+                by = time_map if newest else burst.time_map or time_map
+                due.append(_tell(burst, grid, by, stamp_error, phase))
             if burst.told == burst.trigger.count:
                 self.forget(*key)
         return due
@@ -132,7 +176,7 @@ def _tell(
     phase: Callable[[int], PhaseEstimate | None],
 ) -> BurstPicked[F]:
     """What is new of a burst, with the times by this map."""
-    last_ns = time_map.local_from_leader(burst.instant_ns(burst.over - 1)) - grid.offset_ns
+    last_ns = time_map.local_from_leader(burst.instant_ns(max(0, burst.over - 1))) - grid.offset_ns
     picks = tuple(
         timed_pick(
             pick.frame,
@@ -147,7 +191,28 @@ def _tell(
         if isinstance(pick, Pick)
     )
     gaps = tuple(gap for gap in burst.picked if isinstance(gap, Gap))
-    leader, number, further = burst.trigger.leader, burst.trigger.burst, burst.told > 0
+    further = burst.told > 0
     burst.told, burst.time_map = burst.over, time_map
     burst.picked.clear()
-    return BurstPicked(leader, number, picks, gaps, time_map, phase(last_ns), further)
+    return _event(burst, time_map, phase(last_ns), picks, gaps, further)
+
+
+def _end(burst: _PendingBurst[F], time_map: TimeMap) -> BurstPicked[F]:
+    """That nothing further comes of a burst of which some was told, as its leader is another one."""
+    burst.trigger = replace(burst.trigger, count=burst.told)
+    return _event(burst, time_map, None, (), (), True)
+
+
+def _event(
+    burst: _PendingBurst[F],
+    time_map: TimeMap,
+    phase: PhaseEstimate | None,
+    picks: tuple[Pick[F], ...],
+    gaps: tuple[Gap, ...],
+    further: bool,
+) -> BurstPicked[F]:
+    trigger = burst.trigger
+    streamed = trigger if trigger.streamed else None
+    return BurstPicked(
+        trigger.leader, trigger.burst, picks, gaps, time_map, phase, further, streamed, burst.told
+    )

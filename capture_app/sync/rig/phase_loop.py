@@ -12,6 +12,7 @@ from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
+from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
 from capture_app.sync.stamps.frame_stamp import PhaseEstimate
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.wire.camera_commands import CameraCommand
@@ -53,7 +54,10 @@ class ClientConfig:
     instance: int
     camera: CameraFacts
     tolerance_ns: int
-    ring_frames: int
+    ring_ns: int = RING_NS
+    """How far back its frames are kept, to be picked for a burst in the past."""
+    ring_bytes: int = RING_BYTES
+    """The most memory that they may take."""
     injection_profile: InjectionProfile | None = None
     """What is known from before about what a long frame does to this camera."""
     start_latencies_ns: tuple[int, ...] = ()

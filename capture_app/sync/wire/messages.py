@@ -190,6 +190,10 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     count: int
     spare: int = 0
     """So many of the last frames are wanted only while it is not known that the others will do."""
+    streamed: bool = False
+    """Send the frames as they come; the same burst again with a lower count ends it earlier."""
+    video: bool = False
+    """They go into a video."""
 
 
 class TriggerAck(Struct, frozen=True, tag="trigger-ack"):

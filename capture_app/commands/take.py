@@ -1,0 +1,60 @@
+"""What `burst` and `record` share: they follow a take until it is saved, and judge it."""
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from capture_app.errors import NetworkError, NoCameraHereError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.terminal import talk
+
+if TYPE_CHECKING:
+    from capture_app.node.wire.messages import BurstRequest
+    from capture_app.node.wire.status import BurstStatus
+    from capture_app.session.reading.verdict import Verdict
+
+SAID_EVERY_S = 1.0
+"""How far a take is that goes on for long is said no more often."""
+_FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
+
+
+async def take_burst(
+    leader: Address, request: "BurstRequest", on_status: Callable[["BurstStatus"], None] = lambda _: None
+) -> "BurstStatus":
+    """Take a burst or a recording, tell on stderr how far it is, and return how it ended.
+
+    Raises NetworkError, and the leader's own errors.
+    """
+    from capture_app.node.leader.wording import burst_line
+    from capture_app.node.operator.requests import ask_burst
+
+    last, said, counted_s = None, "", 0.0
+    try:
+        async for last in ask_burst(leader, request):
+            on_status(last)
+            line = burst_line(last)
+            # A figure that changes a little while the rig is waited for is no news.
+            gist = line if last.burst else _FIGURE.sub("", line)
+            waits = last.burst and not last.done and time.monotonic() < counted_s + SAID_EVERY_S
+            if gist != said and not waits:
+                said, counted_s = gist, time.monotonic()
+                talk(line)
+    except NoCameraHereError as error:
+        hint = f"start one with: capture-app node --leader {leader} --camera SPEC"
+        raise NoCameraHereError(error.what, hint=hint) from error
+    if last is None:
+        raise NetworkError(f"the leader at {leader} did not take the burst")
+    return last
+
+
+def judge_if_here(done: "BurstStatus") -> "Verdict | None":
+    """The verdict where the session is on this machine: a leader elsewhere saves it there."""
+    from capture_app.session.reading.reader import Session
+    from capture_app.session.reading.verdict import judge
+
+    try:
+        return None if done.session is None else judge(Session.open(Path(done.session)).manifest)
+    except SimulshotError:
+        return None

@@ -1,0 +1,94 @@
+"""Long bursts and recordings by a rig of processes: every frame is there, however they end."""
+
+import asyncio
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture_app.errors import ExitCode
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+
+from .conftest import PATIENCE_S, Command, Start
+from .test_rig import lead, output
+
+
+async def rig_of_two(start: Start, folder: Path) -> tuple[Command, str]:
+    """Two simulated cameras that drop nothing, of cheap pictures, ready below a leader."""
+    leader, address = await lead(start, folder / "sessions")
+    camera = "sim:phone-a,drops=0,outliers=0,scale=0.1"
+    nodes = [
+        await start("node", "--name", name, "--camera", camera, "--clock", "sim", "--leader", address)
+        for name in ("a", "b")
+    ]
+    await asyncio.gather(*(node.says("ready") for node in nodes))
+    return leader, address
+
+
+async def take(start: Start, *command: str) -> Session:
+    """Take something whole: a starved machine's simulated drivers drop what nobody fetches in time."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            running = await start(*command, "--wait-s", str(PATIENCE_S), "--min-nodes", "2", "--json")
+            printed = await running.finish()
+            assert running.process.returncode in (ExitCode.OK, ExitCode.INCOMPLETE), running.said
+            done: dict[str, Any] = json.loads(printed)
+            session = Session.open(Path(done["session"]))
+            assert verify(session) == []
+            assert len(session.manifest.images) == done["received"]
+            if running.process.returncode == ExitCode.OK:
+                return session
+
+
+async def test_frames_of_long_bursts_and_recordings_are_all_there(start: Start, tmp_path: Path) -> None:
+    _, address = await rig_of_two(start, tmp_path)
+
+    burst = await take(start, "burst", "--leader", address, "--frames", "100")
+    assert len(burst.manifest.images) == 200
+    assert burst.manifest.burst.skipped == ()
+
+    recording = await take(start, "record", "--leader", address, "--seconds", "3", "--note", "a dance")
+    assert [(v.camera, v.frames) for v in recording.manifest.videos] == [("a", 90), ("b", 90)]
+    assert recording.folder.name.startswith("recording-")
+    assert recording.manifest.note == "a dance"
+
+    halved = await take(start, "record", "--leader", address, "--seconds", "1", "--fps", "15")
+    assert len(halved.manifest.burst.instants_ns) == 15
+    odd = await start("record", "--leader", address, "--fps", "20")
+    await odd.finish()
+    assert odd.process.returncode == ExitCode.BAD_INPUT
+    assert "30, 15, 10" in " ".join(odd.said)
+
+
+async def test_a_recording_without_an_end_is_ended_by_a_command_or_ctrl_c(
+    start: Start, tmp_path: Path
+) -> None:
+    leader, address = await rig_of_two(start, tmp_path)
+    began = json.loads(await output(await start("record", "--leader", address, "--detach", "--json")))
+    assert began["recording"]
+    await asyncio.sleep(1.0)
+    await output(await start("record", "--leader", address, "--stop"))
+    await leader.says("saved as")
+    first = Session.open(tmp_path / "sessions/recording-001")
+    assert verify(first) == []
+    assert len(first.manifest.burst.instants_ns) > 20
+
+    running = await start("record", "--leader", address, "--json")
+    await running.says("images")
+    running.process.send_signal(signal.SIGINT)
+    done = json.loads(await running.finish())
+    assert done["done"]
+    assert verify(Session.open(Path(done["session"]))) == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+async def test_300_frames_and_20_seconds_lose_nothing(start: Start, tmp_path: Path) -> None:
+    _, address = await rig_of_two(start, tmp_path)
+    burst = await take(start, "burst", "--leader", address, "--frames", "300")
+    assert len(burst.manifest.images) == 600
+    recording = await take(start, "record", "--leader", address, "--seconds", "20")
+    assert [(v.camera, v.frames) for v in recording.manifest.videos] == [("a", 600), ("b", 600)]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import pytest
 from msgspec import structs
 
+from capture_app.sync.rig.events import BurstAccepted, StrangeTrigger
 from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
 from capture_app.sync.wire.messages import (
@@ -304,3 +305,28 @@ def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None
     newer = answer[:2] + bytes([VERSION + 1]) + answer[3:]
     rig.deliver(newer, LEADER, rig.nodes["a"].address)
     assert f"version {VERSION + 1}" in rig.nodes["a"].client.time.why_joining
+
+
+def test_a_trigger_of_a_leader_that_does_not_exist_is_refused_counted_and_told_once() -> None:
+    rig = running("a")
+    node, (number, _, _) = rig.nodes["a"], numbers(rig, "a")
+    events = list(iter(node.client.next_event, None))
+    for burst in range(10):
+        node.client.receive_datagram(encode(Trigger(number, 6, burst, 0, 33_333_333, 3)), rig.now_ns)
+    assert not node.client.has_burst_pending
+    assert node.client.strange_triggers == 10
+    events = list(iter(node.client.next_event, None))
+    assert events == [StrangeTrigger(6, 0)]
+
+
+def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None:
+    rig = running("a")
+    rig.tamper = lambda *_: []
+    rig.engine.trigger(rig.now_ns, frames=1)
+    number, _, _ = numbers(rig, "a")
+    list(iter(rig.engine.next_event, None))
+    node = rig.nodes["a"]
+    rig.engine.receive_datagram(encode(TriggerAck(number, 6, 1)), node.address, rig.now_ns, node.speaker)
+    assert rig.engine.next_event() is None
+    rig.engine.receive_datagram(encode(TriggerAck(number, 5, 1)), node.address, rig.now_ns, node.speaker)
+    assert rig.engine.next_event() == BurstAccepted("a", 1)

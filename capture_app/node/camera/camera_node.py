@@ -250,7 +250,8 @@ class CameraNode:
             self._uploader.cancel_burst(event.leader, event.burst)
         if isinstance(event, events.Joined):
             leader = Address(self._failover.leader[0], event.transfer_port)
-            self._uploader.set_leader(leader)
+            assert self._engine.time.terms is not None, "it has joined"
+            self._uploader.set_leader(leader, self._engine.time.terms.path[0])
             self._viewfinder.set_leader(leader)
             self._journal.forget_samples()
             self._beacons.follow(event.beacons, leader.host)
@@ -260,6 +261,8 @@ class CameraNode:
         self._events.append(line)
         if isinstance(event, events.LeaderLost | events.JoinRefused | events.AlignmentFailed):
             self._talk(f"{line['event']}: {event.reason}")
+        if isinstance(event, events.StrangeTrigger):
+            self._talk(f"refused a trigger for burst {event.burst}: it is not of the leader that is followed")
         if isinstance(event, ClockRateUnusual):
             self._talk(node_message.fast_clock(event.fast_ppm))
         elif isinstance(event, StepRefused):

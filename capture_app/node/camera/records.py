@@ -112,6 +112,8 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
             return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
         case clock_events.ReferenceCorrectionEnded():
             return {"event": "reference-correction-ended"}
+        case events.StrangeTrigger():
+            return {"event": "strange-trigger", "leader": event.leader, "burst": event.burst}
         case events.FramesDropped():
             return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
         case events.PhaseCorrected(command, before):

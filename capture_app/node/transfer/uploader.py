@@ -51,6 +51,7 @@ class Uploader:
         self._opening = NodeStream(camera=camera, instance=instance)
         self.spool = spool
         self.leader: Address | None = None
+        self._run: int | None = None
         self._retry_s = retry_s
         self._waiting: deque[BurstUpload] = deque()
         self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
@@ -134,12 +135,15 @@ class Uploader:
         if self.spool is not None:
             self.spool.close()
 
-    def set_leader(self, leader: Address) -> None:
-        """Send images to that address from now on; what was refused before is offered again."""
+    def set_leader(self, leader: Address, run: int | None = None) -> None:
+        """Send images to that address from now on; what was refused before is offered again.
+
+        `run` is the leader's, of whose bursts alone it may say that they are to be forgotten.
+        """
         if leader != self.leader and self._stream is not None:
             # Nobody may ever close the stream to a relay whose plug was pulled.
             self._stream.abort()
-        self.leader = leader
+        self.leader, self._run = leader, run
         self._waiting.extendleft(reversed(self._refused))
         self._refused.clear()
         self._space_is_due = True
@@ -222,7 +226,8 @@ class Uploader:
         except PausedError:
             self._waiting.rotate(-1)
             return
-        if refusal is None or refusal.forget:
+        forget = refusal is not None and refusal.forget and burst.report.leader == self._run
+        if refusal is None or forget:
             burst.end()
         if refusal is None:
             if burst.spooled is not None:
@@ -231,7 +236,7 @@ class Uploader:
         else:
             burst.frames.clear()
             kept = ""
-            if burst.spooled is not None and refusal.forget:
+            if burst.spooled is not None and forget:
                 await asyncio.to_thread(burst.spooled.remove)
             elif burst.spooled is not None:
                 self._refused.append(burst)

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError, SimulshotError
+from capture_app.session.exchange.export_record import ExportRecord, write_record
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Progress
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
@@ -59,6 +60,8 @@ def export_session(
     try:
         with output:
             notes = write(burst, output.folder, options)
+            record = ExportRecord(format=name, manifest=session.manifest, calibration=session.calibration())
+            write_record(output.folder, record)
     except OSError as error:
         what = f"cannot write {error.filename or out}: {error.strerror or error}"
         raise SimulshotError(what, hint="nothing was exported") from error

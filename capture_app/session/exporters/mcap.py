@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from capture_app.session.exchange.foxglove import descriptor_set, message_class
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.optional_packages import load_package
@@ -14,9 +15,8 @@ from capture_app.session.exporters.common.poses import (
     rotation_of,
 )
 from capture_app.session.exporters.common.tables import Frame, unit_note, write_frames
-from capture_app.session.exporters.foxglove import descriptor_set, message_class
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
-from capture_app.session.format.manifest import MANIFEST, ImageRecord
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
 
@@ -25,7 +25,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
     log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
-    and PNG as PNG. The manifest is attached.
+    and PNG as PNG. The manifest and the calibration are attached.
     """
     writer_module = load_package("mcap.writer", "MCAP")
     calibration = None if burst.session.calibration() is None else burst.calibration("MCAP")
@@ -45,8 +45,9 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
                 recording.add_image(burst, image)
                 frames.append(Frame(image.camera, instant, file, len(frames), image))
             writer.flush()
-        manifest = (burst.session.folder / MANIFEST).read_bytes()
-        writer.add_attachment(0, 0, MANIFEST, "application/json", manifest)
+        for name in (MANIFEST, CALIBRATION) if calibration else (MANIFEST,):
+            data = (burst.session.folder / name).read_bytes()
+            writer.add_attachment(0, 0, name, "application/json", data)
         shift = {"session": burst.name, "log_time_zero_leader_ns": str(recording.zero_ns)}
         writer.add_metadata("simulshot", shift)
         writer.finish()

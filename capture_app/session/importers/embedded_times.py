@@ -74,6 +74,9 @@ def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, ND
     Frames that do not decode are left out. Raises BadInputError for what is no video.
     """
     av = _pyav()
+    scaler = av.video.reformatter.Interpolation
+    # Without accurate rounding every picture comes out darker by a level and more.
+    rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
@@ -85,7 +88,7 @@ def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, ND
                 for frame in frames:
                     at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
                     if at_ns is not None and at_ns in wanted:
-                        image = frame.to_ndarray(format="bgr24")
+                        image = frame.to_ndarray(format="bgr24", interpolation=rounding)
                         yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
     except av.FFmpegError as error:
         raise BadInputError(f"{path} is not a video that can be decoded: {error}") from error

@@ -5,6 +5,7 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 from capture_app.errors import BadInputError
 
@@ -20,6 +21,8 @@ class TimedFrame:
     index: int
     leader_ns: int
     local_ns: int | None = None
+    further: Mapping[str, Any] = field(default_factory=dict)
+    """Other fields of its ImageRecord that the recording knows."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,17 +4,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
 from capture_app.session.importers.clock_state import clock_state
 from capture_app.session.importers.embedded_times import TimeSource
-from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, with_own_times
-from capture_app.session.importers.layouts.recognition import Layout, recognize_layout
+from capture_app.session.importers.frame_matching import Instant, Timeline, with_own_times
+from capture_app.session.importers.layouts.exported import calibration_of_record
+from capture_app.session.importers.layouts.layout import Layout
+from capture_app.session.importers.layouts.recognition import recognize_layout
 from capture_app.session.importers.open_sources import open_sources, split_name
+from capture_app.session.importers.records import (
+    burst_record,
+    camera_records,
+    missing_images,
+    origin_of,
+)
 from capture_app.session.importers.sources import Source
 from capture_app.session.importers.time_source import TimeOptions, make_timeline
 from capture_app.session.reading.reader import Session
@@ -26,8 +32,6 @@ Progress = Callable[[int, int], None]
 
 Talk = Callable[[str], None]
 """Called with a line for each assumption."""
-
-_NO_FRAME = "the recording has no frame of it"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +49,8 @@ class ImportOptions(TimeOptions):
     unit: str | None = None
     fit: Fit = Fit.EXACT
     note: str = ""
+    recording: str | None = None
+    """Which of several recordings in a program's folder."""
 
 
 def import_recording(
@@ -60,11 +66,10 @@ def import_recording(
     Raises BadInputError for anything that cannot be used; no session is left behind then.
     """
     check_name(name, "session")
-    layout = _layout(paths)
+    layout = _layout(paths, options, talk)
     if layout is not None:
-        talk(f"{layout.videos} is of {layout.program}")
-        paths, options = [str(layout.videos)], _with_layout(layout, options)
-    sources = open_sources(paths, png=options.png)
+        options = _with_layout(layout, options)
+    sources = open_sources(paths, png=options.png) if layout is None else layout.sources
     common = clock_state(sources, options)
     timeline = make_timeline(sources, options, talk)
     if common is not None and common.unknown:
@@ -73,50 +78,64 @@ def import_recording(
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
-    views = read_views(places, names) if places else None
-    with OutputFolder(root / name, replaces_nothing) as output, SessionWriter(output.folder, name) as writer:
+    views = read_views(places, names) if places else layout.views if layout else None
+    # Other times than its own would contradict the rest of an exported session's record.
+    taken = layout.record.manifest if layout and layout.record and timeline is layout.timeline else None
+    with (
+        OutputFolder(root / name, replaces_nothing) as output,
+        SessionWriter(output.folder, name, taken.created if taken else "") as writer,
+    ):
         sizes = _write_images(writer, sources, instants, options, progress)
-        cameras = [
-            CameraRecord(
-                name=source.name,
-                facts=CameraFacts(
-                    kind="imported",
-                    model=source.kind,
-                    width=sizes[source.name][0],
-                    height=sizes[source.name][1],
-                    period_ns=timeline.camera_periods_ns[source.name],
-                    timestamp_source=TimestampSource.UNKNOWN,
-                    phase_control=PhaseControl.NONE,
-                ),
-            )
-            for source in sources
-        ]
         if views is not None:
             writer.set_calibration(fit_calibration(views, sizes, unit=options.unit, fit=options.fit))
-        times_ns = tuple(instant.leader_ns for instant in instants)
-        burst = BurstRecord(instants_ns=times_ns, period_ns=timeline.period_ns, common_times=common)
-        writer.finish(cameras, burst, _missing(writer, names, instants), "imported", options.note)
+        elif layout is not None and layout.record is not None:
+            exported = calibration_of_record(layout.record, sizes)
+            if exported is not None:
+                writer.set_calibration(exported)
+        writer.finish(
+            camera_records(sources, sizes, timeline, taken),
+            burst_record(instants, timeline, common, taken),
+            missing_images(writer, names, instants, taken),
+            origin_of(writer, instants, taken),
+            options.note or (taken.note if taken else ""),
+        )
     return Session.open(root / name)
 
 
-def _layout(paths: Sequence[str]) -> Layout | None:
+def _layout(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout | None:
     if len(paths) != 1:
         return None
     name, path = split_name(paths[0])
-    return None if name else recognize_layout(path)
+    layout = None if name else recognize_layout(path, png=options.png, recording=options.recording)
+    if layout is None or (layout.record is not None and _says_times(options)):
+        return None
+    talk(f"{layout.path} is of {layout.program}")
+    if layout.remark:
+        talk(layout.remark)
+    if layout.record is not None and options.offsets_ms:
+        raise BadInputError(
+            f"{path} has the times of its session, which --time-shift-ms would contradict",
+            hint="import it without, and give reconstruct --time-shift-ms",
+        )
+    return layout
 
 
 def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
     """The options, with what the folder knows where the user says nothing else."""
-    said_nothing = options.fps is None and options.timestamps is None and options.times is TimeSource.AUTO
     calibrated = bool(options.calibration) or layout.calibration is None
     return replace(
         options,
         synchronized=options.synchronized or layout.same_frames,
-        timestamps=layout.timestamps if said_nothing else options.timestamps,
+        known=layout.timeline,
+        timestamps=options.timestamps if _says_times(options) else layout.timestamps,
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,
     )
+
+
+def _says_times(options: ImportOptions) -> bool:
+    """Whether the user says where the times come from."""
+    return bool(options.fps or options.timestamps or options.times is not TimeSource.AUTO)
 
 
 def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
@@ -138,44 +157,31 @@ def _write_images(
 ) -> dict[str, tuple[int, int]]:
     """Save the frames of all instants; width and height in pixels by camera."""
     ms = options.uncertainty_ms
-    uncertainty_ns = None if ms is None else round(ms * 1e6)
+    said = {} if ms is None else {"uncertainty_ns": round(ms * 1e6)}
     total, done = sum(len(instant.frames) for instant in instants), 0
     sizes: dict[str, tuple[int, int]] = {}
     for source in sources:
-        wanted: dict[int, tuple[int, TimedFrame]] = {
-            instant.frames[source.name].index: (number, instant.frames[source.name])
-            for number, instant in enumerate(instants)
-            if source.name in instant.frames
-        }
+        wanted: dict[int, list[int]] = {}
+        for number, instant in enumerate(instants):
+            if source.name in instant.frames:
+                wanted.setdefault(instant.frames[source.name].index, []).append(number)
         for index, data, size in source.frames(sorted(wanted)):
             if sizes.setdefault(source.name, size) != size:
                 raise BadInputError(f"{source.path} has images of {sizes[source.name]} and of {size} pixels")
-            number, frame = wanted[index]
-            writer.add_image(
-                data,
-                camera=source.name,
-                instant=number,
-                suffix=source.suffix,
-                leader_ns=frame.leader_ns,
-                local_ns=frame.local_ns,
-                residual_ns=frame.leader_ns - instants[number].leader_ns,
-                uncertainty_ns=uncertainty_ns,
-                sequence=index,
-            )
+            for number in wanted[index]:
+                instant, frame = instants[number], instants[number].frames[source.name]
+                known = {"local_ns": frame.local_ns, "sequence": index, **frame.further, **said}
+                writer.add_image(
+                    data,
+                    camera=source.name,
+                    instant=number,
+                    suffix=source.suffix,
+                    leader_ns=frame.leader_ns,
+                    residual_ns=frame.leader_ns - instant.leader_ns,
+                    **known,
+                )
             done += 1
             progress(done, total)
         if source.name not in sizes:
             raise BadInputError(f"{source.path} has no frame at any of the {len(instants)} instants")
     return sizes
-
-
-def _missing(writer: SessionWriter, names: Sequence[str], instants: Sequence[Instant]) -> list[MissingImage]:
-    missing = []
-    for number, instant in enumerate(instants):
-        for name in names:
-            if writer.image(name, number):
-                continue
-            unreadable = "the frame could not be decoded" if name in instant.frames else _NO_FRAME
-            reason = instant.why_missing.get(name, unreadable)
-            missing.append(MissingImage(camera=name, instant=number, reason=reason))
-    return missing

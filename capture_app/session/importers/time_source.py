@@ -29,6 +29,8 @@ class TimeOptions:
     """Frames of the same number are of one instant; of videos without a rate given, at their own."""
     uncertainty_ms: float | None = None
     """The 95 % error of the times, as the user says."""
+    known: Timeline | None = None
+    """The times that the recording's program wrote."""
 
 
 def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
@@ -54,6 +56,8 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callabl
     if options.times is not TimeSource.AUTO:
         frames = {source.name: _own(source, options.times, talk) for source in sources}
         return _by_times("the recording", frames, options)
+    if options.known is not None:
+        return _shifted(options.known, options, "the recording")
     recorded = {source.name: times for source in sources if (times := source.embedded_times()) is not None}
     if len(recorded) == len(sources):
         for remark in filter(None, (source.remark for source in sources)):

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig import node_message
-from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined
+from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined, StrangeTrigger
 from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
 from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.pending_bursts import PendingBursts
@@ -67,7 +67,10 @@ class Client(Generic[F]):
         """Its membership and its clock."""
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes, size_of)
         self.failure = ""
+        self.strange_triggers = 0
+        """How many triggers came of a leader that is not the one that is followed."""
         self._root: int | None = None
+        self._stranger: int | None = None
         self._bursts: PendingBursts[F] = PendingBursts()
         self._events: deque[ClientEvent[F]] = deque()
 
@@ -144,7 +147,10 @@ class Client(Generic[F]):
             case HeartbeatAck() if self.time.is_addressed(message) and self._phase_loop.note_answer():
                 self._align(now_ns)
             case Trigger() if self.time.is_addressed(message):
-                self._take_trigger(message)
+                if message.leader == self._root:
+                    self._take_trigger(message)
+                else:
+                    self._note_strange_trigger(message)
             case _:
                 pass
 
@@ -249,6 +255,13 @@ class Client(Generic[F]):
             self.time.report_at_once()
         while (event := self._phase_loop.next_event()) is not None:
             self._events.append(event)
+
+    def _note_strange_trigger(self, trigger: Trigger) -> None:
+        """Let a trigger of a leader that is not followed be, and tell the first of each such leader."""
+        self.strange_triggers += 1
+        if trigger.leader != self._stranger:
+            self._stranger = trigger.leader
+            self._events.append(StrangeTrigger(trigger.leader, trigger.burst))
 
     def _take_trigger(self, trigger: Trigger) -> None:
         refusal = ""

@@ -112,6 +112,15 @@ class BurstCancelled:
     """Its number within that run."""
 
 
+@dataclass(frozen=True, slots=True)
+class StrangeTrigger:
+    """A trigger was refused: the leader that is to have ordered it is not the one that is followed."""
+
+    leader: int
+    """That leader's run, as the trigger says."""
+    burst: int
+
+
 ClientEvent = (
     Joined
     | JoinRefused
@@ -122,6 +131,7 @@ ClientEvent = (
     | AlignmentFailed
     | BurstPicked[F]
     | BurstCancelled
+    | StrangeTrigger
 )
 
 

@@ -178,7 +178,8 @@ class Orders:
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
         """Note a member's answer; None where it had answered before, or the order has expired."""
         for order in self._orders:
-            if order.member is member and order.trigger.burst == ack.burst:
+            of = order.trigger.leader, order.trigger.burst
+            if order.member is member and of == (ack.leader, ack.burst):
                 if not order.trigger.count:
                     # An answer to the burst itself may still be on its way.
                     if ack.refusal == CANCELLED:

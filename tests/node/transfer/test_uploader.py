@@ -89,7 +89,7 @@ async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -
     async with serving(serve, ToLeader) as leader:
         uploader = Uploader("a", 1, said.append, spool, retry_s=(0.0,))
         uploader.load_spool()
-        uploader.set_leader(leader)
+        uploader.set_leader(leader, 1)
         task = asyncio.create_task(uploader.run())
         try:
             yield uploader

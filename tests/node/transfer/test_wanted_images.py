@@ -116,3 +116,20 @@ async def test_a_burst_that_was_cancelled_while_the_node_was_away_is_deleted(tmp
         uploader.add_burst(burst_upload(*pictures(1)))
         await until(lambda: any("was cancelled" in line for line in said))
         await until(lambda: not list((tmp_path / "a").iterdir()))
+
+
+async def test_only_the_leader_that_ordered_a_burst_can_have_it_deleted(tmp_path: Path) -> None:
+    def refuse(_: CameraReport) -> Refusal:
+        return Refusal(what="burst 1 was cancelled", forget=True)
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel, refuse):
+            raise AssertionError("nothing is wanted")
+
+    said: list[str] = []
+    async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
+        assert uploader.leader is not None
+        uploader.set_leader(uploader.leader, 2)
+        uploader.add_burst(burst_upload(*pictures(1)))
+        await until(lambda: any("its images stay in" in line for line in said))
+        assert [file.name for file in (tmp_path / "a").glob("*/*.jpg")] == ["000000.jpg"]

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST
 from tests.session.exporters.conftest import GRID, Export, Make, calibrated
 
 
@@ -53,8 +53,8 @@ def test_images_calibrations_and_times(make: Make, export: Export, tmp_path: Pat
                 assert rotation == pytest.approx(np.array(truth.rotation).T, abs=1e-12)
                 centre = [content.translation.x, content.translation.y, content.translation.z]
                 assert centre == pytest.approx(-rotation @ np.array(truth.translation), abs=1e-12)
-        (attachment,) = reader.iter_attachments()
-        assert attachment.data == (session.folder / MANIFEST).read_bytes()
+        attached = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
+        assert attached == {name: (session.folder / name).read_bytes() for name in (MANIFEST, CALIBRATION)}
     assert seen == set(images.values())
 
 

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.names import natural_order
+from capture_app.session.exchange.export_record import FRAMES
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.poses import distortion_of, matrix_of, rodrigues, rotation_of
 from capture_app.session.format.calibration import METRES, Calibration
 from capture_app.session.format.manifest import ImageRecord
-
-FRAMES = "frames.csv"
-"""In every export: where each image is in the export, with its time in ns of the leader's clock."""
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")

@@ -1,56 +1,41 @@
-"""Recognizes recording folders of Caliscope and FreeMoCap by their files."""
+"""Recognizes recording folders of other programs, and our own exports, by their files."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.importers.sources import VIDEO_SUFFIXES
+from capture_app.session.exchange.export_record import RECORD
+from capture_app.session.importers.layouts.layout import Layout
 
-_TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
-_SYNCHRONIZED = ("synchronized_videos", "SyncedVideos")
-_UP = 3
-"""How many folders above a recording Caliscope's workspace may be, with the recording's own."""
+MCAP = ".mcap"
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Where a program's folder has its videos, and its times and calibration if there are any."""
+def recognize_layout(path: Path, *, png: bool = False, recording: str | None = None) -> Layout | None:
+    """The layout of a folder or an .mcap file, or None.
 
-    program: str
-    videos: Path
-    timestamps: Path | None = None
-    same_frames: bool = False
-    """Frames of the same number are of one instant, at the videos' own rate."""
-    calibration: Path | None = None
-    unit: str | None = None
+    `recording` names one of several in it; `png` as of `Video`. Raises BadInputError where it has several.
+    """
+    if path.suffix.lower() == MCAP and path.is_file():
+        from capture_app.session.importers.layouts.mcap import mcap
 
-
-def recognize_layout(folder: Path) -> Layout | None:
-    """The layout of a folder, or None. Raises BadInputError for a workspace of several recordings."""
-    if not folder.is_dir():
+        return mcap(path)
+    if not path.is_dir():
         return None
-    for name in _SYNCHRONIZED:
-        if (folder / name).is_dir():
-            found = sorted(folder.glob("*camera_calibration.toml"))
-            calibration = found[0] if found else None
-            unit = "mm" if calibration else None
-            return Layout("FreeMoCap", folder / name, same_frames=True, calibration=calibration, unit=unit)
-    if (folder / _TABLE).is_file() and _has_videos(folder):
-        arrays = (parent / _ARRAY for parent in (folder, *folder.resolve().parents[: _UP - 1]))
-        array = next((path for path in arrays if path.is_file()), None)
-        return Layout("Caliscope", folder, timestamps=folder / _TABLE, calibration=array)
-    if (folder / _ARRAY).is_file() and (folder / _RECORDINGS).is_dir():
-        inner = [path for path in sorted((folder / _RECORDINGS).iterdir()) if (path / _TABLE).is_file()]
-        inner = [path for path in inner if _has_videos(path)]
-        if len(inner) == 1:
-            return recognize_layout(inner[0])
-        what = "without a recording: none with videos and their timestamps.csv"
-        if inner:
-            what = f"of several recordings: {', '.join(path.name for path in inner)}"
-        hint = f"name one: {folder / _RECORDINGS}/NAME"
-        raise BadInputError(f"{folder} is a Caliscope workspace {what}", hint=hint)
-    return None
+    if (path / RECORD).is_file():
+        from capture_app.session.importers.layouts.exported import exported
 
+        return exported(path, png=png)
+    from capture_app.session.importers.layouts.caliscope import caliscope
+    from capture_app.session.importers.layouts.freemocap import freemocap
+    from capture_app.session.importers.layouts.opencap import opencap
 
-def _has_videos(folder: Path) -> bool:
-    return any(path.suffix.lower() in VIDEO_SUFFIXES for path in folder.iterdir() if path.is_file())
+    found = (
+        freemocap(path, png=png)
+        or caliscope(path, png=png, recording=recording)
+        or opencap(path, png=png, recording=recording)
+    )
+    if found is None and recording is not None:
+        raise BadInputError(
+            f"{path} is not of a program that keeps several recordings in a folder",
+            hint="--recording is for Caliscope, OpenCap and RecSync",
+        )
+    return found

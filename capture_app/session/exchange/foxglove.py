@@ -7,7 +7,7 @@ Rerun reads them in this encoding only.
 from functools import cache
 from typing import Any
 
-from capture_app.session.exporters.common.optional_packages import load_package
+from capture_app.optional_packages import load_optional
 
 _DOUBLE, _STRING, _BYTES, _FIXED32 = 1, 9, 12, 7  # google.protobuf.FieldDescriptorProto.Type
 _TIME = ".google.protobuf.Timestamp"
@@ -39,8 +39,8 @@ _USES = {"FrameTransform": ("Vector3", "Quaternion")}
 
 def descriptor_set(name: str) -> bytes:
     """The schema of a message, as MCAP wants it: a FileDescriptorSet with all that the message uses."""
-    files = load_package("google.protobuf.descriptor_pb2", "MCAP").FileDescriptorSet()
-    timestamp = load_package("google.protobuf.timestamp_pb2", "MCAP")
+    files = load_optional("google.protobuf.descriptor_pb2", "export", "MCAP").FileDescriptorSet()
+    timestamp = load_optional("google.protobuf.timestamp_pb2", "export", "MCAP")
     timestamp.DESCRIPTOR.CopyToProto(files.file.add())
     for used in (*_USES.get(name, ()), name):
         files.file.add().CopyFrom(_file(used))
@@ -50,16 +50,16 @@ def descriptor_set(name: str) -> bytes:
 @cache
 def message_class(name: str) -> Any:
     """The class of a message, such as CompressedImage."""
-    pool = load_package("google.protobuf.descriptor_pool", "MCAP").DescriptorPool()
-    files = load_package("google.protobuf.descriptor_pb2", "MCAP").FileDescriptorSet
+    pool = load_optional("google.protobuf.descriptor_pool", "export", "MCAP").DescriptorPool()
+    files = load_optional("google.protobuf.descriptor_pb2", "export", "MCAP").FileDescriptorSet
     for file in files.FromString(descriptor_set(name)).file:
         pool.Add(file)
-    factory = load_package("google.protobuf.message_factory", "MCAP")
+    factory = load_optional("google.protobuf.message_factory", "export", "MCAP")
     return factory.GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{name}"))
 
 
 def _file(name: str) -> Any:
-    file = load_package("google.protobuf.descriptor_pb2", "MCAP").FileDescriptorProto(
+    file = load_optional("google.protobuf.descriptor_pb2", "export", "MCAP").FileDescriptorProto(
         name=f"foxglove/{name}.proto", package="foxglove", syntax="proto3"
     )
     if _TIME in _MESSAGES[name].values():

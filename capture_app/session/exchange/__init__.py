@@ -1,0 +1,1 @@
+"""What importers and exporters both speak: the record in an export, and Foxglove's messages."""

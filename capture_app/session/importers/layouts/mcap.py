@@ -1,0 +1,202 @@
+"""MCAP: the compressed images of Foxglove's schema, its calibrations and transforms, a camera a topic.
+
+docs.foxglove.dev, "Message schemas": CompressedImage, CameraCalibration, and FrameTransform, which is where
+the child is in the parent's coordinates. Files of our own have the session's manifest and calibration
+attached as well, and are that session again.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from capture_app.errors import BadInputError
+from capture_app.names import is_name, name_like
+from capture_app.optional_packages import load_optional
+from capture_app.session.exchange.export_record import ExportRecord
+from capture_app.session.exchange.foxglove import message_class
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.checks import check_references
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST, Manifest
+from capture_app.session.importers.calibrations.camera_views import View, Views, from_quaternion
+from capture_app.session.importers.frame_matching import TimedFrame, timeline_by_times
+from capture_app.session.importers.layouts.exported import layout_of_record
+from capture_app.session.importers.layouts.layout import Layout
+from capture_app.session.importers.sources import Source
+from capture_app.session.reading.decoding import image_size
+
+_IMAGE, _LENS, _POSE = (
+    f"foxglove.{name}" for name in ("CompressedImage", "CameraCalibration", "FrameTransform")
+)
+_SUFFIXES = {"jpeg": ".jpg", "jpg": ".jpg", "png": ".png"}
+
+
+@dataclass
+class _Topic:
+    """The images of one topic: what they are, and each one's number and time in ns."""
+
+    frame_id: str
+    format: str
+    sequences: list[int] = field(default_factory=list)
+    times_ns: list[int] = field(default_factory=list)
+
+
+class McapImages(Source):
+    """The images of one topic, byte for byte, in the order of the file."""
+
+    kind = "MCAP"
+    numbered = False
+
+    def __init__(self, name: str, path: Path, topic: str, format_: str, count: int) -> None:
+        self.name, self.path, self._topic = name, path, topic
+        self.numbers = range(count)
+        if format_ not in _SUFFIXES:
+            raise BadInputError(f"{path}: {topic} has images of format {format_!r}; JPEG and PNG are read")
+        self.suffix = _SUFFIXES[format_]
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        wanted = set(indices)
+        with _reader(self.path) as reader:
+            for index, (_, _, message) in enumerate(_messages(reader, [self._topic])):
+                if index in wanted:
+                    data = bytes(_decode(_IMAGE, message.data).data)
+                    size = image_size(data)
+                    if size is None:
+                        raise BadInputError(f"{self.path}: {self._topic} has an image that cannot be decoded")
+                    yield index, data, size
+
+
+def mcap(path: Path) -> Layout:
+    """The cameras of an .mcap. Raises BadInputError where it has no images that can be read."""
+    lenses: dict[str, Any] = {}
+    poses: dict[str, Any] = {}
+    topics: dict[str, _Topic] = {}
+    with _reader(path) as reader:
+        attached = {one.name: one.data for one in reader.iter_attachments()}
+        for schema, channel, message in _messages(reader, None):
+            if schema is None or channel.message_encoding != "protobuf":
+                continue
+            if schema.name == _IMAGE:
+                _add(topics, channel.topic, message)
+            elif schema.name == _LENS:
+                lens = _decode(_LENS, message.data)
+                lenses[lens.frame_id] = lens
+            elif schema.name == _POSE:
+                pose = _decode(_POSE, message.data)
+                poses[pose.child_frame_id] = pose
+    if not topics:
+        raise BadInputError(
+            f"{path} has no {_IMAGE} in protobuf", hint="images of other schemas are not read"
+        )
+    names = _names(topics)
+    sources = [
+        McapImages(name, path, topic, topics[topic].format, len(topics[topic].times_ns))
+        for topic, name in names.items()
+    ]
+    if MANIFEST in attached:
+        places = {
+            (name, number): index
+            for topic, name in names.items()
+            for index, number in enumerate(topics[topic].sequences)
+        }
+        return layout_of_record(path, _record(path, attached), sources, places)
+    times = {
+        name: sorted(
+            (TimedFrame(n, at_ns) for n, at_ns in enumerate(topics[topic].times_ns)),
+            key=lambda frame: frame.leader_ns,
+        )
+        for topic, name in names.items()
+    }
+    return Layout(
+        program="MCAP",
+        path=path,
+        sources=tuple(sources),
+        timeline=timeline_by_times(str(path), times),
+        views=_views(path, {topics[topic].frame_id: name for topic, name in names.items()}, lenses, poses),
+    )
+
+
+def _add(topics: dict[str, _Topic], topic: str, message: Any) -> None:
+    image = _decode(_IMAGE, message.data)
+    of = topics.setdefault(topic, _Topic(image.frame_id, image.format.lower()))
+    at_ns = image.timestamp.seconds * 1_000_000_000 + image.timestamp.nanos
+    of.sequences.append(message.sequence)
+    of.times_ns.append(at_ns or message.log_time)
+
+
+def _names(topics: Mapping[str, _Topic]) -> dict[str, str]:
+    """Each topic's camera: its frame_id where that is a name and no other topic's."""
+    ids = [topic.frame_id for topic in topics.values()]
+    return {
+        name: of.frame_id
+        if is_name(of.frame_id) and ids.count(of.frame_id) == 1
+        else name_like(name.strip("/"), f"camera{number}")
+        for number, (name, of) in enumerate(topics.items())
+    }
+
+
+def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
+    try:
+        manifest = msgspec.json.decode(attached[MANIFEST], type=Manifest)
+        calibration = None
+        if CALIBRATION in attached:
+            calibration = msgspec.json.decode(attached[CALIBRATION], type=Calibration)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path}: what is attached is not a session's: {error}") from error
+    check_references(path / MANIFEST, manifest)
+    return ExportRecord(format="mcap", manifest=manifest, calibration=calibration)
+
+
+def _views(
+    path: Path, names: Mapping[str, str], lenses: Mapping[str, Any], poses: Mapping[str, Any]
+) -> Views | None:
+    """The calibration, where every camera has a lens and a place in the same coordinates."""
+    known = set(names) & set(lenses) & set(poses)
+    if known != set(names) or len({poses[one].parent_frame_id for one in known}) != 1:
+        return None
+    return Views({names[one]: _view(path, lenses[one], poses[one]) for one in names}, path.name, "m")
+
+
+def _view(path: Path, lens: Any, pose: Any) -> View:
+    where = f"{path}: {lens.frame_id}"
+    if len(lens.K) != 9:
+        raise BadInputError(f"{where} has a calibration without K")
+    q, at = pose.rotation, pose.translation
+    rotation = from_quaternion(where, (q.w, q.x, q.y, q.z)).T
+    return View(
+        matrix=np.array(lens.K).reshape(3, 3),
+        distortion=np.array(lens.D or [0.0] * 5),
+        rotation=rotation,
+        translation=-rotation @ np.array([at.x, at.y, at.z]),
+        size=(lens.width, lens.height),
+    )
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    exceptions = load_optional("mcap.exceptions", "export", "MCAP")
+    try:
+        with path.open("rb") as stream:
+            yield load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+    except (exceptions.McapError, ValueError) as error:
+        raise BadInputError(f"{path} is not an intact MCAP: {error}") from error
+
+
+def _messages(reader: Any, topics: Sequence[str] | None) -> Iterator[Any]:
+    """Schema, channel and message, in the order of the file."""
+    return iter(reader.iter_messages(topics=topics, log_time_order=False))
+
+
+def _decode(name: str, data: bytes) -> Any:
+    errors = load_optional("google.protobuf.message", "export", "MCAP")
+    try:
+        return message_class(name.partition(".")[2]).FromString(data)
+    except errors.DecodeError as error:
+        raise ValueError(f"a {name} that cannot be decoded: {error}") from error

@@ -235,8 +235,9 @@ def import_command(
     """Import a recording as a session. SOURCE is NAME=PATH of each camera, or a folder of cameras.
 
     A camera is a folder of images, which are copied unchanged, a video file, or a folder written by
-    libsoftwaresync or RecSync on a phone. Caliscope and FreeMoCap folders are recognized, with their times
-    and calibration.
+    libsoftwaresync, RecSync or RecSyncNG on a phone. Folders of Caliscope, FreeMoCap and OpenCap are recognized,
+    with their times and calibration, and so are .mcap files and the exports that this program makes for COLMAP,
+    nerfstudio, Pose2Sim and others, which become the session again that they were made of.
     """
     from capture_app.session.importers.calibrations.reading import Fit
     from capture_app.session.importers.embedded_times import TimeSource

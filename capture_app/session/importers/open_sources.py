@@ -6,13 +6,14 @@ from pathlib import Path
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, is_name, natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importers.phones import PhoneVideo, has_table, is_phone, phone
+from capture_app.session.importers.phones import PhoneVideo, is_phone, phone, table_of
 from capture_app.session.importers.sources import VIDEO_SUFFIXES, ImageFolder, Source, Video, images_in
 
 
-def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:
+def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:
     """The cameras of `NAME=PATH` arguments, or of one folder whose subfolders or videos are cameras.
 
+    `recording` is part of the name of one of several recordings of RecSync on each phone.
     Raises BadInputError for what is missing, empty, doubled or badly named.
     """
     sources: list[Source] = []
@@ -21,13 +22,13 @@ def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:
         if not path.exists():
             raise BadInputError(f"nothing at {path}")
         if name:
-            sources.append(_source(name, path, png))
+            sources.append(_source(name, path, png, recording))
         elif is_phone(path):
-            sources.append(_source(path.resolve().name, path, png))
+            sources.append(_source(path.resolve().name, path, png, recording))
         elif path.is_dir():
-            sources.extend(_sources_in(path, png))
+            sources.extend(_sources_in(path, png, recording))
         else:
-            sources.append(_source(path.stem, path, png))
+            sources.append(_source(path.stem, path, png, recording))
     names = [source.name for source in sources]
     for name in names:
         if names.count(name) > 1:
@@ -45,16 +46,16 @@ def split_name(text: str) -> tuple[str, Path]:
     return "", Path(text)
 
 
-def _source(name: str, path: Path, png: bool) -> Source:
+def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
     check_name(name, "camera")
     if is_phone(path):
-        return phone(name, path, png=png)
+        return phone(name, path, png=png, recording=recording)
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
         return ImageFolder(name, path)
-    return PhoneVideo(name, path, png=png) if has_table(path) else Video(name, path, png=png)
+    return PhoneVideo(name, path, png=png) if table_of(path) else Video(name, path, png=png)
 
 
-def _sources_in(folder: Path, png: bool) -> list[Source]:
+def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
     videos = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()]
     folders = [path for path in folder.iterdir() if path.is_dir() and (images_in(path) or is_phone(path))]
     if not videos and not folders:
@@ -65,4 +66,4 @@ def _sources_in(folder: Path, png: bool) -> list[Source]:
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(path.name, path) for path in folders]
-    return [_source(name, path, png) for name, path in named]
+    return [_source(name, path, png, recording) for name, path in named]

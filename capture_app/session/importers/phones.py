@@ -2,7 +2,13 @@
 
 libsoftwaresync writes for each shot sync_metadata_TIME.txt (leader_sensor_timestamp_ns and
 local_sensor_timestamp_ns), and beside it img_TIME.jpg or img_TIME.nv21 with nv21_metadata_TIME.txt, in a
-folder for each shot. RecSync writes VID_TIME.mp4 and VID_TIME.csv: a line a frame, leader time in ns.
+folder for each shot.
+
+RecSync (MobileRoboticsSkoltech/RecSync-android, MainActivity.java and CSVLogger.java) writes on each phone
+RecSync/VID/VID_TIME.mp4 and RecSync/TIME.csv: a line a frame, its time by the leader's clock in ns. RecSyncNG
+(DFKI-SignLanguage/RecSync-android) writes RecSync/VID/PREFIX_TIME.mp4 and RecSync/PREFIX_TIME.csv there; its
+file_server.py collects both in PREFIX/CLIENT/, and its PostProcessVideos.py makes of them CLIENT.mp4 and
+CLIENT.csv, whose second column tells frames that were put in (black) where the phone dropped one.
 """
 
 import re
@@ -16,6 +22,7 @@ from capture_app.session.importers.frame_matching import TimedFrame, check_order
 from capture_app.session.importers.sources import JPEG_QUALITY, Source, Video, read_images
 
 _METADATA = "sync_metadata_"
+_VIDEOS, _HEADING = "VID", "timestamp"
 _LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
 
 
@@ -62,8 +69,11 @@ class PhoneVideo(Video):
 
     def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
         super().__init__(name, path, png=png)
-        self._table = path.with_suffix(".csv")
-        self._table_ns = _lines(self._table)
+        table = table_of(path)
+        if table is None:
+            raise BadInputError(f"{path} has no table of times")
+        self._table = table
+        self._table_ns, self._put_in = _lines(table)
 
     def embedded_times(self) -> Sequence[TimedFrame]:
         """When each frame was taken; if table and video differ in length, as many as the shorter has."""
@@ -71,7 +81,10 @@ class PhoneVideo(Video):
         if len(self._table_ns) != len(self.numbers):
             of = f"{len(self._table_ns)} times for {len(self.numbers)} frames"
             self.remark = f"{self._table} has {of}: the first {count} are taken"
-        frames = [TimedFrame(number, self._table_ns[number]) for number in range(count)]
+        taken = [number for number in range(count) if number not in self._put_in]
+        if len(taken) < count:
+            self.remark = f"{self._table}: {count - len(taken)} of {count} frames are fillers and left out"
+        frames = [TimedFrame(number, self._table_ns[number]) for number in taken]
         check_order(str(self._table), frames)
         return frames
 
@@ -81,22 +94,43 @@ def is_phone(folder: Path) -> bool:
     return folder.is_dir() and (next(_metadata_in(folder), None) is not None or bool(_pairs_in(folder)))
 
 
-def phone(name: str, folder: Path, *, png: bool) -> Source:
-    """The source of a phone's folder. Raises BadInputError where it holds several videos."""
+def phone(name: str, folder: Path, *, png: bool, recording: str | None = None) -> Source:
+    """The source of a phone's folder. Raises BadInputError where `recording` does not tell one of several."""
     pairs = _pairs_in(folder)
     if not pairs:
         return PhoneShots(name, folder)
-    if len(pairs) > 1:
-        files = ", ".join(path.name for path in pairs)
+    chosen = [path for path in pairs if recording is None or recording in path.stem]
+    if len(chosen) == 1:
+        return PhoneVideo(name, chosen[0], png=png)
+    files = ", ".join(path.name for path in pairs)
+    if recording is not None:
         raise BadInputError(
-            f"{folder} has several recordings: {files}", hint=f"choose one: {name}={pairs[0]}"
+            f"{folder} has {len(chosen)} recordings named like {recording}: {files}",
+            hint="--recording takes a part of one's name that no other has",
         )
-    return PhoneVideo(name, pairs[0], png=png)
+    raise BadInputError(
+        f"{folder} has several recordings: {files}",
+        hint=f"--recording {pairs[0].stem}, or choose one: {name}={pairs[0]}",
+    )
 
 
-def has_table(video: Path) -> bool:
-    """Whether a video is RecSync's: named VID_ and with its table of times beside it."""
-    return video.name.startswith("VID_") and video.with_suffix(".csv").is_file()
+def table_of(video: Path) -> Path | None:
+    """RecSync's table of a video's times, beside it or beside the folder VID that it is in."""
+    folders = (video.parent, video.parent.parent) if video.parent.name == _VIDEOS else (video.parent,)
+    for folder in folders:
+        for stem in (video.stem, video.stem.removeprefix("VID_")):
+            table = folder / f"{stem}.csv"
+            if table.is_file() and _is_table(table):
+                return table
+    return None
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a CSV begins with a time in ns, or with RecSyncNG's heading, or has nothing in it."""
+    with path.open("rb") as file:
+        lines = file.read(4096).decode("utf-8", "replace").splitlines()
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return not first or first.startswith(_HEADING) or re.fullmatch(r"-?\d{1,19}\s*", first) is not None
 
 
 def _metadata_in(folder: Path) -> Iterator[Path]:
@@ -106,7 +140,16 @@ def _metadata_in(folder: Path) -> Iterator[Path]:
 
 
 def _pairs_in(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("VID_*.mp4") if has_table(path))
+    """The videos with a table of one phone; those of RecSyncNG's postprocessing are a camera each."""
+    places = (folder, folder / _VIDEOS, folder / "RecSync" / _VIDEOS, folder / "TMP_MROB" / _VIDEOS)
+    videos = [path for place in places for path in sorted(place.glob("*.mp4"))]
+    tables = {path: table for path in videos if (table := table_of(path)) is not None}
+    return [path for path, table in tables.items() if not _has_heading(table)]
+
+
+def _has_heading(table: Path) -> bool:
+    with table.open("rb") as file:
+        return file.read(len(_HEADING)).startswith(_HEADING.encode())
 
 
 def _shot(metadata: Path) -> _Shot | None:
@@ -145,19 +188,23 @@ def _from_nv21(file: Path) -> bytes:
     return bytes(encoded.tobytes())
 
 
-def _lines(table: Path) -> list[int]:
-    times = []
+def _lines(table: Path) -> tuple[list[int], set[int]]:
+    """The time in ns of every frame, and the numbers of frames that were put in."""
+    times: list[int] = []
+    put_in: set[int] = set()
     try:
         lines = table.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise BadInputError(f"cannot read {table}: {error}") from error
     for number, line in enumerate(lines, 1):
-        text = line.strip()
-        if not text or text.startswith("#"):
+        text, _, made = (part.strip() for part in line.partition(","))
+        if not text or text.startswith("#") or (number == 1 and text == _HEADING):
             continue
         if not re.fullmatch(r"-?\d{1,19}", text):
             raise BadInputError(f"{table}, line {number}: {text!r} is not a time in ns")
+        if made == "Generated":
+            put_in.add(len(times))
         times.append(int(text))
     if not times:
         raise BadInputError(f"{table} has no times")
-    return times
+    return times, put_in

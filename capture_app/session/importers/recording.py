@@ -69,7 +69,7 @@ def import_recording(
     layout = _layout(paths, options, talk)
     if layout is not None:
         options = _with_layout(layout, options)
-    sources = open_sources(paths, png=options.png) if layout is None else layout.sources
+    sources = layout.sources if layout else open_sources(paths, png=options.png, recording=options.recording)
     common = clock_state(sources, options)
     timeline = make_timeline(sources, options, talk)
     if common is not None and common.unknown:

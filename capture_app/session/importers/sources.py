@@ -14,7 +14,9 @@ from capture_app.session.importers.frame_matching import TimedFrame
 from capture_app.session.reading.decoding import decode_image, image_size
 from capture_app.session.reading.exif import read_exif
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mjpg", ".mjpeg", ".mpg", ".mpeg")
+UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
+"""Videos that do not say how many frames they have."""
+VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", *UNCOUNTED_SUFFIXES)
 JPEG_QUALITY = 95
 TURNED_QUALITY = 98
 """Of pictures that were JPEGs before."""
@@ -133,7 +135,10 @@ class Video(Source):
         import cv2
 
         self._times_ns: Sequence[int] = ()
-        self.numbers = range(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if path.suffix.lower() in UNCOUNTED_SUFFIXES:
+            count = sum(1 for _ in iter(capture.grab, False))
+        self.numbers = range(count)
         self.fps = float(capture.get(cv2.CAP_PROP_FPS))
         capture.release()
         if not self.numbers:

@@ -1,8 +1,11 @@
 """Folders of other programs are recognized, and our own exports come back with their times."""
 
+import pickle
 import shutil
 from pathlib import Path
 
+import av
+import numpy as np
 import pytest
 
 from capture_app.cli import run
@@ -63,6 +66,109 @@ def test_freemocaps_recordings_are_recognized(tmp_path: Path) -> None:
     assert calibration is not None
     assert calibration.unit == "m"
     assert calibration.cameras["Camera_001"].translation[0] == pytest.approx(0.2)
+
+
+SKELLYCAM = (
+    "recording_frame_number,connection_frame_number,timestamp.from_recording_start.sec,"
+    "timestamp.utc.seconds,timestamp.local.iso8601,timestamp.perf_counter_ns.ns"
+)
+"""The first columns of skellycam's CAMERA_TIMESTAMPS_CSV_ROW_DTYPE, which np.savetxt writes."""
+
+
+@pytest.mark.parametrize("videos", ["synchronized_videos", "videos/synchronized"])
+def test_freemocap_2(tmp_path: Path, videos: str) -> None:
+    """Names of skellycam's recording_info.py and parse_video_filename.py; the calibration of freemocap's
+    calibration_models.py, dump_anipose_toml, whose cameras are named by their ids."""
+    folder = tmp_path / "wave"
+    start_ns, period_ns = 123_456_789_012_345, 33_333_333
+    toml = ""
+    for n in range(2):
+        write_video(folder / videos / f"wave.id-{n}.idx-{n}.mp4", [33_333 * k for k in range(3)])
+        rows = [SKELLYCAM]
+        for k in range(3):
+            grabbed_ns = start_ns + k * period_ns + 1_500_000 * n
+            text = "2026-01-31T14:25:30.123456+01:00"
+            rows.append(f"{k},{k + 900},{k / 30},1769865930.1,{text},{grabbed_ns}")
+        table = folder / videos / "timestamps" / "camera_timestamps" / f"wave.camera{n}.timestamps.csv"
+        table.parent.mkdir(parents=True, exist_ok=True)
+        table.write_text("\n".join([*rows, ""]))
+        toml += CAMERA.format(n=n, x=200.0 * n).replace(f"cam_{n}", str(n))
+        toml += (
+            f"world_orientation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nworld_position = [{-200 * n}, 0, 0]\n"
+        )
+    (folder / "wave_camera_calibration.toml").write_text(toml + "[metadata]\nreprojection_error_px = 0.1\n")
+    session = import_recording([str(folder)], tmp_path, "s", ImportOptions())
+    assert verify(session) == []
+    assert numbers_of(session) == [{"0": k, "1": k} for k in range(3)]
+    assert times_of(session, "1") == [start_ns + k * period_ns + 1_500_000 for k in range(3)]
+    assert session.manifest.sync is not None
+    assert set(session.manifest.sync.spread_ns) == {1_500_000}
+    calibration = session.calibration()
+    assert calibration is not None
+    assert calibration.cameras["1"].translation[0] == pytest.approx(0.2)
+    table.write_text("recording_frame_number\n0\n")
+    with pytest.raises(BadInputError, match="no whole numbers"):
+        import_recording([str(folder)], tmp_path, "t", ImportOptions())
+
+
+def opencap(folder: Path, trials: dict[str, tuple[str, ...]]) -> None:
+    """A download as opencap-api's zipsession.py packs it."""
+    for n in range(2):
+        camera = folder / "Videos" / f"Cam{n}"
+        for trial, endings in trials.items():
+            for ending in endings:
+                write_video(
+                    camera / "InputMedia" / trial / f"{trial}{ending}", [16_667 * k for k in range(3)]
+                )
+        content = {
+            "distortion": np.zeros((1, 5)),
+            "intrinsicMat": np.array([[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]),
+            "imageSize": np.array([[48.0], [64.0]]),
+            "rotation": np.eye(3),
+            "translation": np.array([[200.0 * n], [0], [2000]]),
+        }
+        (camera / "cameraIntrinsicsExtrinsics.pickle").write_bytes(pickle.dumps(content))
+    (folder / "Videos" / "mappingCamDevice.pickle").write_bytes(pickle.dumps({"A1B2": 0, "C3D4": 1}))
+    (folder / "sessionMetadata.yml").write_text("mass_kg: 70\n")
+
+
+def test_opencaps_trials(tmp_path: Path) -> None:
+    folder = tmp_path / "OpenCapData_1"
+    opencap(folder, {"neutral": (".mov", "_sync.mp4"), "walk1": (".mov",)})
+    with pytest.raises(BadInputError, match="several trials: neutral, walk1"):
+        import_recording([str(folder)], tmp_path, "s", ImportOptions())
+    with pytest.raises(BadInputError, match="no trial run"):
+        import_recording([str(folder)], tmp_path, "s", ImportOptions(recording="run"))
+    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(recording="neutral"))
+    assert numbers_of(session) == [{"Cam0": k, "Cam1": k} for k in range(3)]
+    calibration = session.calibration()
+    assert calibration is not None
+    assert (calibration.unit, calibration.cameras["Cam1"].translation) == ("m", pytest.approx((0.2, 0, 2)))
+    said: list[str] = []
+    options = ImportOptions(recording="walk1", times=TimeSource.VIDEO)
+    import_recording([str(folder)], tmp_path, "walk", options, talk=said.append)
+    assert any("not aligned by OpenCap" in one for one in said)
+
+
+@pytest.mark.parametrize("suffix", [".h264", ".mts", ".m2ts", ".mpg", ".mjpeg"])
+def test_videos_that_do_not_count_their_frames(tmp_path: Path, suffix: str) -> None:
+    """A raw stream of a Raspberry Pi (rpicam-vid -o x.h264), AVCHD of camcorders (.mts), and older ones."""
+    formats = {".h264": "h264", ".mts": "mpegts", ".m2ts": "mpegts", ".mpg": "mpeg", ".mjpeg": "mjpeg"}
+    codec = {".mpg": "mpeg2video", ".mjpeg": "mjpeg"}.get(suffix, "libx264")
+    for n in range(2):
+        path = tmp_path / "rec" / f"cam{n}{suffix}"
+        path.parent.mkdir(exist_ok=True)
+        with av.open(str(path), "w", format=formats[suffix]) as container:
+            stream = container.add_stream(codec, rate=25)
+            stream.width, stream.height = 64, 48
+            stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+            for k in range(7):
+                picture = np.full((48, 64, 3), 20 + 20 * k, np.uint8)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+            container.mux(stream.encode(None))
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(fps=25))
+    assert numbers_of(session) == [{"cam0": k, "cam1": k} for k in range(7)]
+    assert session.manifest.missing == ()
 
 
 @pytest.mark.shared

@@ -1,6 +1,5 @@
 """Recordings of phones become sessions: libsoftwaresync, RecSync, and phones held upright."""
 
-import shutil
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, ExitCode
 from capture_app.session.importers.embedded_times import TimeSource
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
@@ -65,13 +64,16 @@ def test_one_shot_of_libsoftwaresync_is_a_session(tmp_path: Path) -> None:
     assert [len(images) for images in session.images_by_instant()] == [2]
 
 
-VIDEO, TABLE = "VID_20260131_142530.mp4", "VID_20260131_142530.csv"
+VIDEO, TABLE = "VID/VID_20260131_142530.mp4", "20260131_142530.csv"
 
 
-def recsync(folder: Path, times_us: Sequence[int], start_ns: int = 10**13) -> None:
-    write_video(folder / VIDEO, times_us)
+def recsync(
+    folder: Path, times_us: Sequence[int], start_ns: int = 10**13, video: str = VIDEO, table: str = TABLE
+) -> None:
+    """What RecSync leaves in RecSync/ on a phone: MainActivity.java, startVideo."""
+    write_video(folder / video, times_us)
     lines = "".join(f"{start_ns + t * US}\n" for t in times_us)
-    (folder / TABLE).write_text(lines)
+    (folder / table).write_text(lines)
 
 
 def test_videos_of_recsync_are_matched_by_the_leaders_time(tmp_path: Path) -> None:
@@ -91,6 +93,62 @@ def test_videos_of_recsync_are_matched_by_the_leaders_time(tmp_path: Path) -> No
     assert times_of(session, "leader")[0] == 10**13
 
 
+LAYOUTS: dict[str, tuple[str, str, str]] = {
+    "RecSync, a folder copied from each phone": ("RecSync/", VIDEO, TABLE),
+    "RecSync's first version": ("TMP_MROB/", VIDEO, TABLE),
+    "what is in that folder": ("", VIDEO, TABLE),
+    "gathered by hand": ("", "VID_20260131_142530.mp4", "VID_20260131_142530.csv"),
+    "RecSyncNG on the phone": ("RecSync/", "VID/clap_20260131_142530.mp4", "clap_20260131_142530.csv"),
+    # file_server.py: PREFIX/CLIENT/, the client's id is Settings.Secure.ANDROID_ID, 16 hexadecimal digits.
+    "RecSyncNG's file server": ("", "clap_20260131_142530.mp4", "clap_20260131_142530.csv"),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layouts_of_recsync(tmp_path: Path, layout: str) -> None:
+    inside, video, table = LAYOUTS[layout]
+    for n, phone in enumerate(("3f2a9c0d1b7e4a56", "9b8c7d6e5f4a3b2c")):
+        folder = tmp_path / "clap" / phone / inside
+        recsync(folder, [33_333 * k for k in range(4)], 10**13 + 50 * US * n, video, table)
+        # createRecorderSurface of RecSync leaves an empty video behind whenever the camera is opened.
+        (folder / video).with_name("VID_20260131_142501.mp4").write_bytes(b"")
+    session = import_recording([str(tmp_path / "clap")], tmp_path, "s", ImportOptions())
+    assert verify(session) == []
+    assert numbers_of(session) == [{"3f2a9c0d1b7e4a56": k, "9b8c7d6e5f4a3b2c": k} for k in range(4)]
+    assert times_of(session, "9b8c7d6e5f4a3b2c")[0] == 10**13 + 50 * US
+    assert session.manifest.sync is not None
+    assert set(session.manifest.sync.spread_ns) == {50 * US}
+
+
+def test_what_recsyncngs_postprocessing_made(tmp_path: Path) -> None:
+    """PostProcessVideos.py: CLIENT.mp4 and CLIENT.csv with a heading; frames that it put in are black."""
+    folder = tmp_path / "out"
+    for n, phone in enumerate(("3f2a9c0d1b7e4a56", "9b8c7d6e5f4a3b2c")):
+        write_video(folder / f"{phone}.mp4", [33_333 * k for k in range(4)])
+        made = ["Original", "Original", "Generated" if n else "Original", "Original"]
+        rows = [f"{10**13 + 33_333 * US * k + n},{made[k]}" for k in range(4)]
+        (folder / f"{phone}.csv").write_text("\n".join(["timestamp,Generated", *rows, ""]))
+    said: list[str] = []
+    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(), talk=said.append)
+    numbers = [sorted(of.values()) for of in numbers_of(session)]
+    assert numbers == [[0, 0], [1, 1], [2], [3, 3]]
+    assert ["1 of 4 frames are fillers" in one for one in said] == [True]
+
+
+def test_one_of_several_recordings_on_each_phone(tmp_path: Path) -> None:
+    for phone in ("a", "b"):
+        for k, take in enumerate(("clap", "jump")):
+            name = f"{take}_20260131_14253{k}"
+            folder = tmp_path / "rec" / phone / "RecSync"
+            recsync(folder, [0, 33_333], 10**13 * (k + 1), f"VID/{name}.mp4", f"{name}.csv")
+    out = ["--out", str(tmp_path), "--name", "s"]
+    assert run(["sessions", "import", str(tmp_path / "rec"), *out]) == ExitCode.BAD_INPUT
+    assert run(["sessions", "import", str(tmp_path / "rec"), *out, "--recording", "jump"]) == ExitCode.OK
+    assert times_of(Session.open(tmp_path / "s"), "a")[0] == 2 * 10**13
+    with pytest.raises(BadInputError, match="0 recordings named like sing"):
+        import_recording([str(tmp_path / "rec")], tmp_path, "t", ImportOptions(recording="sing"))
+
+
 def video(table: str) -> Callable[[Path], Any]:
     """RecSync's recording of three frames with this table of times."""
     return lambda folder: (recsync(folder, [0, 33_333, 66_666]), (folder / TABLE).write_text(table))
@@ -103,8 +161,7 @@ def spoil(name: str, data: bytes, *, nv21: bool = False) -> Callable[[Path], Any
 
 def second_video(folder: Path) -> None:
     recsync(folder, [0, 33_333])
-    shutil.copy(folder / VIDEO, folder / "VID_2.mp4")
-    (folder / "VID_2.csv").write_text("1\n2\n")
+    recsync(folder, [0, 33_333], video="VID/VID_20260131_150000.mp4", table="20260131_150000.csv")
 
 
 BROKEN: dict[str, tuple[Callable[[Path], Any], str]] = {

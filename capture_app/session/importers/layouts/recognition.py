@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from capture_app.errors import BadInputError
 from capture_app.session.exchange.export_record import RECORD
 from capture_app.session.importers.layouts.layout import Layout
 
@@ -28,14 +27,8 @@ def recognize_layout(path: Path, *, png: bool = False, recording: str | None = N
     from capture_app.session.importers.layouts.freemocap import freemocap
     from capture_app.session.importers.layouts.opencap import opencap
 
-    found = (
+    return (
         freemocap(path, png=png)
         or caliscope(path, png=png, recording=recording)
         or opencap(path, png=png, recording=recording)
     )
-    if found is None and recording is not None:
-        raise BadInputError(
-            f"{path} is not of a program that keeps several recordings in a folder",
-            hint="--recording is for Caliscope, OpenCap and RecSync",
-        )
-    return found

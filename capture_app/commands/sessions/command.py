@@ -217,6 +217,11 @@ def render(
 @click.option(
     "--uncertainty-ms", type=FiniteRange(min=0), metavar="MS", help="Uncertainty (95 %) of the times."
 )
+@click.option(
+    "--recording",
+    metavar="NAME",
+    help="Which of several recordings in the folder: Caliscope's by name, OpenCap's trial, RecSync's time.",
+)
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
@@ -235,9 +240,9 @@ def import_command(
     """Import a recording as a session. SOURCE is NAME=PATH of each camera, or a folder of cameras.
 
     A camera is a folder of images, which are copied unchanged, a video file, or a folder written by
-    libsoftwaresync, RecSync or RecSyncNG on a phone. Folders of Caliscope, FreeMoCap and OpenCap are recognized,
-    with their times and calibration, and so are .mcap files and the exports that this program makes for COLMAP,
-    nerfstudio, Pose2Sim and others, which become the session again that they were made of.
+    libsoftwaresync, RecSync or RecSyncNG on a phone. Folders of Caliscope, FreeMoCap and OpenCap are
+    recognized, with their times and calibration. So are .mcap files, and what `sessions export` made for
+    COLMAP, nerfstudio, Pose2Sim and others, which becomes the session again that it was made of.
     """
     from capture_app.session.importers.calibrations.reading import Fit
     from capture_app.session.importers.embedded_times import TimeSource

@@ -20,8 +20,6 @@ from capture_app.session.reading.decoding import image_size
 Place = tuple[str, int]
 """A camera and an instant of the session that was exported."""
 
-_CHANGED = ("n3dv",)
-"""Formats whose pictures are not the session's: its calibration is not theirs."""
 _UNREADABLE = ("rrd",)
 _OF_THE_FRAME = (
     "uncertainty_ns", "hard_bound_ns", "exposure_start_ns", "exposure_ns", "gain", "white_balance",
@@ -96,9 +94,24 @@ def exported(folder: Path, *, png: bool) -> Layout:
             places.update({at: index for index, at in enumerate(own)})
     if not sources:
         raise BadInputError(f"{folder} has none of the files that its {FRAMES} names")
-    if record.format in _CHANGED:
+    if _redrawn(record):
         record = msgspec.structs.replace(record, calibration=None)
     return layout_of_record(folder, record, sources, places)
+
+
+def _redrawn(record: ExportRecord) -> bool:
+    """Whether the pictures are not the session's, so that its calibration is not theirs.
+
+    N3DV's all are, EasyVolcap's where a lens has any distortion, FreeMoCap's where one has a k3.
+    """
+    lenses = (
+        [camera.distortion for camera in record.calibration.cameras.values()] if record.calibration else []
+    )
+    return (
+        record.format == "n3dv"
+        or (record.format == "easyvolcap" and any(any(lens) for lens in lenses))
+        or (record.format == "freemocap" and any(any(lens[4:]) for lens in lenses))
+    )
 
 
 def layout_of_record(

@@ -10,7 +10,7 @@ import msgspec
 
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, encode_checked, indented, read_struct
-from capture_app.session.format.manifest import Manifest
+from capture_app.session.format.manifest import ImageRecord, Manifest, image_path
 
 RECORD = "simulshot.json"
 FRAMES = "frames.csv"
@@ -27,8 +27,11 @@ class ExportRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 def write_record(folder: Path, record: ExportRecord) -> None:
-    """Write the record into an export's folder."""
-    (folder / RECORD).write_bytes(indented(encode_checked(record, ExportRecord)))
+    """Write the record into an export's folder; frames of videos are images in it."""
+    images = tuple(_as_image(image) for image in record.manifest.images)
+    manifest = msgspec.structs.replace(record.manifest, images=images, videos=())
+    whole = msgspec.structs.replace(record, manifest=manifest)
+    (folder / RECORD).write_bytes(indented(encode_checked(whole, ExportRecord)))
 
 
 def read_record(folder: Path) -> ExportRecord:
@@ -36,3 +39,10 @@ def read_record(folder: Path) -> ExportRecord:
     record = read_struct(folder / RECORD, ExportRecord, 1)
     check_references(folder / RECORD, record.manifest)
     return record
+
+
+def _as_image(record: ImageRecord) -> ImageRecord:
+    if type(record) is ImageRecord:
+        return record
+    values = {name: getattr(record, name) for name in ImageRecord.__struct_fields__}
+    return ImageRecord(**{**values, "path": image_path(record.camera, record.instant)})

@@ -125,7 +125,7 @@ def find_leader() -> Address:
             names = ", ".join(f"{one.address} ({one.name})" for one in found)
             raise NetworkError(f"several leaders are in this network: {names}", hint="choose one by --leader")
         for number, one in enumerate(found, 1):
-            talk(f"{number}  {one.address}  {one.name}")
+            talk(f"{number}  {one.address}  {one.name}{'' if one.is_known else '  (not paired)'}")
         which = click.IntRange(1, len(found))
         leader = found[click.prompt("Several leaders are here. Which", type=which, default=1, err=True) - 1]
     log_line(f"found a leader at {leader.address} ({leader.name})")

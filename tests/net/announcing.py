@@ -1,5 +1,6 @@
 """A program that announces leaders and relays, `KIND:PORT:NAME`, and answers at their ports.
 
+One of a trust's folder is `KIND@FOLDER:PORT:NAME`.
 A `silent-` one does not answer; a `strange-` one tells a version that would steer a terminal.
 """
 
@@ -7,11 +8,13 @@ import asyncio
 import socket
 import sys
 from contextlib import AsyncExitStack
+from pathlib import Path
 
 from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
 from capture_app.net.discovery.announcement import SERVICE, Kind, announced
 from capture_app.sync.wire.version import version_answer
+from capture_app.trust.trust import Trust
 from tests.net.machines import LEADER_HOST
 
 
@@ -38,6 +41,8 @@ async def announce_all(wanted: list[str]) -> None:
         for one in wanted:
             text, port, name = one.split(":")
             is_silent = text.startswith("silent-")
+            trust = Trust(Path(text.partition("@")[2])) if "@" in text else Trust.open()
+            text = text.partition("@")[0]
             kind: Kind = "relay" if text.endswith("relay") else "leader"
             if not is_silent:
                 await loop.create_datagram_endpoint(Answering, local_addr=("0.0.0.0", int(port)))
@@ -45,7 +50,7 @@ async def announce_all(wanted: list[str]) -> None:
                 responder = await stack.enter_async_context(AsyncZeroconf(interfaces=[LEADER_HOST]))
                 await (await responder.async_register_service(strange_service(int(port), name)))
             else:
-                await stack.enter_async_context(announced("0.0.0.0", int(port), kind, name=name))
+                await stack.enter_async_context(announced("0.0.0.0", int(port), kind, name=name, trust=trust))
         print("announcing", flush=True)
         await loop.run_in_executor(None, sys.stdin.read)
 

@@ -2,11 +2,15 @@
 
 import asyncio
 import sys
+from pathlib import Path
 
 from capture_app.net.discovery.search import search_leaders
+from capture_app.trust.trust import Trust
 
 if __name__ == "__main__":
-    found = asyncio.run(search_leaders(lambda: (), lambda line: print("said", line, flush=True)))
+    trust = Trust(Path(sys.argv[1])) if len(sys.argv) > 1 else Trust.open()
+    search = search_leaders(lambda: (), lambda line: print("said", line, flush=True), trust=trust)
+    found = asyncio.run(search)
     for leader in found:
         print("found", leader.address, leader.name, ascii(leader.version), flush=True)
     sys.exit(0)

@@ -16,6 +16,7 @@ from capture_app.names import name_like
 from capture_app.net.address import ANY_HOST
 from capture_app.net.interfaces import own_hosts
 from capture_app.sync.wire.version import VERSION
+from capture_app.trust.trust import Trust
 
 SERVICE = "_simulshot._udp.local."
 LOOK_EVERY_S = 5.0
@@ -28,13 +29,17 @@ Kind = Literal["leader", "relay"]
 
 
 @asynccontextmanager
-async def announced(host: str, port: int, kind: Kind, *, name: str | None = None) -> AsyncIterator[None]:
+async def announced(
+    host: str, port: int, kind: Kind, *, name: str | None = None, trust: Trust | None = None
+) -> AsyncIterator[None]:
     """Announce what listens on `host` and `port` while the block runs, by `name`, else that of this machine.
 
-    One that only this machine can reach, or by IPv6 only, is not announced; a network that does not let it
-    be announced only costs that.
+    Its pin is that of `trust`, else of its user's; nodes that know it prefer it. One that only this machine
+    can reach, or by IPv6 only, is not announced; a network that does not let it be announced only costs that.
     """
-    task = asyncio.create_task(_keep_announced(host, _service_info(port, kind, name)))
+    own = trust or Trust.of_user()
+    info = _service_info(port, kind, name, "" if own.is_open else own.identity.pin)
+    task = asyncio.create_task(_keep_announced(host, info))
     try:
         yield
     finally:
@@ -52,14 +57,14 @@ def announced_hosts(host: str) -> list[str]:
     return []
 
 
-def _service_info(port: int, kind: Kind, name: str | None) -> AsyncServiceInfo:
+def _service_info(port: int, kind: Kind, name: str | None, pin: str) -> AsyncServiceInfo:
     name = name or name_like(socket.gethostname().split(".")[0], "simulshot")
     label = f"{name[:MOST_LETTERS]}-{port}"
     return AsyncServiceInfo(
         SERVICE,
         f"{label}.{SERVICE}",
         port=port,
-        properties={"version": __version__, "protocol": str(VERSION), "kind": kind},
+        properties={"version": __version__, "protocol": str(VERSION), "kind": kind, "pin": pin},
         # A host name of its own: that of this machine is its mDNS daemon's.
         server=f"simulshot-{secrets.token_hex(4)}.local.",
     )

@@ -28,6 +28,8 @@ class FoundLeader:
     version: str
     """Of its simulshot."""
     is_relay: bool = False
+    pin: str = ""
+    """That it says it has; its streams have to prove it."""
 
 
 class LeaderBrowser:
@@ -103,6 +105,7 @@ class LeaderBrowser:
                     addresses=tuple(Address(host, port) for host in hosts if 0 < port < 65536),
                     version=_short(told.get("version") or "?"),
                     is_relay=told.get("kind") == "relay",
+                    pin=_short(told.get("pin") or ""),
                 )
         self._asking.pop(name, None)
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from capture_app.net.address import Address
 from capture_app.net.discovery.browser import FoundLeader, LeaderBrowser
 from capture_app.net.reach import find_obstacle, first_to_answer
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
 
 OWN_S = 0.5
 """How long this machine's own leaders may take to answer."""
@@ -30,15 +32,18 @@ class ReachableLeader:
     address: Address
     version: str = ""
     """Of its simulshot, as it says; empty for one of this machine."""
+    is_known: bool = True
+    """Whether this machine knows a leader of the pin that it says it has, or asks nobody for a pin."""
 
 
 async def search_leaders(
-    own: Callable[[], Sequence[Address]], tell: Callable[[str], None]
+    own: Callable[[], Sequence[Address]], tell: Callable[[str], None], *, trust: Trust | None = None
 ) -> list[ReachableLeader]:
     """Wait until there is a leader that answers, and return all of them; relays only where there is none.
 
-    `own` are the addresses at which this machine may have one: the first that answers is the only one
-    returned. `tell` gets a sentence about what is in the way, when there is a new one.
+    Where `trust`, else that of this user, knows some of them, these are all. `own` are the addresses at which
+    this machine may have one: the first that answers is the only one returned. `tell` gets a sentence about
+    what is in the way, when there is a new one.
     """
     began_s, said = time.monotonic(), ""
     async with LeaderBrowser() as browser:
@@ -50,7 +55,7 @@ async def search_leaders(
                 return [ReachableLeader("this machine", mine)]
             await asyncio.sleep(max(0.0, began_s + OTHERS_S - time.monotonic()))
             found = browser.found
-            answered = await _answering(found)
+            answered = await _answering(found, trust or Trust.of_user())
             if answered:
                 return answered
             if time.monotonic() - began_s >= SAY_S:
@@ -61,16 +66,24 @@ async def search_leaders(
             await asyncio.sleep(max(0.0, asked_s + LOOK_EVERY_S - time.monotonic()))
 
 
-async def _answering(found: Sequence[FoundLeader]) -> list[ReachableLeader]:
+async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[ReachableLeader]:
     """Return those that answer, each at the address that answers first; relays where no leader does."""
     addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in found))
     answering = [
-        (leader.is_relay, ReachableLeader(leader.name, address, leader.version))
+        (leader.is_relay, ReachableLeader(leader.name, address, leader.version, _knows(trust, leader.pin)))
         for leader, address in zip(found, addresses, strict=True)
         if address is not None
     ]
     leaders = [reachable for is_relay, reachable in answering if not is_relay]
-    return leaders or [reachable for _, reachable in answering]
+    leaders = leaders or [reachable for _, reachable in answering]
+    return [leader for leader in leaders if leader.is_known] or leaders
+
+
+def _knows(trust: Trust, pin: str) -> bool:
+    if trust.is_open:
+        return True
+    machine = trust.known.find(pin)
+    return pin == trust.identity.pin or (machine is not None and Role.LEADER in machine.roles)
 
 
 async def _what_is_in_the_way(found: Sequence[FoundLeader]) -> str:

@@ -16,6 +16,7 @@
 # make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
+# make bench-seal   the clock and the trigger with and without seals of datagrams, side by side (root, 5 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make soak SECONDS=120   burst after burst, and whether threads, memory, open files or phase errors grow (SOAK="--cameras 5 --every 20")
 # make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
@@ -36,7 +37,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -91,6 +92,9 @@ bench-relay: $(VENV)/.installed
 
 bench-rig: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.rig_link $(BENCH)
+
+bench-seal: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.clock.sealed_link $(BENCH)
 
 bench-clients: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.many_clients $(BENCH)

@@ -4,26 +4,63 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 
-from capture_app.errors import BadInputError, NetworkError, UnknownMachineError
+from capture_app.errors import BadInputError, NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import Address
 from capture_app.net.channel import connect
 from capture_app.node.pairing.introduction import knock
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.wire.speaker import Speaker
-from capture_app.trust.keys import ClientKeys, LeaderKeys
+from capture_app.trust.keys import LeaderKeys
+from capture_app.trust.known_machines import Role
+from capture_app.trust.refusals import DatagramsRefused
+from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
 from capture_app.trust.trust import Peer, Trust
 
+LOOK_EVERY_NS = 1_000_000_000
 AGAIN_S = 1.0
 """Between two requests to one leader, whatever came of the first."""
 
 
-def hand_out_key(keys: ClientKeys | None, who: Peer, request: KeyRequest) -> KeyAnswer:
-    """Give a key to a node of a machine that may ask for it. Raises BadInputError where there is none."""
-    if keys is None:
-        raise BadInputError("datagrams are not sealed here", hint="start the node with --open, too")
-    speaker = Speaker(request.name, request.instance, who.pin, request.is_relay)
-    return KeyAnswer(grant=keys.grant(speaker))
+class KeyDesk:
+    """A leader's or a relay's keys: hands them out, takes them back, and tells what was refused."""
+
+    def __init__(
+        self,
+        trust: Trust,
+        sealed: SealedLeader | SealedRelay | None,
+        tell: Callable[[DatagramsRefused], None],
+    ) -> None:
+        """`sealed` is None where datagrams are not sealed."""
+        self._trust, self._sealed, self._tell = trust, sealed, tell
+        self.seal_for_all = None if sealed is None else sealed.keys.seal_for_all
+        """Returns the datagram of a message to all nodes; None where there are no seals."""
+        self._seen_version: int | None = None
+        self._due_ns: int | None = None
+
+    def hand_out(self, who: Peer, request: KeyRequest) -> KeyAnswer:
+        """Give a key to a node of a machine that may ask for it. Raises BadInputError where there is none."""
+        if self._sealed is None:
+            raise BadInputError("datagrams are not sealed here", hint="start the node with --open, too")
+        speaker = Speaker(request.name, request.instance, who.pin, request.is_relay)
+        return KeyAnswer(grant=self._sealed.keys.grant(speaker))
+
+    def look(self, now_ns: int) -> None:
+        """Do now and then what is due; `now_ns` is the node's own clock."""
+        if self._sealed is None or (self._due_ns is not None and now_ns < self._due_ns):
+            return
+        self._due_ns = now_ns + LOOK_EVERY_NS
+        for refused in self._sealed.refusals.take_news(now_ns):
+            self._tell(refused)
+        try:
+            machines, version = self._trust.known.all(), self._trust.known.version
+        except SimulshotError:
+            # A damaged file is told of where machines are made known.
+            return
+        if version != self._seen_version:
+            self._seen_version = version
+            may_join = {machine.pin for machine in machines if {Role.CAMERA, Role.RELAY} & {*machine.roles}}
+            self._sealed.keys.revoke_all_but({self._trust.identity.pin, *may_join})
 
 
 class KeyRequester:

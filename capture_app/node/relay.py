@@ -17,7 +17,7 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import refusal_of
 from capture_app.node.join_watch import JoinWatch
-from capture_app.node.keys import KeyRequester, hand_out_key
+from capture_app.node.keys import KeyDesk, KeyRequester
 from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
@@ -39,7 +39,6 @@ from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.follower import FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
-from capture_app.trust.keys import ClientKeys
 from capture_app.trust.sealed_engines import SealedRelay
 from capture_app.trust.trust import Trust
 
@@ -88,8 +87,8 @@ class RelayNode:
         self.instance = secrets.randbits(32)
         """This run of the relay, by which its nodes tell it from the next."""
         self._engine: Relay
-        self._sealed: SealedRelay | None = None
-        self._keys: KeyRequester | None = None
+        self._keys: KeyDesk
+        self._requester: KeyRequester | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._pump: Pump
         self._server: TransferServer[ToLeader]
@@ -131,19 +130,19 @@ class RelayNode:
             self.instance, transfer_port=port, beacons=None if self._beacons is None else self._beacons.group
         )
         self._engine = Relay(config, limits, rng)
-        if not self._trust.is_open:
-            self._sealed = SealedRelay(self._engine, ClientKeys(secrets.token_bytes))
+        sealed = None if self._trust.is_open else SealedRelay(self._engine)
+        self._keys = KeyDesk(self._trust, sealed, lambda refused: self._talk(str(refused)))
         self._server = TransferServer(ToLeader, self._serve, trust=self._trust)
-        self._pump = Pump(self._sealed or self._engine, self._clock, self._drain)
+        self._pump = Pump(sealed or self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
         watch = JoinWatch(self._parents, self._engine.follower.time, self._talk)
         self._tasks.append(asyncio.create_task(watch.run()))
-        if self._sealed is not None:
+        if sealed is not None:
             request = KeyRequest(name=self.name, instance=self.instance, is_relay=True)
-            time, keys = self._engine.follower.time, self._sealed.parent_keys
-            self._keys = KeyRequester(keys, request, time, self._trust, self._pump.turn)
-            self._tasks.append(asyncio.create_task(self._keys.run()))
+            time = self._engine.follower.time
+            self._requester = KeyRequester(sealed.parent_keys, request, time, self._trust, self._pump.turn)
+            self._tasks.append(asyncio.create_task(self._requester.run()))
 
     async def stop(self) -> None:
         """Say goodbye to the leader, send the nodes on to others, and close the port."""
@@ -188,8 +187,7 @@ class RelayNode:
                     case pairing.SpeaksFor():
                         below.who = peer_of(message)
                     case KeyRequest():
-                        keys = None if self._sealed is None else self._sealed.keys
-                        await below.send(hand_out_key(keys, below.who, message))
+                        await below.send(self._keys.hand_out(below.who, message))
                     case _:
                         if await self._pass_on(below, message):
                             return
@@ -227,13 +225,11 @@ class RelayNode:
     def _drain(self) -> None:
         rate = self._engine.follower.time.timekeeper.rate
         rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
-        sealed, now_ns = self._sealed, self._clock.now_ns()
-        seal = None if sealed is None else sealed.keys.seal_for_all
-        send_due_beacon(self._beacons, self._engine.leader, now_ns, seal)
-        for refused in () if sealed is None else sealed.refusals.take_news(now_ns):
-            self._talk(str(refused))
-        if self._keys is not None:
-            self._keys.look()
+        now_ns = self._clock.now_ns()
+        send_due_beacon(self._beacons, self._engine.leader, now_ns, self._keys.seal_for_all)
+        self._keys.look(now_ns)
+        if self._requester is not None:
+            self._requester.look()
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, Joined | LeaderLost):
                 self._change_upstream(event)

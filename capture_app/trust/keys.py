@@ -1,6 +1,7 @@
 """Keys of a leader's clients: given out one by one over streams whose peer is known, for one run each."""
 
-from collections.abc import Callable
+import secrets
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from msgspec import Struct
@@ -34,7 +35,9 @@ class _Client:
 class ClientKeys:
     """The keys that a leader has given out."""
 
-    def __init__(self, random_bytes: Callable[[int], bytes], most: int = MOST_KEYS) -> None:
+    def __init__(
+        self, random_bytes: Callable[[int], bytes] = secrets.token_bytes, most: int = MOST_KEYS
+    ) -> None:
         """`random_bytes` returns so many bytes that nobody can guess."""
         self._random_bytes, self._most = random_bytes, most
         self._clients: dict[int, _Client] = {}
@@ -55,9 +58,9 @@ class ClientKeys:
             self._forget(next(iter(self._clients)))
         return Grant(key_id=key_id, key=key, group_id=self._group.key_id, group_key=self._group_key)
 
-    def revoke(self, pin: str) -> None:
-        """Forget all keys of a machine."""
-        for key_id in [number for number, client in self._clients.items() if client.speaker.pin == pin]:
+    def revoke_all_but(self, pins: Collection[str]) -> None:
+        """Forget all keys but those of these machines."""
+        for key_id in [number for number, one in self._clients.items() if one.speaker.pin not in pins]:
             self._forget(key_id)
 
     def open(self, data: bytes, address: Address) -> tuple[bytes, Speaker]:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from capture_app.trust.sealing import Refused
 
 TELL_EVERY_NS = 10_000_000_000
+FEW = 10
+"""Fewer that came twice, or with a key of before the leader was started anew, are nobody's doing."""
 MOST_KINDS = 32
 """So many places and reasons are told apart between two tellings."""
 
@@ -44,9 +46,13 @@ class Refusals:
 
     def take_news(self, now_ns: int) -> list[DatagramsRefused]:
         """Return what was refused since the last time, if that is long enough ago."""
-        if not self._counts or (self._due_ns is not None and now_ns < self._due_ns):
+        if self._due_ns is not None and now_ns < self._due_ns:
             return []
-        self._due_ns = now_ns + TELL_EVERY_NS
-        news = [DatagramsRefused(host, why, count) for (host, why), count in self._counts.items()]
-        self._counts.clear()
-        return news
+        told = [
+            (host, why)
+            for (host, why), count in self._counts.items()
+            if count >= FEW or why not in (Refused.UNKNOWN_KEY, Refused.REPLAYED)
+        ]
+        if told:
+            self._due_ns = now_ns + TELL_EVERY_NS
+        return [DatagramsRefused(*key, self._counts.pop(key)) for key in told]

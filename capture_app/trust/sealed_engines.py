@@ -71,9 +71,9 @@ class SealedClient:
 class SealedLeader:
     """A leader, with a key for each of its clients."""
 
-    def __init__(self, engine: Leader, keys: ClientKeys) -> None:
+    def __init__(self, engine: Leader, keys: ClientKeys | None = None) -> None:
         self._engine = engine
-        self.keys = keys
+        self.keys = keys = ClientKeys() if keys is None else keys
         self.refusals = Refusals()
         self._desk = _Desk(keys, self.refusals)
         self.next_timer = engine.next_timer
@@ -98,9 +98,9 @@ class SealedLeader:
 class SealedRelay:
     """A relay: a leader to its clients, a client to its parents."""
 
-    def __init__(self, engine: Relay, keys: ClientKeys) -> None:
+    def __init__(self, engine: Relay, keys: ClientKeys | None = None) -> None:
         self._engine = engine
-        self.keys = keys
+        self.keys = keys = ClientKeys() if keys is None else keys
         self.parent_keys = LeaderKeys()
         self.refusals = Refusals()
         self._desk = _Desk(keys, self.refusals)

@@ -28,6 +28,7 @@ from capture_app.sync.wire.messages import (
 from capture_app.sync.wire.speaker import Speaker
 from capture_app.sync.wire.version import VERSION, answered_version, version_question
 from capture_app.trust.keys import Address
+from capture_app.trust.refusals import Refusals
 from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refused, unknown_key
 from tests.facts import make_facts
 from tests.trust.sealed_pair import LEADER, SealedRig
@@ -263,7 +264,7 @@ def test_refusals_are_told_by_host_and_reason_now_and_then() -> None:
 def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back() -> None:
     rig = running("a")
     node = rig.nodes["a"]
-    rig.leader.keys.revoke(node.speaker.pin)
+    rig.leader.keys.revoke_all_but([])
     rig.run(600)
     assert node.sealed.keys.wanted == {LEADER}
     node.sealed.keys.hold(LEADER, rig.leader.keys.grant(node.speaker))
@@ -330,3 +331,13 @@ def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None
     assert rig.engine.next_event() is None
     rig.engine.receive_datagram(encode(TriggerAck(number, 5, 1)), node.address, rig.now_ns, node.speaker)
     assert rig.engine.next_event() == BurstAccepted("a", 1)
+
+
+def test_datagrams_that_come_twice_now_and_then_are_not_worth_a_word() -> None:
+    refusals = Refusals()
+    for _ in range(9):
+        refusals.add("host", Refused.REPLAYED)
+    assert refusals.take_news(0) == []
+    refusals.add("host", Refused.REPLAYED)
+    assert [str(news) for news in refusals.take_news(1)] == ["refused 10 datagrams from host: sent before"]
+    assert refusals.total == 10

@@ -19,6 +19,7 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_length import frames_and_spacing
 from capture_app.node.burst.resumed_bursts import RETURN_NS
+from capture_app.node.keys import KeyDesk
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.advice import review_rates, rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
@@ -40,7 +41,6 @@ from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.timekeeping.rate_jury import RateJury
-from capture_app.trust.keys import ClientKeys
 from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import Trust
@@ -97,7 +97,7 @@ class LeaderNode:
         self.instance = secrets.randbits(32)
         """This run of the leader, by which nodes tell it from the next."""
         self._engine: Leader
-        self._sealed: SealedLeader | None = None
+        self._keys: KeyDesk
         self._bursts: ActiveBursts
         self._pump: Pump
         self._server: TransferServer[ToLeader]
@@ -134,8 +134,8 @@ class LeaderNode:
             beacons=None if self._beacons is None else self._beacons.group,
         )
         self._engine = Leader(config, random.Random(secrets.randbits(64)))
-        if not self._trust.is_open:
-            self._sealed = SealedLeader(self._engine, ClientKeys(secrets.token_bytes))
+        sealed = None if self._trust.is_open else SealedLeader(self._engine)
+        self._keys = KeyDesk(self._trust, sealed, self._on_news)
         self._bursts = ActiveBursts(
             self.sessions,
             self._engine,
@@ -159,10 +159,10 @@ class LeaderNode:
             watchers,
             self._knows,
             self._desk,
-            None if self._sealed is None else self._sealed.keys,
+            self._keys,
         )
         self._server = TransferServer(ToLeader, service.serve, trust=self._trust)
-        self._pump = Pump(self._sealed or self._engine, self._clock, self._drain)
+        self._pump = Pump(sealed or self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
 
@@ -294,11 +294,9 @@ class LeaderNode:
         return self._engine.clients(self._clock.now_ns())
 
     def _drain(self) -> None:
-        sealed, now_ns = self._sealed, self._clock.now_ns()
-        seal = None if sealed is None else sealed.keys.seal_for_all
-        send_due_beacon(self._beacons, self._engine, now_ns, seal)
-        for refused in () if sealed is None else sealed.refusals.take_news(now_ns):
-            self._on_news(refused)
+        now_ns = self._clock.now_ns()
+        send_due_beacon(self._beacons, self._engine, now_ns, self._keys.seal_for_all)
+        self._keys.look(now_ns)
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, BurstRefused):
                 self._bursts.note_refusal(event)

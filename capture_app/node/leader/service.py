@@ -15,7 +15,7 @@ from capture_app.errors import (
 from capture_app.net.channel import Channel
 from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.keys import hand_out_key
+from capture_app.node.keys import KeyDesk
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.viewfinders import Viewfinders
@@ -23,7 +23,6 @@ from capture_app.node.leader.watchers import Watchers
 from capture_app.node.pairing.desk import PairingDesk, check_allowed, peer_of
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.status import BurstStatus, RigStatus
-from capture_app.trust.keys import ClientKeys
 
 UNDECIDED_S = 0.1
 """So long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
@@ -44,12 +43,12 @@ class LeaderService:
         watchers: Watchers,
         knows: Callable[[str, int], bool],
         desk: PairingDesk,
-        keys: ClientKeys | None = None,
+        keys: KeyDesk,
     ) -> None:
         """`take_burst` takes a burst and yields its progress.
 
-        `knows` tells whether a run of a node is the one that has joined by a name. `keys` are those of
-        datagrams; None where these are not sealed.
+        `knows` tells whether a run of a node is the one that has joined by a name. `keys` hands
+        out those of datagrams.
         """
         self._desk = desk
         self._knows = knows
@@ -173,7 +172,7 @@ class LeaderService:
                     working_on[key] = session, camera
                 await channel.send(await self._take_report(session, message))
             case messages.KeyRequest():
-                await channel.send(hand_out_key(self._keys, channel.who, message))
+                await channel.send(self._keys.hand_out(channel.who, message))
             case messages.NodeStream():
                 await channel.send(messages.ReportAck())
             case messages.SpoolSpace():

@@ -1,0 +1,68 @@
+"""Nodes without a camera that join a leader with sealed datagrams, over real UDP and TLS."""
+
+import asyncio
+import contextlib
+import secrets
+import socket
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+from capture_app.clock import HostClock
+from capture_app.net.address import Address
+from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
+from capture_app.node.keys import KeyRequester
+from capture_app.node.wire.messages import KeyRequest
+from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.trust.known_machines import Role
+from capture_app.trust.sealed_engines import SealedClient
+from capture_app.trust.trust import Trust
+
+
+class SealedNode:
+    """A running node."""
+
+    def __init__(self, name: str, instance: int) -> None:
+        self.name, self.instance = name, instance
+        self.time = TimeClient(name, instance, Timekeeper(1))
+        self.sealed: SealedClient
+
+
+@asynccontextmanager
+async def sealed_node(
+    leader: Address, trust: Trust, name: str = "cam", instance: int | None = None
+) -> AsyncIterator[SealedNode]:
+    """A node of a machine that goes by `trust`, until the block ends."""
+    node = SealedNode(name, secrets.randbits(62) if instance is None else instance)
+    node.sealed = SealedClient(SinglePeerEngine(node.time, leader))
+    pump = Pump(node.sealed, HostClock(), lambda: requester.look())
+    request = KeyRequest(name=name, instance=node.instance)
+    requester = KeyRequester(node.sealed.keys, request, node.time, trust, pump.turn)
+    asking = asyncio.create_task(requester.run())
+    pump.start(client_socket(socket.AF_INET))
+    try:
+        yield node
+    finally:
+        pump.close()
+        asking.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await asking
+
+
+def introduced(folder: Path, leader: Trust, name: str, role: Role = Role.CAMERA) -> Trust:
+    """The trust of another machine, which the leader's and it know."""
+    machine = Trust(folder / name)
+    one, other = machine.identity, leader.identity
+    machine.known.add(other.pin, Role.LEADER, name="leader", certificate=other.certificate)
+    leader.known.add(one.pin, role, name=name, certificate=one.certificate)
+    return machine
+
+
+@contextmanager
+def hostile_socket() -> Iterator[socket.socket]:
+    """A socket from which anything may come."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        sock.setblocking(False)
+        yield sock

@@ -1,0 +1,124 @@
+"""Who gets a key of a leader or a relay, and what becomes of those that have none, over real UDP and TLS."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.relay import RelayNode
+from capture_app.sync.wire.codec import decode, encode
+from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal, NodeState
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
+from tests.facts import make_facts
+from tests.waiting import until
+
+from .sealed_nodes import hostile_socket, introduced, sealed_node
+
+
+@pytest.fixture
+def trust(tmp_path: Path) -> Trust:
+    return Trust(tmp_path / "leader")
+
+
+@pytest.fixture
+async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
+    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust) as node:
+        yield node
+
+
+def here(leader: LeaderNode | RelayNode) -> list[str]:
+    return [node.name for node in leader.status().nodes if node.state is not NodeState.LOST]
+
+
+async def test_a_known_machine_joins_and_keeps_the_time(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    async with sealed_node(leader.own_address, introduced(tmp_path, trust, "machine")) as node:
+        await until(lambda: node.time.time_map is not None)
+        assert here(leader) == ["cam"]
+        assert node.sealed.refusals.total == 0
+    async with sealed_node(leader.own_address, trust, "own") as own:
+        await until(lambda: own.time.is_member)
+
+
+async def test_a_machine_that_is_not_known_or_no_camera_gets_no_key_and_is_told(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    operator = introduced(tmp_path, trust, "operator", Role.OPERATOR)
+    async with sealed_node(leader.own_address, operator) as node:
+        await until(lambda: "not as camera" in node.time.why_joining)
+    async with sealed_node(leader.own_address, Trust(tmp_path / "stranger")) as node:
+        await until(lambda: "does not know the leader" in node.time.why_joining)
+    assert here(leader) == []
+
+
+async def test_datagrams_of_strangers_change_nothing_and_are_told(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    machine = introduced(tmp_path, trust, "machine")
+    async with sealed_node(leader.own_address, machine) as node:
+        await until(lambda: node.time.is_member)
+        assert node.time.number is not None
+        with hostile_socket() as sock:
+            hello = encode(Hello("stranger", 1, make_facts()))
+            for message in (hello, encode(Goodbye(node.time.number))):
+                sock.sendto(message, leader.own_address)
+            async with asyncio.timeout(60):
+                answer = await asyncio.get_running_loop().sock_recv(sock, 2048)
+            assert isinstance(decode(answer), JoinRefusal)
+            assert len(answer) <= len(hello)
+            await until(lambda: any("refused" in line.text for line in leader.news.after(0)))
+        assert here(leader) == ["cam"]
+        assert node.time.is_member
+
+
+async def test_a_leader_that_was_started_anew_gives_new_keys(tmp_path: Path, trust: Trust) -> None:
+    machine = introduced(tmp_path, trust, "machine")
+    first = LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
+    await first.start()
+    async with sealed_node(first.own_address, machine) as node:
+        await until(lambda: node.time.is_member)
+        await first.stop()
+        port = first.own_address.port
+        async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=port, trust=trust) as second:
+            await until(lambda: here(second) == ["cam"] and node.time.is_member)
+
+
+async def test_a_machine_that_is_removed_loses_its_keys(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    machine = introduced(tmp_path, trust, "machine")
+    async with sealed_node(leader.own_address, machine) as node:
+        await until(lambda: node.time.is_member)
+        trust.known.remove("machine")
+        await until(lambda: not node.time.is_member)
+        await until(lambda: "does not know this machine" in node.time.why_joining)
+
+
+async def test_below_a_relay_keys_are_the_relays(tmp_path: Path, leader: LeaderNode, trust: Trust) -> None:
+    relays = introduced(tmp_path, trust, "relay", Role.RELAY)
+    one = RelayNode(name="relay", parents=(leader.own_address,), host="127.0.0.1", port=0, trust=relays)
+    async with one:
+        camera = introduced(tmp_path, relays, "camera")
+        async with sealed_node(one.address, camera, "below") as node:
+            await until(lambda: node.time.time_map is not None)
+            assert here(one) == ["below"]
+
+
+async def test_a_camera_is_not_taken_for_a_relay(tmp_path: Path, leader: LeaderNode, trust: Trust) -> None:
+    camera = introduced(tmp_path, trust, "camera")
+    said: list[str] = []
+    relay = RelayNode(
+        name="relay",
+        parents=(leader.own_address,),
+        host="127.0.0.1",
+        port=0,
+        trust=camera,
+        talk=said.append,
+    )
+    async with relay:
+        await until(lambda: any("not as relay" in line for line in said))
+    assert here(leader) == []

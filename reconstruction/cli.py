@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from capture_app import __version__
-from capture_app.errors import SimulshotError
+from capture_app.errors import ExitCode, SimulshotError
 from capture_app.terminal import run_command_line
 from capture_app.usage import add_verbosity, examples
 from reconstruction.commands.batch import batch
@@ -65,7 +65,12 @@ def main() -> None:
     # Whoever ends this process means it to tidy up as after Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     claim_stdout()
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    if code == ExitCode.INTERRUPTED:
+        # All is tidied up; threads that still compute would be waited for.
+        sys.stdout.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -28,8 +28,17 @@ def worker_pool() -> Iterator[ThreadPoolExecutor]:
     """A pool of `worker_count` threads; OpenCV, which each of them calls, then uses none of its own."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
+    pool = ThreadPoolExecutor(worker_count())
     try:
-        with ThreadPoolExecutor(worker_count()) as pool:
-            yield pool
+        yield pool
+    except KeyboardInterrupt:
+        # What runs is not waited for: `main` ends the process, threads and all.
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    except BaseException:
+        pool.shutdown(cancel_futures=True)
+        raise
+    else:
+        pool.shutdown()
     finally:
         cv2.setNumThreads(before)

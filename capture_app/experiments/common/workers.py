@@ -1,8 +1,10 @@
 """Independent trials on all cores that this process may use."""
 
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context
 from os import sched_getaffinity
 from typing import TypeVar
 
@@ -15,13 +17,33 @@ def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: 
     """Return what each call returns, in their order; calls and results can be pickled.
 
     `jobs` is the number of processes, None for one per core; fewer than `few` calls stay in this one.
+    Ctrl-C ends them all at once.
     """
     processes = len(sched_getaffinity(0)) if jobs is None else jobs
     if processes < 2 or len(calls) < few:
         return [call() for call in calls]
+    others = set(active_children())
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         chunk = max(1, len(calls) // (4 * processes))
-        return list(pool.map(_call, calls, chunksize=chunk))
+        with _children_without_interrupts():
+            results = pool.map(_call, calls, chunksize=chunk)
+        try:
+            return list(results)
+        except BaseException:
+            # The pool itself would wait for what runs.
+            for worker in set(active_children()) - others:
+                worker.kill()
+            raise
+
+
+@contextmanager
+def _children_without_interrupts() -> Iterator[None]:
+    """Have processes that start here not see Ctrl-C, which is for this one to answer."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _call(call: Callable[[], T]) -> T:

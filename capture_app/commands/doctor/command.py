@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.options import AddressType, spool_option
+from capture_app.commands.options import AddressType, open_option, spool_option
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, talk
@@ -27,6 +27,7 @@ from capture_app.usage import examples
     help="A leader or relay that this machine is to reach. Repeatable.",
 )
 @spool_option
+@open_option
 @json_option
 def doctor(leaders: tuple[Address, ...], spool: Path, as_json: bool) -> None:
     """Look this machine over: what would keep it from leading a rig or joining one, and what repairs it.

@@ -34,6 +34,7 @@ class ReachableLeader:
     """Of its simulshot, as it says; empty for one of this machine."""
     is_known: bool = True
     """Whether this machine knows a leader of the pin that it says it has, or asks nobody for a pin."""
+    is_relay: bool = False
 
 
 async def search_leaders(
@@ -56,9 +57,11 @@ async def search_leaders(
             await asyncio.sleep(max(0.0, began_s + OTHERS_S - time.monotonic()))
             found = browser.found
             answered = await _answering(found, trust or Trust.of_user())
-            if answered:
-                return answered
-            if time.monotonic() - began_s >= SAY_S:
+            is_late = time.monotonic() - began_s >= SAY_S
+            # A relay, or a stranger's leader, may only have been quicker.
+            if any(one.is_known and not one.is_relay for one in answered) or (answered and is_late):
+                return _best(answered)
+            if is_late:
                 sentence = await _what_is_in_the_way(found)
                 if sentence != said:
                     tell(sentence)
@@ -67,16 +70,25 @@ async def search_leaders(
 
 
 async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[ReachableLeader]:
-    """Return those that answer, each at the address that answers first; relays where no leader does."""
+    """Return those that answer, each at the address that answers first."""
     addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in found))
-    answering = [
-        (leader.is_relay, ReachableLeader(leader.name, address, leader.version, _knows(trust, leader.pin)))
+    return [
+        ReachableLeader(
+            name=leader.name,
+            address=address,
+            version=leader.version,
+            is_known=_knows(trust, leader.pin),
+            is_relay=leader.is_relay,
+        )
         for leader, address in zip(found, addresses, strict=True)
         if address is not None
     ]
-    leaders = [reachable for is_relay, reachable in answering if not is_relay]
-    leaders = leaders or [reachable for _, reachable in answering]
-    return [leader for leader in leaders if leader.is_known] or leaders
+
+
+def _best(answered: Sequence[ReachableLeader]) -> list[ReachableLeader]:
+    """Return those that are known, where some are, and of these the leaders, where some are."""
+    known = [one for one in answered if one.is_known] or list(answered)
+    return [one for one in known if not one.is_relay] or known
 
 
 def _knows(trust: Trust, pin: str) -> bool:

@@ -106,7 +106,7 @@ class Roster:
         """Return why a client cannot be taken in, empty where it can."""
         known = self.members.get(hello.name)
         if known is not None and not known.lost and known.instance != hello.instance:
-            return f"another camera named {hello.name} is here"
+            return f"another camera named {hello.name} is here: give this one another --name"
         if known is not None and hello.via is None and known.is_of_another_machine(speaker):
             return f"{hello.name} is the name of another machine's camera: choose another, or forget that one"
         if not is_name(hello.name):

@@ -58,7 +58,8 @@ def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
     rig.run(4.0)
     assert first.client.state is NodeState.READY
     assert second.client.state is NodeState.JOINING
-    assert JoinRefused("another camera named cam is here") in second.events
+    refusal = "another camera named cam is here: give this one another --name"
+    assert JoinRefused(refusal) in second.events
     rig.kill("cam")
     rig.run_until(lambda: second.client.state is NodeState.READY)
     assert rig.views()["cam"].via == "two"

@@ -40,3 +40,9 @@ def state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setenv("XDG_STATE_HOME", str(folder))
         patch.setenv("XDG_DATA_HOME", str(folder / "data"))
         yield folder
+
+
+@pytest.fixture
+def open_rig(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody is asked who it is: for tests that say each byte of a stream or a datagram themselves."""
+    monkeypatch.setenv("SIMULSHOT_OPEN", "1")

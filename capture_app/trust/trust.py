@@ -12,7 +12,7 @@ from capture_app.trust.identity import Identity, load_identity, pin_of
 from capture_app.trust.known_machines import KnownMachines, Role
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
-"""1: no machine is asked who it is, as with --open; 0: each is. Processes started here inherit it."""
+"""1: no machine is asked who it is, as with --open. Processes started here inherit it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Trust:
     @classmethod
     def of_user(cls) -> "Trust":
         """The trust of this process' user, in $XDG_DATA_HOME/simulshot/trust on Linux."""
-        if (os.environ.get(OPEN_VARIABLE) or "1") != "0":
+        if os.environ.get(OPEN_VARIABLE, "") not in ("", "0"):
             return _OPEN
         return _of_folder(user_data_path("simulshot", appauthor=False) / "trust")
 

@@ -38,6 +38,8 @@ from tests.node.joining import joined
 from tests.node.transfer.test_uploader import Picture, burst_upload, uploading
 from tests.waiting import until
 
+pytestmark = pytest.mark.usefixtures("open_rig")
+
 CAM0 = 7
 
 

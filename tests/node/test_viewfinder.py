@@ -31,6 +31,8 @@ from capture_app.node.wire.operating import (
 from capture_app.node.wire.views import NodeDetail, Preview
 from tests.node.joining import joined
 
+pytestmark = pytest.mark.usefixtures("open_rig")
+
 PATIENCE_S = 30.0
 NODE = 5
 """The run of the node."""

@@ -1,0 +1,82 @@
+"""Every command of reconstruct on the bundled sessions, at small settings: what they find is still true."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture_app.session.exporters.common.point_cloud import read_ply
+from reconstruction.cli import run
+
+SAMPLES = Path(__file__).parents[2] / "sample_sessions"
+SMALL = ("--memory", "60MB")
+"""Pictures of a third of their size."""
+
+
+def found(capsys: pytest.CaptureFixture[str], command: str, session: str, *options: object) -> dict[str, Any]:
+    """What a command prints as JSON."""
+    assert run([command, str(SAMPLES / session), *map(str, options), "--json"]) == 0
+    result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return result
+
+
+def test_stereo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "depth"
+    result = found(capsys, "stereo", "jumper", "--out", out)
+    assert result["coverage"] > 0.85
+    assert result["within_2pct"] > 0.75
+    assert (out / result["depth"]).is_file()
+    late = found(capsys, "stereo", "jumper", "--instant", 2, "--other-instant", 3, "--out", tmp_path / "late")
+    assert (late["instant"], late["other_instant"]) == (2, 3)
+    # What stands still is found all the same, what jumps is not.
+    assert 0.5 < late["within_2pct"] < result["within_2pct"] - 0.02
+
+
+def test_multiview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "depth"
+    result = found(capsys, "multiview", "jumper", "--no-mesh", *SMALL, "--out", out)
+    assert len(result["views"]) == 5
+    assert result["within_2pct"] > 0.7
+    assert result["mover_within_2pct"] > 0.8
+    # The cloud is what `sessions export --points` takes.
+    assert len(read_ply(out / "fused.ply").points) == result["fused_points"] > 5000
+
+
+def test_stitch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = found(capsys, "stitch", "crossing", "--out", tmp_path / "panorama")
+    assert result["used"] == ["cam00", "cam01", "cam02"]
+    assert result["synced"]["misfit"]["median_px"] < 0.6
+    assert result["synced"]["mover_misfit"]["median_px"] < 1.5
+    assert (tmp_path / "panorama" / result["synced"]["panorama"]).is_file()
+
+
+def test_dose(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = found(
+        capsys, "dose", "jumper", "--max-instants", 2, "--max-offset-ms", 34, "--out", tmp_path / "dose"
+    )
+    share = {point["offset_frames"]: point["scores"]["mover_within_2pct"] for point in result["points"]}
+    assert sorted(share) == [-1, 0, 1]
+    assert share[0] > 0.9
+    assert max(share[-1], share[1]) < 0.3
+    assert (tmp_path / "dose" / "report.html").is_file()
+
+
+def test_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = ("--max-instants", 1, "--max-multiview-instants", 1, "--multiview-width", 160, "--no-poses")
+    result = found(capsys, "compare", "crossing", *small, "--out", tmp_path / "compare")
+    stereo = result["stereo"]
+    assert stereo["synced"]["mover_coverage"] > 0.9
+    assert stereo["offset"]["mover_coverage"] < 0.2
+    assert stereo["offset"]["static_coverage"] > 0.9
+    assert "the same instant, as far as these pictures can tell" in result["verdict"]
+    assert (tmp_path / "compare" / "report.html").is_file()
+
+
+def test_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("pinwheel", "--instants", 0, *SMALL, "--out", tmp_path / "batch")
+    first = found(capsys, "batch", *arguments)
+    assert (first["computed"], first["reused"], first["failed"]) == (1, 0, 0)
+    again = found(capsys, "batch", *arguments)
+    assert (again["computed"], again["reused"], again["failed"]) == (0, 1, 0)
+    assert (tmp_path / "batch" / "summary.html").is_file()

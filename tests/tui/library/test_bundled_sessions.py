@@ -1,0 +1,49 @@
+"""The bundled sessions on the screen: each opens, and a real job of one goes from its key to its picture."""
+
+from pathlib import Path
+
+from capture_app.tui.jobs.job import JobState
+from capture_app.tui.jobs.result_screen import ResultScreen
+from capture_app.tui.library.take_screen import TakeScreen
+from capture_app.tui.pictures.picture import Picture
+from capture_app.tui.sheets.look import LookScreen
+from tests.tui.driving import settle, until
+from tests.tui.library.screen import library, rows, view
+
+SAMPLES = Path(__file__).parents[3] / "sample_sessions"
+NAMES = sorted(path.parent.name for path in SAMPLES.glob("*/session.json"))
+
+
+async def test_each_opens(sessions: Path) -> None:
+    async with library(sessions) as pilot:
+        listed = {Path(key).name: key for key in rows(pilot.app).keys if "sample_sessions" in key}
+        assert sorted(listed) == NAMES
+        for name in NAMES:
+            rows(pilot.app).choose(listed[name])
+            await settle(pilot)
+            assert view(pilot.app).entry.card.name == name
+            await pilot.press("enter")
+            await until(pilot, lambda: isinstance(pilot.app.screen, TakeScreen))
+            await pilot.press("enter")
+            await until(pilot, lambda: isinstance(pilot.app.screen, LookScreen))
+            assert pilot.app.screen.shown[1] == 0
+            await until(pilot, lambda: pilot.app.screen.query_one(Picture).cells is not None)
+            await pilot.press("escape", "escape")
+            await until(pilot, lambda: not isinstance(pilot.app.screen, TakeScreen | LookScreen))
+
+
+async def test_a_panorama_from_the_key_to_its_picture(sessions: Path) -> None:
+    async with library(sessions) as pilot:
+        key = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/crossing"))
+        rows(pilot.app).choose(key)
+        await settle(pilot)
+        await pilot.press("a", "down", "down", "enter")
+        await until(pilot, lambda: pilot.app.jobs.jobs and pilot.app.jobs.jobs[0].state.is_over)
+        (job,) = pilot.app.jobs.jobs
+        assert (job.state, job.kind.name) == (JobState.DONE, "stitch"), job.message
+        # A sample's own folder may be read-only: results lie beside the user's sessions.
+        assert job.out == sessions / "_results" / "_sample_sessions" / "crossing" / "stitch"
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
+        picture = pilot.app.screen.query_one(Picture)
+        await until(pilot, lambda: picture.cells is not None)

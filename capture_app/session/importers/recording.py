@@ -7,6 +7,7 @@ from pathlib import Path
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
+from capture_app.session.importers.aligning import AlignBy, align_recording, with_common_times
 from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
 from capture_app.session.importers.clock_state import clock_state
 from capture_app.session.importers.embedded_times import TimeSource
@@ -33,6 +34,8 @@ Progress = Callable[[int, int], None]
 Talk = Callable[[str], None]
 """Called with a line for each assumption."""
 
+SOUND_DISTANCE_M = 1.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions(TimeOptions):
@@ -44,6 +47,10 @@ class ImportOptions(TimeOptions):
     every: int = 1
     png: bool = False
     """Keep a video's frames as PNG instead of JPEG (quality 95)."""
+    align: AlignBy = AlignBy.AUTO
+    """What a recording without common times is aligned by."""
+    sound_distance_m: float = SOUND_DISTANCE_M
+    """How much farther one camera may be from what sounds than another."""
     calibration: Sequence[str] = field(default_factory=tuple)
     """PATH or NAME=PATH, see `read_views`."""
     unit: str | None = None
@@ -74,7 +81,19 @@ def import_recording(
     timeline = make_timeline(sources, options, talk)
     if common is not None and common.unknown:
         timeline = with_own_times(timeline)
-        talk(f"{common.words}; docs/synchronizing.md says how to align it")
+        common = align_recording(
+            sources,
+            timeline,
+            common,
+            options.align,
+            distance_m=options.sound_distance_m,
+            rate_given=options.fps is not None,
+        )
+        talk(
+            f"{common.words}; docs/synchronizing.md says how to align it" if common.unknown else common.words
+        )
+    if common is not None and common.cameras:
+        timeline = with_common_times(timeline, common)
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]

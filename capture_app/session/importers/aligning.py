@@ -1,0 +1,137 @@
+"""Aligns the videos of a recording that have no common times, by what all of them hold."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from enum import StrEnum
+
+from capture_app.errors import BadInputError
+from capture_app.session.alignment.chain import chain_cameras
+from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_clock_line
+from capture_app.session.alignment.sound import SOUND_M_PER_S, Sound, match_sounds, read_sound
+from capture_app.session.alignment.timecode import Timecode, read_timecode
+from capture_app.session.format.common_times import CameraTimes, CommonTimes, TimesState
+from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importers.sources import Source, Video
+
+Against = Callable[[str, str], CameraTimes]
+"""The times of the second camera against the first's; without an offset, why there is none."""
+
+
+class AlignBy(StrEnum):
+    """What a recording without common times is aligned by."""
+
+    AUTO = "auto"
+    """Each of the others in turn, the most exact first, until one tells all cameras' offsets."""
+    NONE = "none"
+    SOUND = "sound"
+    TIMECODE = "timecode"
+
+
+def align_recording(
+    sources: Sequence[Source],
+    timeline: Timeline,
+    unknown: CommonTimes,
+    by: AlignBy,
+    *,
+    distance_m: float,
+    rate_given: bool = False,
+) -> CommonTimes:
+    """The state of the times after alignment, each camera's with it; `unknown` where nothing tells.
+
+    `distance_m`: how much farther one camera may be from what sounds than another. `rate_given`: frames are
+    timed by a rate, not by their videos, so that sound has other times. Raises BadInputError where a method
+    was asked for that these sources cannot have.
+    """
+    videos = [source for source in sources if isinstance(source, Video)]
+    if by is AlignBy.NONE or len(videos) < len(sources):
+        if by not in (AlignBy.AUTO, AlignBy.NONE):
+            raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
+        return unknown
+    if by is AlignBy.SOUND and rate_given:
+        raise BadInputError(
+            "--align sound takes the videos' own times", hint="--times video instead of --fps"
+        )
+    names = [source.name for source in videos]
+    starts_s = _starts_s(timeline)
+    makers: dict[AlignBy, Callable[[], Against]] = {
+        AlignBy.SOUND: lambda: _by_sound(videos, distance_m),
+        AlignBy.TIMECODE: lambda: _by_timecode(videos, starts_s),
+    }
+    reasons: list[str] = []
+    for method, make in makers.items():
+        if by not in (AlignBy.AUTO, method) or (method is AlignBy.SOUND and rate_given):
+            continue
+        cameras = chain_cameras(names, make())
+        lacking = {name: of.reason for name, of in cameras.items() if of.offset_ns is None}
+        if not lacking:
+            return CommonTimes(
+                state=TimesState.ALIGNED, reason=f"by {method}", reference=names[0], cameras=cameras
+            )
+        reasons.append(f"by {method}: " + "; ".join(f"{name}: {why}" for name, why in lacking.items()))
+    return CommonTimes(state=unknown.state, reason=", not aligned ".join([unknown.reason, *reasons]))
+
+
+def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
+    """The same frames at the recording's times, matched anew."""
+    cameras: dict[str, list[TimedFrame]] = {}
+    for instant in timeline.instants:
+        for name, frame in instant.frames.items():
+            own_ns = frame.leader_ns if frame.local_ns is None else frame.local_ns
+            times = common.cameras[name]
+            moved = replace(
+                frame,
+                leader_ns=times.leader_from_local(own_ns),
+                local_ns=own_ns,
+                further={**frame.further, "uncertainty_ns": times.uncertainty_at_ns(own_ns)},
+            )
+            cameras.setdefault(name, []).append(moved)
+    return timeline_by_times("the recording", cameras)
+
+
+def _starts_s(timeline: Timeline) -> Mapping[str, float]:
+    """When each camera's first frame was taken, by its own times."""
+    starts: dict[str, float] = {}
+    for instant in timeline.instants:
+        for name, frame in instant.frames.items():
+            starts[name] = min(starts.get(name, frame.leader_ns / 1e9), frame.leader_ns / 1e9)
+    return starts
+
+
+def _by_sound(videos: Sequence[Video], distance_m: float) -> Against:
+    sounds: dict[str, Sound | None] = {video.name: read_sound(video.path) for video in videos}
+
+    def against(first: str, second: str) -> CameraTimes:
+        reference, camera = sounds[first], sounds[second]
+        if reference is None or camera is None:
+            return CameraTimes(reason=f"{first if reference is None else second} has no sound")
+        moments = match_sounds(reference, camera)
+        if isinstance(moments, str):
+            return CameraTimes(reason=moments)
+        return fit_clock_line(moments, AlignBy.SOUND, systematic_s=distance_m / SOUND_M_PER_S)
+
+    return against
+
+
+def _by_timecode(videos: Sequence[Video], starts_s: Mapping[str, float]) -> Against:
+    codes: dict[str, Timecode | None] = {}
+    for video in videos:
+        code = read_timecode(video.path)
+        codes[video.name] = None if code is None else replace(code, first_s=starts_s[video.name])
+
+    def against(first: str, second: str) -> CameraTimes:
+        reference, camera = codes[first], codes[second]
+        if reference is None or camera is None:
+            return CameraTimes(reason=f"{first if reference is None else second} has no timecode")
+        offset_s = camera.offset_from(reference)
+        if offset_s is None:
+            return CameraTimes(reason="their timecodes count at different rates")
+        # A timecode names a frame: within it, the exposures of two cameras lie anywhere.
+        return CameraTimes(
+            offset_ns=round(offset_s * 1e9),
+            uncertainty_ns=round(max(reference.period_s, camera.period_s) * 1e9),
+            rate_uncertainty_ppm=SIGMAS * CRYSTAL_PPM,
+            epoch_local_ns=round(camera.first_s * 1e9),
+            source=AlignBy.TIMECODE,
+        )
+
+    return against

@@ -1,0 +1,110 @@
+"""One scene cut apart into videos with unknown offsets, imported again: offsets within their errors."""
+
+from pathlib import Path
+
+import pytest
+
+from capture_app.cli import run
+from capture_app.errors import ExitCode
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes, TimesState
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from tests.session.alignment.cut_apart import Phone, Take
+
+PHONES = (
+    Phone("a", start_s=0.0, fps=30),
+    Phone("b", start_s=1.2345, fps=30_000 / 1001, ppm=30, seed=2),
+    Phone("c", start_s=-0.8177, fps=30, ppm=-25, jitter_s=0.012, seed=3),
+)
+CLAPS = Take(claps_s=(2.2, 3.31, 4.87, 6.05))
+
+
+def imported(folder: Path, *arguments: str) -> Session:
+    name = f"s{len(list(folder.parent.iterdir()))}"
+    call = ["sessions", "import", str(folder), "--out", str(folder.parent), "--name", name, *arguments]
+    assert run(call) == ExitCode.OK
+    session = Session.open(folder.parent / name)
+    assert verify(session) == []
+    return session
+
+
+def error_ms(times: CameraTimes, phone: Phone, at_s: float) -> tuple[float, float]:
+    """How wrong the aligned time is at the phone's own time, against phone a, and its 95 % error."""
+    own_ns = round(at_s * 1e9)
+    true_s = float(PHONES[0].own_s(phone.true_s(at_s)))
+    bar_ns = times.uncertainty_at_ns(own_ns)
+    assert bar_ns is not None
+    return times.leader_from_local(own_ns) / 1e6 - true_s * 1e3, bar_ns / 1e6
+
+
+@pytest.fixture(scope="module")
+def claps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cut") / "rec"
+    for phone in PHONES:
+        phone.record(CLAPS, folder / f"{phone.name}.mp4", 8)
+    return folder
+
+
+def test_claps_align_videos(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    session = imported(claps, "--times", "video", "--sound-distance-m", "0", "--start", "60", "--count", "40")
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert (times.state, times.reference) == (TimesState.ALIGNED, "a")
+    for phone in PHONES[1:]:
+        of = times.cameras[phone.name]
+        assert of.source == "sound"
+        error, bar = error_ms(of, phone, 4.0)
+        assert abs(error) < bar < 1
+    # No picture is made or changed for it; frames that are nearest to each other are paired by it.
+    pairs = [images for images in session.images_by_instant() if len(images) == 3]
+    assert len(pairs) > 25
+    for image in (image for images in pairs for image in images.values()):
+        phone = next(phone for phone in PHONES if phone.name == image.camera)
+        assert image.local_ns is not None
+        assert abs(image.leader_ns / 1e9 - float(PHONES[0].own_s(phone.true_s(image.local_ns / 1e9)))) < 1e-3
+        assert abs(image.residual_ns) < 17e6
+    assert "by sound" in capsys.readouterr().out
+
+
+def test_the_way_of_sound_is_in_the_error_bar(claps: Path) -> None:
+    times = imported(claps, "--times", "video", "--start", "60", "--count", "3").manifest.burst.common_times
+    assert times is not None
+    assert (times.cameras["b"].uncertainty_ns or 0) > 1 / 343 * 1e9
+
+
+def test_what_was_not_asked_for_is_not_done(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    times = imported(
+        claps, "--times", "video", "--align", "none", "--start", "60", "--count", "3"
+    ).manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+    assert NOT_SYNCHRONIZED in capsys.readouterr().out
+
+
+def test_sounds_that_share_nothing_align_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for phone, take in zip(PHONES, (Take(claps_s=(2.0, 3.3), seed=5), Take(), Take()), strict=True):
+        phone.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 5)
+    times = imported(
+        tmp_path / "rec", "--times", "video", "--start", "60", "--count", "3"
+    ).manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+    assert not times.cameras
+    assert "by sound" in times.reason
+    assert NOT_SYNCHRONIZED in capsys.readouterr().out
+
+
+def test_timecodes_align_to_a_frame(tmp_path: Path) -> None:
+    codes = {"a": "10:00:00:00", "b": "10:00:00:06"}
+    for phone in PHONES[:2]:
+        still = Phone(phone.name, fps=30, timecode=codes[phone.name])
+        still.record(Take(), tmp_path / "rec" / f"{phone.name}.mp4", 3, sound=False)
+    for arguments in (["--times", "video"], ["--fps", "30"]):
+        session = imported(tmp_path / "rec", *arguments)
+        times = session.manifest.burst.common_times
+        assert times is not None
+        of = times.cameras["b"]
+        assert (times.state, of.source, of.offset_ns) == (TimesState.ALIGNED, "timecode", 200_000_000)
+        assert of.uncertainty_ns == pytest.approx(1e9 / 30, abs=1)
+        both = [images for images in session.images_by_instant() if len(images) == 2]
+        assert {(i["a"].sequence or 0) - (i["b"].sequence or 0) for i in both} == {6}

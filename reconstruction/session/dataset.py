@@ -1,8 +1,6 @@
 """A session's images and ground truth, by camera and instant."""
 
 import hashlib
-import zipfile
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +9,7 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
+from capture_app.session.files.array_file import read_arrays
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
@@ -184,15 +183,13 @@ class Dataset:
         if path is None:
             return None
         try:
-            with path.open("rb") as file, np.load(file) as data:
-                depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
-                if self._scale < 1.0:
-                    size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
-                    depth, movers = (
-                        np.asarray(cv2.resize(a, size, interpolation=how)) for a in (depth, movers)
-                    )
-                return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            data = read_arrays(path)
+            depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
+            if self._scale < 1.0:
+                size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
+                depth, movers = (np.asarray(cv2.resize(a, size, interpolation=how)) for a in (depth, movers))
+            return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
+        except (ValueError, KeyError, cv2.error) as error:
             raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
 
     def ground_truth_file(self, camera: str, instant: int) -> Path | None:

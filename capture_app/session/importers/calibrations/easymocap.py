@@ -12,9 +12,11 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.importers.calibrations.camera_views import Array, View, Views, from_rodrigues
-from capture_app.session.importers.calibrations.opencv_storage import open_storage
+from capture_app.session.importers.calibrations.opencv_storage import read_storage
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+LONGEST_SIDE_PX = 1e6
+Content = dict[str, Any]
 
 
 def is_easymocap(path: Path) -> bool:
@@ -32,45 +34,50 @@ def read_easymocap(path: Path) -> Views:
             raise BadInputError(
                 f"no {name} in {folder}", hint=f"EasyMocap needs both: {INTRINSICS}, {EXTRINSICS}"
             )
-    with open_storage(folder / INTRINSICS) as lenses, open_storage(folder / EXTRINSICS) as poses:
-        names = _names(folder / INTRINSICS, lenses)
-        views = {name: _view(folder, name, lenses, poses) for name in names}
+    lenses, poses = read_storage(folder / INTRINSICS), read_storage(folder / EXTRINSICS)
+    names = _names(folder / INTRINSICS, lenses)
+    views = {name: _view(folder, name, lenses, poses) for name in names}
     return Views(views, f"{INTRINSICS}, {EXTRINSICS}")
 
 
-def _names(where: Path, storage: Any) -> list[str]:
-    node = storage.getNode("names")
-    listed = [node.at(index) for index in range(node.size())] if node.isSeq() else []
-    names = [one.string() if one.isString() else f"{one.real():g}" for one in listed]
+def _names(where: Path, storage: Content) -> list[str]:
+    listed = storage.get("names")
+    names = [
+        f"{name:g}" if isinstance(name, int | float) else str(name)
+        for name in (listed if isinstance(listed, list) else ())
+    ]
     names = [name for name in names if name not in ("", "none")]
     if not names:
         raise BadInputError(f"{where} has no list of cameras, names", hint="is it EasyMocap's?")
     return names
 
 
-def _view(folder: Path, name: str, lenses: Any, poses: Any) -> View:
+def _view(folder: Path, name: str, lenses: Content, poses: Content) -> View:
     where = f"{folder}: camera {name}"
     distortion = _matrix(lenses, f"dist_{name}")
     if distortion is None:
         distortion = _matrix(lenses, f"D_{name}")
-    height, width = (lenses.getNode(f"{key}_{name}") for key in "HW")
-    size = None if height.empty() or width.empty() else (int(width.real()), int(height.real()))
+    sides = [
+        round(side)
+        for side in (lenses.get(f"{key}_{name}") for key in "WH")
+        if isinstance(side, int | float) and 0 < side < LONGEST_SIDE_PX
+    ]
     return View(
         matrix=_needed(where, lenses, f"K_{name}", 9).reshape(3, 3),
         distortion=np.zeros(5) if distortion is None else distortion.ravel(),
         rotation=from_rodrigues(_needed(where, poses, f"R_{name}", 3)),
         translation=_needed(where, poses, f"T_{name}", 3).ravel(),
-        size=size if size and min(size) > 0 else None,
+        size=(sides[0], sides[1]) if len(sides) == 2 else None,
     )
 
 
-def _needed(where: str, storage: Any, key: str, count: int) -> Array:
+def _needed(where: str, storage: Content, key: str, count: int) -> Array:
     found = _matrix(storage, key)
     if found is None or found.size != count:
         raise BadInputError(f"{where} has no {key} of {count} numbers")
     return found
 
 
-def _matrix(storage: Any, key: str) -> Array | None:
-    node = storage.getNode(key)
-    return np.asarray(node.mat(), np.float64) if node.isMap() else None
+def _matrix(storage: Content, key: str) -> Array | None:
+    found = storage.get(key)
+    return found if isinstance(found, np.ndarray) else None

@@ -1,16 +1,15 @@
 """OpenCV's calibrations, as people save them: .npz, or YAML and XML of cv2.FileStorage."""
 
 import re
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.session.files.array_file import read_arrays
 from capture_app.session.importers.calibrations.camera_views import Array, View, Views, from_rodrigues
-from capture_app.session.importers.calibrations.opencv_storage import open_storage
+from capture_app.session.importers.calibrations.opencv_storage import read_storage
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
@@ -103,27 +102,20 @@ def _load(path: Path) -> Content:
 
 
 def _load_npz(path: Path) -> Content:
-    try:
-        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
-            arrays = {key.lower(): file[key] for key in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise BadInputError(f"cannot read the calibration {path}: {error}") from error
     return {
-        key: value.astype(np.float64)
-        for key, value in arrays.items()
+        key.lower(): value.astype(np.float64)
+        for key, value in read_arrays(path).items()
         if np.issubdtype(value.dtype, np.number)
     }
 
 
 def _load_storage(path: Path) -> Content:
     content = {}
-    with open_storage(path) as storage:
-        for key in storage.root().keys():  # noqa: SIM118 - a FileNode is no dict
-            node = storage.getNode(key)
-            if node.isMap():
-                content[key.lower()] = np.asarray(node.mat(), np.float64)
-            elif node.isReal() or node.isInt():
-                content[key.lower()] = np.array([node.real()])
+    for key, value in read_storage(path).items():
+        if isinstance(value, np.ndarray):
+            content[key.lower()] = value
+        elif isinstance(value, int | float):
+            content[key.lower()] = np.array([float(value)])
     return content
 
 

@@ -21,9 +21,9 @@ def test_a_cut_file_of_ground_truth_is_no_error_of_python(
     assert path is not None
     data = path.read_bytes()
     path.write_bytes(data[: round(keep * len(data))])
-    with pytest.raises(BadInputError, match="cannot read .*000000.npz as arrays"):
+    with pytest.raises(BadInputError, match=r"cannot read .*000000\.npz as arrays"):
         dataset.ground_truth("left", 0)
     middle = len(data) // 2
     path.write_bytes(data[:middle] + bytes(64) + data[middle + 64 :])
-    with pytest.raises(BadInputError, match="cannot read .*000000.npz as arrays"):
+    with pytest.raises(BadInputError, match=r"cannot read .*000000\.npz as arrays"):
         dataset.ground_truth("left", 0)

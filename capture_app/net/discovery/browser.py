@@ -14,7 +14,7 @@ from capture_app.net.discovery.announcement import SERVICE
 from capture_app.net.interfaces import own_hosts
 from capture_app.text import printable
 
-MOST_LEADERS, MOST_ADDRESSES, MOST_LETTERS = 64, 16, 80
+MOST_LEADERS, MOST_ADDRESSES, MOST_LETTERS = 32, 16, 80
 DETAILS_MS = 3000
 """How long to ask for the address of one that was heard of."""
 

@@ -1,9 +1,13 @@
 """How many instants a burst gets, and how far apart, by what was asked for and the rig's frame period."""
 
+from bisect import bisect_right
+
 from capture_app.errors import BadInputError
 from capture_app.node.wire.messages import BurstRequest
-from capture_app.sync.rig.frame_picks import MAX_STREAMED_FRAMES, MAX_STREAMED_NS
+from capture_app.sync.rig.frame_picks import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 
+LONG_NS = 2_000_000_000
+END_LEAD_NS = 300_000_000
 NEAR = 0.02
 """A rate that differs by no more than this share is the one that was asked for."""
 
@@ -30,3 +34,13 @@ def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]
     if request.seconds is not None:
         return max(1, round(request.seconds * 1e9 / step_ns)), spacing
     return min(MAX_STREAMED_FRAMES, MAX_STREAMED_NS // step_ns), spacing
+
+
+def is_streamed(request_spare: int | None, frames: int, step_ns: int) -> bool:
+    """Whether the frames of a burst are sent as they come: it is long, and no spare were asked for."""
+    return not request_spare and (frames - 1) * step_ns > LONG_NS
+
+
+def frames_until(burst: Burst, now_ns: int) -> int:
+    """How many frames a burst has that is to end now, and of whose end every node must hear before."""
+    return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))

@@ -1,7 +1,7 @@
 """A burst on the leader's side: reports and images come in, a session comes out, whatever is missing."""
 
 import asyncio
-from collections.abc import AsyncIterator, Collection, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Coroutine, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -9,26 +9,18 @@ from typing import Any
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.errors import BadInputError, DiskError, SimulshotError, TryAgainError
+from capture_app.errors import BadInputError, SimulshotError, TryAgainError
 from capture_app.node.burst import plans
 from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.disk_threads import DiskThreads
-from capture_app.node.burst.image_commits import ImageCommits, IncomingImage
-from capture_app.node.burst.incoming_frames import (
-    add_images,
-    ignore_image,
-    known_image,
-    receive_frame,
-    shortened,
-)
+from capture_app.node.burst.image_intake import ImageIntake
+from capture_app.node.burst.incoming_frames import shortened
 from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.burst.progress import burst_status, disk_reason, mean_image_bytes, waiting_text
 from capture_app.node.burst.settlement import Settlement
-from capture_app.node.transfer.partial_image import PartialImage
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.node.wire.status import BurstStatus
-from capture_app.session.format.manifest import CameraRecord, ImageRecord
-from capture_app.session.writing.received_image import ReceivedImage
+from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 
@@ -69,7 +61,15 @@ class BurstSession:
         self._plan = plans.SharedPlan(writer, disk)
         self._settlement = Settlement(self._choice, self._plan, self._cameras)
         self._background: set[asyncio.Task[None]] = set()
-        self._commits = ImageCommits(self._save, self._note_saved)
+        self._intake = ImageIntake(
+            writer,
+            disk,
+            self._choice,
+            self._camera,
+            check_open=self._check_open,
+            on_saved=lambda: self._spawn(self.finish_if_complete()),
+            on_failure=lambda error: self._spawn(self.finish_now(disk_reason(error))),
+        )
 
     @classmethod
     def resume(cls, folder: Path, heard_ns: int, disk: DiskThreads) -> "BurstSession":
@@ -93,7 +93,9 @@ class BurstSession:
     def status(self) -> BurstStatus:
         """How far it is; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
-        waiting = "" if done else self.trouble or waiting_text(self._commits, self._settlement.undecided)
+        waiting = (
+            "" if done else self.trouble or waiting_text(self._intake.commits, self._settlement.undecided)
+        )
         return burst_status(
             self.burst,
             self._writer,
@@ -161,34 +163,7 @@ class BurstSession:
         What came of it stays where the stream breaks off, with NetworkError. Raises BadInputError,
         TryAgainError for a damaged one, DiskFullError, as does the future; a full disk ends the burst.
         """
-        self._check_open()
-        if self.burst.streamed and upload.record.instant >= self.burst.frames:
-            return await ignore_image(upload, payload)
-        record, camera = self._choice.renumbered(upload.record), self._camera(upload.record.camera)
-        known = self._writer.image(record.camera, record.instant)
-        if known is not None:
-            return known_image(known.sha256)
-        if record.instant in camera.saving:
-            return camera.saving[record.instant]
-        if self.burst.video:
-            frame = await receive_frame(replace(upload, record=record), payload)
-            self._check_open()
-            camera.note_heard(now_ns, advanced=True)
-            return self._commit(camera, frame)
-        partial = PartialImage(self._writer.folder, replace(upload, record=record))
-        try:
-            await camera.receive_image(partial, payload, self._disk, self._check_open)
-            async with camera.writing:
-                self._check_open()
-                if record.instant in camera.saving:
-                    return camera.saving[record.instant]
-                truth = await self._disk.call(partial.split_off_truth)
-                task = self._commit(camera, ReceivedImage(record, partial.file, truth, upload.true_ns))
-        except DiskError as error:
-            await self.finish_now(disk_reason(error))
-            raise
-        camera.note_heard(now_ns, advanced=True)
-        return task
+        return await self._intake.take(self.burst, upload, payload, now_ns)
 
     async def end(self, burst: Burst) -> None:
         """Wait for no instants beyond those of `burst`: it ends earlier than it was ordered."""
@@ -270,32 +245,6 @@ class BurstSession:
         if self.finished.is_set():
             raise TryAgainError(f"burst {self.burst.number} is over")
 
-    def _commit(self, camera: CameraProgress, image: IncomingImage) -> "asyncio.Task[str]":
-        saved = self._commits.add(image)
-        task = asyncio.create_task(self._wait_until_saved(camera, image.record, saved))
-        camera.saving[image.record.instant] = task
-        return task
-
-    async def _save(self, images: Sequence[IncomingImage]) -> list[SimulshotError | None]:
-        return await self._disk.call(add_images, self._writer, images)
-
-    def _note_saved(self, record: ImageRecord) -> None:
-        self._cameras[record.camera].note_saved(record.instant)
-
-    async def _wait_until_saved(
-        self, camera: CameraProgress, record: ImageRecord, saved: "asyncio.Future[None]"
-    ) -> str:
-        try:
-            await saved
-        except DiskError as error:
-            self._spawn(self.finish_now(disk_reason(error)))
-            raise
-        finally:
-            camera.saving.pop(record.instant, None)
-        # The node hears of its image before the session is finished, which takes the disk some time.
-        self._spawn(self.finish_if_complete())
-        return record.sha256
-
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
         self._background.add(task)
@@ -311,7 +260,7 @@ class BurstSession:
         async with AsyncExitStack() as stack:
             for camera in self._cameras.values():
                 await stack.enter_async_context(camera.writing)
-            await self._commits.wait_until_idle()
+            await self._intake.commits.wait_until_idle()
             yield
 
     def _finish(self) -> Path | None:

@@ -1,20 +1,20 @@
 """The bursts of a leader that are under way: ordered, collected and saved, with those of earlier runs."""
 
 import asyncio
-from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
 from capture_app.node.burst.answers import CancelledBurstError
+from capture_app.node.burst.burst_length import frames_until, is_streamed
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.burst.numbered_sessions import MAX_FOLDER_NUMBER, RECORDING, UNNAMED, create_numbered
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
-from capture_app.node.leader.readiness import check_room, expected_image_bytes
+from capture_app.node.leader.readiness import check_open_bursts, check_room, expected_image_bytes
 from capture_app.node.leader.wording import DiskNews, News
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstAhead, BurstStatus
@@ -24,13 +24,9 @@ from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import NodeState
 
 CANCELLED = "the burst was cancelled"
-MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD, REMEMBERED = 16, 16, 64
+REMEMBERED = 64
 SOON_NS = 30_000_000_000
 """A burst that begins later is one ahead, and is none of those that are being saved."""
-LONG_NS = 2_000_000_000
-"""The frames of bursts that last longer are sent as they come, and no instant is skipped."""
-END_LEAD_NS = 300_000_000
-"""A recording that is to end now goes on for so long, that every node hears of its end."""
 SURE_FRAMES = 300
 """There must be room for so many frames of each camera before a recording begins."""
 SILENCE_CHECK_S = 0.25
@@ -69,7 +65,7 @@ class ActiveBursts:
         """The number in the name of the last session, by what is before it."""
         self._image_bytes: dict[str, int] = {}
         self._spools: dict[str, SpoolSpace] = {}
-        self._told_ns = 0
+        self._told_ns = now_ns() - TELL_EVERY_NS
         self._silent: set[str] = set()
         """Cameras of this run that left their last burst without a word: one must not hold up all others."""
         self._trouble = ""
@@ -113,8 +109,8 @@ class ActiveBursts:
         prefix = name or (RECORDING if video else UNNAMED)
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
         goal = self._engine.goal
-        long = goal is not None and (frames - 1) * spacing * goal.period_ns > LONG_NS
-        streamed = video or (long and not spare)
+        step_ns = 0 if goal is None else spacing * goal.period_ns
+        streamed = video or is_streamed(spare, frames, step_ns)
         self._engine.check_burst(frames=frames, spacing=spacing, streamed=streamed)
         image_bytes = expected_image_bytes(self._engine.clients(self.now_ns()), self._image_bytes)
         # A recording may be stopped at any time.
@@ -169,19 +165,9 @@ class ActiveBursts:
 
     def _check_number(self, at_leader_ns: int | None) -> None:
         """Raise IncompleteError where too many bursts are under way, or ordered ahead."""
-        ahead = [burst.burst for burst in self.ahead]
-        open_bursts = [of for of in self._bursts.values() if not of.finished.is_set()]
+        open_bursts = sum(1 for of in self._bursts.values() if not of.finished.is_set())
         is_ahead = at_leader_ns is not None and at_leader_ns > self.now_ns() + SOON_NS
-        if is_ahead and len(ahead) >= MAX_BURSTS_AHEAD:
-            numbers = ", ".join(map(str, ahead))
-            raise IncompleteError(
-                f"{len(ahead)} bursts are ordered ahead already: {numbers}",
-                hint="wait for them, or cancel one: capture-app burst --cancel BURST",
-            )
-        if len(open_bursts) - len(ahead) >= MAX_OPEN_BURSTS:
-            raise IncompleteError(
-                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
-            )
+        check_open_bursts([burst.burst for burst in self.ahead], open_bursts, is_ahead=is_ahead)
 
     async def cancel(self, number: int) -> None:
         """Take a burst back: nodes forget it, and what has come already is saved.
@@ -195,25 +181,20 @@ class ActiveBursts:
         self._engine.cancel(session.burst, self.now_ns())
         await session.cancel(CANCELLED)
 
-    async def end(self, number: int | None = None) -> int:
-        """Let a recording, or a long burst, end now: that of this number, or else the newest; return it.
-
-        Raises BadInputError where there is none.
-        """
-        under_way = [of for of in self._bursts.values() if of.burst.streamed and not of.finished.is_set()]
-        found = [of for of in under_way if number is None or of.burst.number == number]
+    async def end(self, number: int | None = None) -> None:
+        """Let a recording, or a long burst, end now; None: the newest. Raises BadInputError."""
+        streamed = (of for of in self._bursts.values() if of.burst.streamed and not of.finished.is_set())
+        found = [of for of in streamed if number in (None, of.burst.number)]
         if not found:
             what = "no recording is" if number is None else f"burst {number} is no recording that is"
             raise BadInputError(f"{what} under way", hint="capture-app status shows what is")
         await self._end(found[-1])
-        return found[-1].burst.number
 
     async def _end(self, session: BurstSession) -> None:
         """Order no instants of a session beyond those that every node can have heard of."""
-        burst, now_ns = session.burst, self.now_ns()
-        frames = max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
-        if frames < burst.frames:
-            ended = self._engine.end(burst, frames, now_ns)
+        frames = frames_until(session.burst, self.now_ns())
+        if frames < session.burst.frames:
+            ended = self._engine.end(session.burst, frames, self.now_ns())
             if not session.finished.is_set():
                 await session.end(ended)
 
@@ -262,11 +243,10 @@ class ActiveBursts:
 
     def tell_progress(self, session: BurstSession) -> None:
         """Report how far a burst is, a long one now and then; that it is finished is reported once."""
-        now_ns = self.now_ns()
-        if session.finished.is_set() or (session.burst.streamed and now_ns < self._told_ns + TELL_EVERY_NS):
-            return
-        self._told_ns = now_ns
-        self._on_news(session.status)
+        wait_ns = TELL_EVERY_NS if session.burst.streamed else 0
+        if not session.finished.is_set() and self.now_ns() >= self._told_ns + wait_ns:
+            self._told_ns = self.now_ns()
+            self._on_news(session.status)
 
     def note_refusal(self, refusal: BurstRefused) -> None:
         """A node takes no part in a burst."""

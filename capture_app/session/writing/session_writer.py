@@ -147,10 +147,7 @@ class SessionWriter:
         return outcome
 
     def add_frames(self, frames: Sequence[NewFrame]) -> None:
-        """Add frames to the video of their camera, the same for all; once this returns no crash loses one.
-
-        Raises SimulshotError where the disk does not take them: none of them is there then.
-        """
+        """Add frames to the video of their one camera, all of them, or none and a SimulshotError."""
         try:
             with self._mutex:
                 self._check_open()
@@ -187,7 +184,7 @@ class SessionWriter:
 
     @property
     def knows_true_times(self) -> bool:
-        """Whether any image came with its true time: the session is a simulated one."""
+        """Whether any image came with its true time, as simulated ones do."""
         return self._truth.knows_times or self.videos.knows_true_times
 
     def set_ground_truth_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:

@@ -5,6 +5,7 @@ import random
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.v4l2.pictures import JpegPicture
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
@@ -127,13 +128,13 @@ class SimulatedCamera(Camera):
             on_frame(self._captured(frame))
 
     def _captured(self, frame: SensorFrame) -> CapturedFrame:
+        jpeg = self._source.jpeg(frame)
+        seed = frame_seed(self._seed, frame.stream, frame.sequence)
         return CapturedFrame(
             sequence=frame.sequence,
             stream=frame.stream,
             timestamp_ns=self._clock.local_from_true(frame.timestamp_true_ns),
-            picture=SimulatedPicture(
-                self._source, frame, frame_seed(self._seed, frame.stream, frame.sequence)
-            ),
+            picture=SimulatedPicture(self._source, frame, seed) if jpeg is None else JpegPicture(jpeg),
             exposure_ns=frame.exposure_ns,
             gain=1.0,
             white_balance=(1.0, 1.0),

@@ -4,6 +4,7 @@ import math
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from capture_app.camera_facts import SIMULATED
@@ -14,11 +15,18 @@ from capture_app.simulation.camera.camera import SimulatedCamera
 from capture_app.simulation.camera.pictures import stable_seed
 from capture_app.simulation.devices.profiles import PROFILES, SensorProfile, find_profile
 from capture_app.simulation.devices.sensor import Sensor
-from capture_app.simulation.rendering.picture_source import LED_PANEL, TEST_CARD, open_picture_source
+from capture_app.simulation.rendering.picture_source import (
+    LED_PANEL,
+    TEST_CARD,
+    PictureSource,
+    open_picture_source,
+)
+from capture_app.simulation.rendering.replay import Replay
 
 OPTIONS = {
     "scene": f"what it sees: a scene's name, {LED_PANEL}, or {TEST_CARD}, a test card (default)",
     "view": "the scene's view; default: the one named like the node",
+    "replay": "an MJPEG file whose pictures it gives, instead of a scene",
     "scale": "size of the pictures, 0.1 to 1 of the full size",
     "calibration": "none: sessions do not get the scene's true calibration",
     "seed": "whole number; with the node's name it chooses crystal, noise and drops",
@@ -60,15 +68,22 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     model = _adjusted(find_profile(profile), options)
     scale = _number(options, "scale", least=0.1, most=1)
     camera_seed = stable_seed(f"{name}/{_seed(options)}")
-    source = open_picture_source(
-        options.get("scene", TEST_CARD),
-        options.get("view", ""),
-        camera=name,
-        width=model.image_width,
-        height=model.image_rows,
-        row_time_ns=model.row_time_ns,
-        scale=1.0 if scale is None else scale,
-    )
+    source: PictureSource
+    if "replay" in options:
+        if not {"scene", "view", "scale"}.isdisjoint(options):
+            hint = "leave scene=, view= and scale= out"
+            raise BadInputError("a camera that replays a file has no scene", hint=hint)
+        source = Replay.open(Path(options["replay"]))
+    else:
+        source = open_picture_source(
+            options.get("scene", TEST_CARD),
+            options.get("view", ""),
+            camera=name,
+            width=model.image_width,
+            height=model.image_rows,
+            row_time_ns=model.row_time_ns,
+            scale=1.0 if scale is None else scale,
+        )
     sensor = Sensor(
         replace(model, image_rows=source.height),
         random.Random(camera_seed),

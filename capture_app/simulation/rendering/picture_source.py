@@ -43,6 +43,10 @@ class PictureSource(ABC):
         """Return the picture, BGR uint8, about `width` pixels wide if that is quicker to render."""
         return self.render(frame, seed=seed)
 
+    def jpeg(self, frame: SensorFrame) -> bytes | None:
+        """Return the picture as the JPEG that it comes as; None where it is rendered."""
+        return None
+
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
         """Return depth in m (0 = none), object numbers and moving pixels, each of height x width."""
         import numpy as np

@@ -209,13 +209,13 @@ class Leader:
         streamed: bool = False,
         video: bool = False,
     ) -> Burst:
-        """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
+        """Order a burst of `frames` instants, every `spacing` periods, on the rig's grid.
 
         Up to `spare` more follow, for cameras that drop frames, until it is known which are complete; none of
         one that is `streamed`, whose frames are sent as they come, for a `video` or not. `at_leader_ns` may
-        lie in the past, as far back as the clients' ring buffers reach; the default is half a second from
-        now, delayed by up to the leader's `max_delay_ns`. `number` must be a new one, by default the next.
-        Raises BadInputError for an impossible burst, NoCameraHereError where nobody is there to take it.
+        lie in the past, as far as ring buffers reach; by default it is in half a second, delayed by up to
+        `max_delay_ns` of the configuration. `number` must be a new one, by default the next. Raises what
+        `check_burst` does.
         """
         return self._orders.place(
             self._roster.cameras(),
@@ -233,14 +233,12 @@ class Leader:
         )
 
     def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
-        """Let a burst that is streamed end after so many frames, and return it as it is then."""
+        """Let a streamed burst end after so many frames, and return it so."""
         return self._orders.end(burst, frames, self._roster.cameras(), self.config.instance, now_ns)
 
     def cancel(self, burst: Burst, now_ns: int) -> None:
         """Take a burst back: clients forget it, whether they have picked its frames or not."""
         self._orders.cancel(burst, self._roster.cameras(), self.config.instance, now_ns)
-
-    # What a relay passes down
 
     @property
     def members(self) -> dict[str, Member]:

@@ -1,0 +1,289 @@
+"""Recordings by real processes: what is lost, how memory grows, and what a kill leaves.
+
+    python -m benchmarks.sessions.recording [--cameras 4] [--seconds 600] [--kills 0] [--dir DIR]
+
+One leader and a node a camera on this machine, each a process of its own with a simulated clock; each camera
+replays 1920x1080 JPEGs of about 200 kB at 30 frames a second (simulated timing, a real load). It records for
+so long, counts frames and what each camera dropped, measures each process's memory, verifies the session.
+With `--kills` it then records as often again for a few seconds, sends SIGKILL to the leader or to a node at a
+random moment, starts it again, and looks whether every frame that was on the leader's disk then is in the
+session in the end.
+"""
+
+import asyncio
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.report import Report, new_parser, print_report, print_table, talk
+from capture_app.errors import SimulshotError
+from capture_app.net.address import Address
+from capture_app.node.operator.requests import ask_status
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+
+WIDTH, HEIGHT, PICTURES, QUALITY = 1920, 1080, 30, 76
+PATIENCE_S = 300.0
+SAMPLE_EVERY_S = 5.0
+
+
+def make_pictures(path: Path) -> int:
+    """Write JPEGs with the detail and noise of a camera's; return the mean of their bytes."""
+    rng = np.random.default_rng(1)
+    coarse = rng.integers(0, 255, (HEIGHT // 60, WIDTH // 60, 3), np.uint8)
+    scene = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).astype(np.int16)
+    with path.open("wb") as file:
+        for number in range(PICTURES):
+            noise = rng.normal(0, 4, (HEIGHT, WIDTH, 3)).astype(np.int16)
+            picture = np.clip(np.roll(scene, 7 * number, axis=1) + noise, 0, 255).astype(np.uint8)
+            file.write(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
+    return path.stat().st_size // PICTURES
+
+
+class Rig:
+    """A leader and its nodes as processes."""
+
+    def __init__(self, folder: Path, pictures: Path, cameras: int, port: int) -> None:
+        self.folder = folder
+        self.names = [f"cam{number}" for number in range(cameras)]
+        self.address = Address("127.0.0.1", port)
+        self._pictures = pictures
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    @property
+    def sessions(self) -> Path:
+        """Where the leader saves them."""
+        return self.folder / "sessions"
+
+    def start(self, name: str) -> None:
+        """Start the leader, or a node."""
+        if name == "leader":
+            where = ["--host", self.address.host, "--port", str(self.address.port)]
+            words = ["leader", *where, "--sessions", str(self.sessions)]
+        else:
+            camera = f"sim:phone-a,drops=0,outliers=0,replay={self._pictures}"
+            words = [
+                "node",
+                "--name",
+                name,
+                "--camera",
+                camera,
+                "--clock",
+                "sim",
+                "--leader",
+                str(self.address),
+            ]
+            words += ["--spool", str(self.folder / "spool")]
+        log = (self.folder / f"{name}.log").open("ab")
+        self._running[name] = subprocess.Popen(
+            [sys.executable, "-m", "capture_app.cli", *words],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env={**os.environ, "XDG_STATE_HOME": str(self.folder / "state")},
+        )
+
+    def kill(self, name: str) -> None:
+        """Kill a process as a power cut would."""
+        self._running[name].send_signal(signal.SIGKILL)
+        self._running[name].wait()
+
+    def close(self) -> None:
+        """End all processes."""
+        for process in self._running.values():
+            process.terminate()
+        for process in self._running.values():
+            process.wait()
+
+    def resident_mb(self) -> dict[str, float]:
+        """Resident memory of each process, in MB, without what it shares."""
+        found = {}
+        for name, process in self._running.items():
+            lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+            found[name] = next(int(line.split()[1]) / 1000 for line in lines if line.startswith("RssAnon"))
+        return found
+
+    async def wait_until_ready(self) -> None:
+        """Wait until all cameras are ready."""
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                try:
+                    nodes = (await ask_status(self.address)).nodes
+                except SimulshotError:
+                    nodes = ()
+                if {node.name for node in nodes if node.state == "ready"} >= {*self.names}:
+                    return
+                await asyncio.sleep(0.1)
+
+    def record(self, seconds: float) -> "subprocess.Popen[bytes]":
+        """Start a recording, and return its command."""
+        return subprocess.Popen(
+            [
+                *(sys.executable, "-m", "capture_app.cli", "record", "--leader", str(self.address)),
+                *("--seconds", str(seconds), "--json"),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "XDG_STATE_HOME": str(self.folder / "state")},
+        )
+
+
+async def record_long(rig: Rig, seconds: float) -> Report:
+    """One recording of that length, and the memory of all processes meanwhile."""
+    recording = rig.record(seconds)
+    began_s, memory = time.monotonic(), []
+    while recording.poll() is None:
+        await asyncio.sleep(SAMPLE_EVERY_S)
+        memory.append((time.monotonic() - began_s, rig.resident_mb()))
+        if len(memory) % 12 == 0:
+            talk(
+                f"{memory[-1][0]:.0f} s: " + ", ".join(f"{n} {mb:.0f} MB" for n, mb in memory[-1][1].items())
+            )
+    assert recording.stdout is not None
+    done = json.loads(recording.stdout.read())
+    session = Session.open(Path(done["session"]))
+    manifest = session.manifest
+    size = sum(video.bytes for video in manifest.videos)
+    reasons = sorted({gap.reason for gap in manifest.missing})
+    half = [row for row in memory if row[0] < seconds]
+    return {
+        "seconds": seconds,
+        "instants": len(manifest.burst.instants_ns),
+        "frames": {video.camera: video.frames for video in manifest.videos},
+        "missing": len(manifest.missing),
+        "dropped_by_a_camera": sum(gap.dropped for gap in manifest.missing),
+        "reasons": reasons,
+        "mb": size / 1e6,
+        "mb_per_s": size / 1e6 / seconds,
+        "problems": [str(problem) for problem in verify(session)],
+        "memory_mb": {
+            name: {
+                "early": half[len(half) // 6][1][name],
+                "late": half[-1][1][name],
+                "most": max(row[1][name] for row in half),
+            }
+            for name in half[0][1]
+        },
+    }
+
+
+async def until(is_so: Callable[[], bool]) -> None:
+    """Wait until something is so."""
+    while not is_so():  # noqa: ASYNC110 - what another process does tells no event
+        await asyncio.sleep(0.05)
+
+
+def lines_on_disk(session: Path) -> dict[str, set[bytes]]:
+    """By camera, the frames that are safely in a session that is being written, a line each."""
+    found = {}
+    for path in session.glob("videos/*/*.frames.ndjson"):
+        found[path.name] = {line for line in path.read_bytes().split(b"\n")[:-1] if line}
+    return found
+
+
+async def kill_once(rig: Rig, chance: random.Random, number: int) -> dict[str, Any]:
+    """Record, kill one process at a random moment, start it again, and look what is in the session."""
+    before = {path.name for path in rig.sessions.iterdir()}
+    recording = rig.record(4.0)
+    async with asyncio.timeout(PATIENCE_S):
+        await until(lambda: any(path.name not in before for path in rig.sessions.iterdir()))
+    await asyncio.sleep(chance.uniform(0.0, 5.0))
+    victim = "leader" if number % 2 == 0 else chance.choice(rig.names)
+    rig.kill(victim)
+    new = [path for path in rig.sessions.iterdir() if path.name not in before]
+    safe = lines_on_disk(new[0]) if new else {}
+    rig.start(victim)
+    recording.wait()
+    lost, problems = 0, []
+    if new:
+        async with asyncio.timeout(PATIENCE_S):
+            await until(lambda: (new[0] / "session.json").exists())
+        kept = lines_on_disk(new[0])
+        lost = sum(len(lines - kept.get(name, set())) for name, lines in safe.items())
+        problems = [str(problem) for problem in verify(Session.open(new[0]))]
+    await rig.wait_until_ready()
+    frames = sum(map(len, safe.values()))
+    result = {"victim": victim, "confirmed": frames, "lost": lost, "problems": problems}
+    if new:
+        manifest = Session.open(new[0]).manifest
+        result |= {"in_the_end": len(manifest.images), "missing": len(manifest.missing)}
+        shutil.rmtree(new[0])
+    talk(f"kill {number + 1}: {result}")
+    return result
+
+
+async def measure(cameras: int, seconds: float, kills: int, seed: int, folder: Path, port: int) -> Report:
+    """Record for so long, and be killed so often."""
+    mean_bytes = make_pictures(folder / "pictures.mjpeg")
+    rig = Rig(folder, folder / "pictures.mjpeg", cameras, port)
+    rig.sessions.mkdir()
+    chance = random.Random(seed)
+    try:
+        for name in ("leader", *rig.names):
+            rig.start(name)
+        await rig.wait_until_ready()
+        talk(f"{cameras} cameras are ready; pictures of {mean_bytes / 1000:.0f} kB")
+        report: Report = {"cameras": cameras, "picture_bytes": mean_bytes}
+        if seconds:
+            report["recording"] = await record_long(rig, seconds)
+        report["kills"] = [await kill_once(rig, chance, number) for number in range(kills)]
+    finally:
+        rig.close()
+    return report
+
+
+def print_tables(report: Report) -> None:
+    """Print a report for a reader."""
+    recording, kills = report.get("recording"), report["kills"]
+    if recording:
+        print(f"{report['cameras']} cameras, {recording['seconds']:.0f} s, {recording['mb_per_s']:.1f} MB/s")
+        print(
+            f"{recording['instants']} instants, frames {recording['frames']}, missing {recording['missing']}"
+        )
+        print(f"dropped by a camera {recording['dropped_by_a_camera']}; reasons {recording['reasons']}")
+        print(f"verify: {recording['problems'] or 'no problem'}")
+        rows = [
+            [name, f"{mb['early']:.0f}", f"{mb['late']:.0f}", f"{mb['most']:.0f}"]
+            for name, mb in recording["memory_mb"].items()
+        ]
+        print_table(["process", "MB early", "MB at the end", "MB most"], rows)
+    if kills:
+        confirmed, lost = sum(kill["confirmed"] for kill in kills), sum(kill["lost"] for kill in kills)
+        bad = [problem for kill in kills for problem in kill["problems"]]
+        print(
+            f"{len(kills)} kills: {lost} of {confirmed} confirmed frames lost; verify: {bad or 'no problem'}"
+        )
+
+
+def main() -> None:
+    """Read the options, measure and print."""
+    parser = new_parser(__doc__, seed_of="the moments of kills")
+    parser.add_argument("--cameras", type=int, default=4)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--port", type=int, default=47811)
+    parser.add_argument(
+        "--dir", type=Path, default=None, help="where to work, instead of the temporary folder"
+    )
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.dir) as folder:
+        report = asyncio.run(
+            measure(options.cameras, options.seconds, options.kills, options.seed, Path(folder), options.port)
+        )
+    print_report(report, print_tables, as_json=options.json)
+
+
+if __name__ == "__main__":
+    main()

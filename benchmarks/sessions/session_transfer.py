@@ -96,7 +96,12 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     await session.write_plan(1)
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
-    service = LeaderService(cast(Any, OneBurst(session)), *[cast(Any, nobody_asks)] * 5, lambda *_: True)
+    service = LeaderService(
+        cast(Any, OneBurst(session)),
+        *[cast(Any, nobody_asks)] * 5,
+        lambda *_: True,
+        *[cast(Any, nobody_asks)] * 2,
+    )
     server: TransferServer[ToLeader] = TransferServer(ToLeader, service.serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Self
 
 from capture_app.clock import HostClock, NodeClock
-from capture_app.errors import BadInputError, DiskError, NetworkError, UnknownMachineError
+from capture_app.errors import BadInputError, DiskError, NetworkError, TryAgainError, UnknownMachineError
 from capture_app.host_rate import HostRate
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
 from capture_app.net.channel import Channel, connect
@@ -22,16 +22,18 @@ from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.wording import follower_line, news_line
-from capture_app.node.pairing.desk import PairingDesk, check_allowed, peer_of, speaks_for
+from capture_app.node.pairing.desk import PairingDesk, check_allowed, is_node, peer_of, speaks_for
 from capture_app.node.wire import pairing
 from capture_app.node.wire.messages import (
     FromLeader,
     KeyRequest,
+    NodeStream,
     Refusal,
     StatusAnswer,
     StatusRequest,
     ToLeader,
 )
+from capture_app.node.wire.operating import ViewfinderOpened
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import LeaderConfig
@@ -40,7 +42,7 @@ from capture_app.sync.tree.follower import FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
-from capture_app.trust.trust import Trust
+from capture_app.trust.trust import Peer, Trust
 
 UPSTREAM_TIMEOUT_S = 2.0
 
@@ -185,9 +187,11 @@ class RelayNode:
                     case pairing.Invite():
                         await below.send(self._desk.invite(message.role))
                     case pairing.SpeaksFor():
-                        below.who = peer_of(message)
+                        below.who = peer_of(message, below.who)
                     case KeyRequest():
                         await below.send(self._keys.hand_out(below.who, message))
+                    case NodeStream() | ViewfinderOpened() if not self._is_node(below.who, message):
+                        raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                     case _:
                         if await self._pass_on(below, message):
                             return
@@ -195,6 +199,9 @@ class RelayNode:
                 await below.send(refusal_of(error))
             if below.who.is_stranger:
                 return
+
+    def _is_node(self, who: Peer, message: NodeStream | ViewfinderOpened) -> bool:
+        return is_node(who, self._engine.leader.members.get(message.camera), message.instance)
 
     async def _pass_on(self, below: Channel[ToLeader], message: ToLeader) -> bool:
         """Pass a stream on to the leader, from this message on, until it ends; False where no leader is."""

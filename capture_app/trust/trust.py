@@ -22,6 +22,8 @@ class Peer:
     pin: str = ""
     name: str = ""
     roles: frozenset[Role] = frozenset()
+    via: str = ""
+    """Pin of the relay that vouches for it, where that speaks for it."""
 
     @property
     def is_stranger(self) -> bool:

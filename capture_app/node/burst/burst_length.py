@@ -44,3 +44,14 @@ def is_streamed(request_spare: int | None, frames: int, step_ns: int) -> bool:
 def frames_until(burst: Burst, now_ns: int) -> int:
     """How many frames a burst has that is to end now, and of whose end every node must hear before."""
     return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
+
+
+def first_instant(request: BurstRequest, asked_ns: int, step_ns: int) -> int | None:
+    """Return the leader time about which a burst that was asked for then begins, with steps of `step_ns`.
+
+    None: as soon as all nodes can know of it.
+    """
+    if not request.before or not step_ns:
+        return request.at_leader_ns
+    at_ns = asked_ns if request.at_leader_ns is None else request.at_leader_ns
+    return at_ns - request.before * step_ns

@@ -17,7 +17,7 @@ from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, 
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
-from capture_app.node.burst.burst_length import frames_and_spacing
+from capture_app.node.burst.burst_length import first_instant, frames_and_spacing
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.keys import KeyDesk
 from capture_app.node.leader.active_bursts import ActiveBursts
@@ -32,7 +32,7 @@ from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
 from capture_app.node.leader.wording import News, TrustNews
-from capture_app.node.pairing.desk import PairingDesk
+from capture_app.node.pairing.desk import PairingDesk, is_node
 from capture_app.node.wire.messages import BurstRequest, ToLeader
 from capture_app.node.wire.operating import AddCamera
 from capture_app.node.wire.pairing import Invited
@@ -157,7 +157,7 @@ class LeaderNode:
             self._orders,
             self._viewfinders,
             watchers,
-            self._knows,
+            lambda who, name, instance: is_node(who, self._engine.members.get(name), instance),
             self._desk,
             self._keys,
         )
@@ -260,7 +260,7 @@ class LeaderNode:
             frames=frames,
             spacing=spacing,
             spare=request.spare,
-            at_leader_ns=self._first_instant(request, spacing, asked_ns),
+            at_leader_ns=first_instant(request, asked_ns, 0 if goal is None else spacing * goal.period_ns),
             name=request.name,
             note=request.note,
             video=request.video,
@@ -273,22 +273,9 @@ class LeaderNode:
                     await session.finished.wait()
         yield session.status
 
-    def _first_instant(self, request: BurstRequest, spacing: int, asked_ns: int) -> int | None:
-        """Leader time about which a burst begins; None: as soon as all nodes can know of it."""
-        goal = self._engine.goal
-        if not request.before or goal is None:
-            return request.at_leader_ns
-        at_ns = asked_ns if request.at_leader_ns is None else request.at_leader_ns
-        return at_ns - request.before * spacing * goal.period_ns
-
     def _on_news(self, news: News) -> None:
         self.news.note(news)
         self._tell_news(news)
-
-    def _knows(self, name: str, instance: int) -> bool:
-        """Whether this run of a node is the one that has joined by that name, even if it is lost now."""
-        member = self._engine.members.get(name)
-        return member is not None and member.instance == instance
 
     def _views(self) -> tuple[ClientView, ...]:
         return self._engine.clients(self._clock.now_ns())

@@ -23,6 +23,7 @@ from capture_app.node.leader.watchers import Watchers
 from capture_app.node.pairing.desk import PairingDesk, check_allowed, peer_of
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.trust.trust import Peer
 
 UNDECIDED_S = 0.1
 """So long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
@@ -41,17 +42,17 @@ class LeaderService:
         orders: OperatorOrders,
         viewfinders: Viewfinders,
         watchers: Watchers,
-        knows: Callable[[str, int], bool],
+        is_node: Callable[[Peer, str, int], bool],
         desk: PairingDesk,
         keys: KeyDesk,
     ) -> None:
         """`take_burst` takes a burst and yields its progress.
 
-        `knows` tells whether a run of a node is the one that has joined by a name. `keys` hands
-        out those of datagrams.
+        `is_node` tells whether a peer is the machine from which a run of a node has joined by a name. `keys`
+        hands out those of datagrams.
         """
         self._desk = desk
-        self._knows = knows
+        self._is_node = is_node
         self._keys = keys
         self._bursts = bursts
         self._get_status = get_status
@@ -116,7 +117,7 @@ class LeaderService:
         """
         match message:
             case messages.NodeStream() | operating.ViewfinderOpened():
-                if not self._knows(message.camera, message.instance):
+                if not self._is_node(channel.who, message.camera, message.instance):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
             case messages.CameraReport(camera=record) if record.name != speaker:
@@ -152,7 +153,7 @@ class LeaderService:
             case pairing.Invite():
                 await channel.send(self._desk.invite(message.role))
             case pairing.SpeaksFor():
-                channel.who = peer_of(message)
+                channel.who = peer_of(message, channel.who)
             case messages.StatusRequest():
                 await channel.send(messages.StatusAnswer(rig=self._get_status()))
             case messages.BurstRequest():

@@ -11,6 +11,7 @@ from capture_app.names import name_like
 from capture_app.net.channel import Channel
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
+from capture_app.sync.rig.roster import Member
 from capture_app.trust.identity import pin_of
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import GOOD_FOR_S, InvitationDesk
@@ -111,9 +112,17 @@ class PairingDesk:
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))
 
 
-def peer_of(message: pairing.SpeaksFor) -> Peer:
+def peer_of(message: pairing.SpeaksFor, relay: Peer) -> Peer:
     """Return for whom a relay speaks: for cameras and operators, and never for itself."""
-    return Peer(message.pin, message.name, frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR})
+    roles = frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR}
+    return Peer(message.pin, message.name, roles, via=relay.pin)
+
+
+def is_node(who: Peer, member: Member | None, instance: int) -> bool:
+    """Whether a peer is the machine from which this run of a node has joined, even if it is lost now."""
+    if member is None or member.instance != instance:
+        return False
+    return member.speaker is None or member.speaker.pin == (who.via or who.pin)
 
 
 def speaks_for(who: Peer) -> pairing.SpeaksFor | None:

@@ -15,6 +15,7 @@ from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
+from tests.node.joining import joined
 
 
 @pytest.fixture
@@ -165,3 +166,32 @@ async def test_strangers_cannot_fill_the_news(leader: LeaderNode, home: Trust, m
         with pytest.raises(UnknownMachineError):
             await knock(leader.own_address, machine)
     assert len([line for line in news(leader) if "wants to join" in line]) == 1
+
+
+PICTURES_OF = {"cam0": 1111, "cam1": 2222}
+
+
+async def test_a_camera_brings_its_own_pictures_and_no_other_machines(
+    leader: LeaderNode, home: Trust, machine: Trust, tmp_path: Path
+) -> None:
+    """Both are cameras of the rig, and each knows by which run the other has joined."""
+    other = Trust(tmp_path / "other")
+    for trust in (machine, other):
+        await pair(leader.own_address, await invite(leader, home), trust)
+    nodes = [
+        joined(leader.own_address, (name, PICTURES_OF[name]), trust=trust)
+        for name, trust in (("cam0", machine), ("cam1", other))
+    ]
+    async with nodes[0], nodes[1]:
+        for name, trust, may in (
+            ("cam0", machine, True),
+            ("cam1", machine, False),
+            ("cam0", other, False),
+            ("cam1", other, True),
+            ("cam0", home, False),
+        ):
+            for kind in (NodeStream, operating.ViewfinderOpened):
+                if kind is operating.ViewfinderOpened and may:
+                    continue  # it is asked things, not answered
+                answer = await ask(leader, trust, kind(camera=name, instance=PICTURES_OF[name]))
+                assert isinstance(answer, Refusal) is not may, (name, trust, kind)

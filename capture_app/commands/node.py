@@ -24,6 +24,7 @@ from capture_app.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
+    from capture_app.net.discovery.search import ReachableLeader
     from capture_app.node.camera.camera_node import CameraNode
 
 
@@ -118,18 +119,26 @@ def find_leader() -> Address:
     def own() -> tuple[Address, ...]:
         return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
 
-    found = run_until_stopped(search_leaders(own, log_line))
-    leader = found[0]
-    if len(found) > 1:
-        if not sys.stdin.isatty():
-            names = ", ".join(f"{one.address} ({one.name})" for one in found)
-            raise NetworkError(f"several leaders are in this network: {names}", hint="choose one by --leader")
-        for number, one in enumerate(found, 1):
-            talk(f"{number}  {one.address}  {one.name}{'' if one.is_known else '  (not paired)'}")
-        which = click.IntRange(1, len(found))
-        leader = found[click.prompt("Several leaders are here. Which", type=which, default=1, err=True) - 1]
+    leader = choose_leader(run_until_stopped(search_leaders(own, log_line)), can_ask=sys.stdin.isatty())
     log_line(f"found a leader at {leader.address} ({leader.name})")
     return leader.address
+
+
+def choose_leader(found: "Sequence[ReachableLeader]", *, can_ask: bool) -> "ReachableLeader":
+    """Return the leader that was found; of several the one that the user names.
+
+    Raises NetworkError where there are several and nobody to ask.
+    """
+    if len(found) == 1:
+        return found[0]
+    if not can_ask:
+        names = ", ".join(f"{one.address} ({one.name})" for one in found)
+        raise NetworkError(f"several leaders are in this network: {names}", hint="choose one by --leader")
+    for number, one in enumerate(found, 1):
+        talk(f"{number}  {one.address}  {one.name}{'' if one.is_known else '  (not paired)'}")
+    which = click.IntRange(1, len(found))
+    chosen: int = click.prompt("Several leaders are here. Which", type=which, default=1, err=True)
+    return found[chosen - 1]
 
 
 def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:

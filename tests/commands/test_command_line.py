@@ -8,12 +8,15 @@ import sys
 import threading
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 
 from capture_app.cli import COMMANDS, run
-from capture_app.commands.node import find_leader, node
-from capture_app.errors import ExitCode
+from capture_app.commands.node import choose_leader, find_leader, node
+from capture_app.errors import ExitCode, NetworkError
 from capture_app.net.address import Address
+from capture_app.net.discovery.search import ReachableLeader
 from capture_app.net.server import bind_port
 from capture_app.rig_process import recorded_rig
 from capture_app.sync.wire.version import version_answer
@@ -171,6 +174,25 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
             assert find_leader() == own
         sock.sendto(b"end", own)
         answering.join()
+
+
+def test_of_several_leaders_the_user_names_one() -> None:
+    found = [
+        ReachableLeader("studio-47010", Address("10.0.0.1", 47010)),
+        ReachableLeader("hall-47010", Address("10.0.0.2", 47010), is_known=False),
+    ]
+    assert choose_leader(found[:1], can_ask=False) is found[0]
+    with pytest.raises(NetworkError, match=r"several leaders .* 10.0.0.2:47010 \(hall-47010\)"):
+        choose_leader(found, can_ask=False)
+
+    @click.command()
+    def asking() -> None:
+        click.echo(choose_leader(found, can_ask=True).name)
+
+    asked = CliRunner().invoke(asking, input="5\n2\n")
+    assert asked.stdout == "hall-47010\n"
+    assert "2  10.0.0.2:47010  hall-47010  (not paired)" in asked.stderr
+    assert CliRunner().invoke(asking, input="\n").stdout == "studio-47010\n"
 
 
 def test_a_node_takes_the_leaders_that_it_is_given() -> None:

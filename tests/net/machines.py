@@ -68,6 +68,8 @@ def two_machines() -> Iterator[tuple[Machine, Machine]]:
             _ip("netns", "add", machine.name)
             stack.callback(_ip, "netns", "delete", machine.name)
             machine.ip("link", "set", "lo", "up")
+            if subprocess.run(machine.command("true"), capture_output=True).returncode:
+                pytest.skip("no program can be started in a network namespace here")
         leader.ip("link", "add", "cable", "type", "veth", "peer", "cable", "netns", node.name)
         for machine, host in ((leader, LEADER_HOST), (node, NODE_HOST)):
             machine.ip("address", "add", f"{host}/24", "dev", "cable")

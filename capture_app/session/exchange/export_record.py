@@ -18,7 +18,10 @@ FRAMES = "frames.csv"
 
 
 class ExportRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The format of an export, and the session's manifest and calibration as they were."""
+    """The format of an export, and the session's manifest and calibration as they were.
+
+    Cameras whose pictures were redrawn have the calibration of the new ones.
+    """
 
     format: str
     manifest: Manifest

@@ -33,12 +33,14 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     names = yaml_names(burst.cameras)
     straight = {name: _straight(calibration.cameras[name]) for name in burst.cameras}
     redraws = {name: redrawing(calibration.cameras[name], straight[name]) for name in burst.cameras}
+    burst.drawn.update(straight)
+    numbers = {instant: number for number, instant in enumerate(together)}
     images = [burst.images[camera, instant] for camera in burst.cameras for instant in together]
     redrawn = any(redraws.values())
     suffix = ".png" if redrawn and options.lossless else ".jpg" if redrawn else suffix_for(burst, images)
     frames = []
     for image in images:
-        number = together.index(image.instant)
+        number = numbers[image.instant]
         file = f"images/{names[image.camera]}/{number:06d}{suffix}"
         redraw = redraws[image.camera]
         if redrawn:

@@ -60,7 +60,11 @@ def export_session(
     try:
         with output:
             notes = write(burst, output.folder, options)
-            record = ExportRecord(format=name, manifest=session.manifest, calibration=session.calibration())
+            calibration = session.calibration()
+            if calibration is not None:
+                cameras = calibration.cameras | burst.drawn
+                calibration = msgspec.structs.replace(calibration, cameras=cameras)
+            record = ExportRecord(format=name, manifest=session.manifest, calibration=calibration)
             write_record(output.folder, record)
     except OSError as error:
         what = f"cannot write {error.filename or out}: {error.strerror or error}"

@@ -31,6 +31,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
         notes = write_paired_videos(burst, folder, files, options)
         return [*renamed, *notes, "the session has no calibration: calibrate in FreeMoCap"]
     calibration, redraws, lenses = _known_lenses(burst.calibration("FreeMoCap"), burst.cameras)
+    burst.drawn.update({name: calibration.cameras[name] for name in redraws})
     notes = write_paired_videos(burst, folder, files, options, redraws)
     text = camera_tables(calibration, ids, "mm", numbered=True)
     (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")

@@ -44,6 +44,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     frames, rows = [], []
     bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
     wanted = {name: film_camera(camera, focal) for name, camera in cameras.items()}
+    burst.drawn.update(wanted)
     for number, name in enumerate(cameras):
         file = f"cam{number:02d}.mp4"
         frames += _video(burst, name, together, wanted[name], folder / file, options)

@@ -1,5 +1,6 @@
 """What may come with the pictures: points, masks, one instant only, videos without loss."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -126,6 +127,10 @@ def test_one_instant(make: Make, export: Export, tmp_path: Path) -> None:
     assert {frame["instant"] for frame in content["frames"]} == {3}
     assert {frame["time"] for frame in content["frames"]} == {0.0}
     assert report.images == 3
+    rows = list(csv.DictReader((tmp_path / "out" / "frames.csv").read_text().splitlines()))
+    contents = {(row["camera"], int(row["instant"])): row["content"] for row in rows}
+    assert [contents["left", instant] for instant in range(4)] == ["left out"] * 3 + ["image"]
+    assert contents["right", 1] == "missing"
     (tmp_path / "out").rename(tmp_path / "first")
     export(session, "colmap", instant=3)
     found = sorted((tmp_path / "out" / "images").rglob("*.jpg"))

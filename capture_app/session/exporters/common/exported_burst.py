@@ -59,7 +59,10 @@ class ExportedBurst:
         self.name = session.name
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
-        self.images = _images_by_place(session)
+        self.recorded = self.images = _images_by_place(session)
+        """The session's images, and those of them that may be exported."""
+        self.drawn: dict[str, CameraCalibration] = {}
+        """Cameras whose pictures are exported as another lens would have taken them, and that lens."""
         if instant is not None:
             self.images = {place: image for place, image in self.images.items() if place[1] == instant}
             if not self.images:

@@ -44,7 +44,7 @@ def write_frames(burst: ExportedBurst, folder: Path, frames: Iterable[Frame]) ->
     rows = csv.writer(text, lineterminator="\n")
     for instant in range(len(burst.instants_ns)):
         for camera in burst.cameras:
-            image = burst.images.get((camera, instant))
+            image = burst.recorded.get((camera, instant))
             frame = by_place.get((camera, instant), Frame(camera, instant, image=image))
             number = frame.frame if frame.file else ""
             times = [""] * 4 if image is None else [image.leader_ns, image.residual_ns, *_bounds(image)]

@@ -5,8 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from capture_app.errors import BadInputError
 from capture_app.session.exchange.export_record import FRAMES, ExportRecord, read_record
 from capture_app.session.format.calibration import Calibration
@@ -94,24 +92,7 @@ def exported(folder: Path, *, png: bool) -> Layout:
             places.update({at: index for index, at in enumerate(own)})
     if not sources:
         raise BadInputError(f"{folder} has none of the files that its {FRAMES} names")
-    if _redrawn(record):
-        record = msgspec.structs.replace(record, calibration=None)
     return layout_of_record(folder, record, sources, places)
-
-
-def _redrawn(record: ExportRecord) -> bool:
-    """Whether the pictures are not the session's, so that its calibration is not theirs.
-
-    N3DV's all are, EasyVolcap's where a lens has any distortion, FreeMoCap's where one has a k3.
-    """
-    lenses = (
-        [camera.distortion for camera in record.calibration.cameras.values()] if record.calibration else []
-    )
-    return (
-        record.format == "n3dv"
-        or (record.format == "easyvolcap" and any(any(lens) for lens in lenses))
-        or (record.format == "freemocap" and any(any(lens[4:]) for lens in lenses))
-    )
 
 
 def layout_of_record(

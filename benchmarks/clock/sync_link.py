@@ -63,7 +63,7 @@ DOCUMENTED_US: dict[str, dict[str, float]] = {
         "ours": 13.5,
     },
 }
-"""The mean errors that docs/accuracy.md gives."""
+"""The mean errors that docs/accuracy-measurements.md gives."""
 
 
 def main() -> int:
@@ -149,7 +149,7 @@ ERROR_COLUMNS = {
     "std": ("std", ".2f"),
     "bias": ("bias", ".2f"),
     "share": ("ours/this", ".3f"),
-    "documented": ("mean in docs/accuracy.md", ".2f"),
+    "documented": ("mean in docs/accuracy-measurements.md", ".2f"),
 }
 VERDICT_COLUMNS = {
     "says": ("", ""),

@@ -1,4 +1,4 @@
-"""What is taken for granted about clocks and links; docs/accuracy.md says what rests on it.
+"""What is taken for granted about clocks and links; docs/accuracy-measurements.md says what rests on it.
 
 One sigma each, but for MAX_SKEW. Skews are dimensionless (1e-6 is 1 ppm), times in ns.
 """

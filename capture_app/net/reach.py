@@ -30,8 +30,8 @@ from capture_app.trust.trust import Trust
 
 QUESTION_GAPS_S = (0.0, 0.25, 0.5)
 """How long to wait before each time that the question is sent: any one of the datagrams may be lost."""
-PATIENCE_S = 2.0
-"""Until a machine that is there has answered, and the kernel has asked for its hardware's address twice."""
+PATIENCE_S = 1.5
+"""Until a machine has answered, whose WiFi may have to wake up, or the kernel has looked for it."""
 LAST_S = 0.3
 """Of that, for the stream after the datagrams."""
 _NEIGHBOURS = Path("/proc/net/arp")

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 from capture_app.net.address import Address
-from capture_app.net.reach import find_obstacle
+from capture_app.net.reach import Obstacle, find_obstacle
 from capture_app.net.wifi import power_saving, power_saving_remedy, power_saving_towards
 from capture_app.sync.rig.time_client import TimeClient
 
@@ -17,33 +17,40 @@ UNANSWERED = 2
 class JoinWatch:
     """Looks into the way to all leaders while none of them says anything to a node that asks to join."""
 
-    def __init__(self, leaders: Sequence[Address], time: TimeClient, tell: Callable[[str], None]) -> None:
-        """`time` is the node's membership; `tell` gets a sentence when there is a new one."""
-        self._leaders, self._time, self._tell = tuple(leaders), time, tell
+    def __init__(self, leaders: Sequence[Address], tell: Callable[[str], None]) -> None:
+        """`tell` gets a sentence when there is a new one."""
+        self._leaders, self._tell = tuple(leaders), tell
+        self._look_ahead: asyncio.Task[list[Obstacle | None]] | None = None
 
-    async def run(self) -> None:
-        """Watch until cancelled."""
+    def look_ahead(self) -> None:
+        """Begin the first look now: a camera may take seconds to open."""
+        self._look_ahead = asyncio.create_task(self._look())
+
+    async def run(self, time: TimeClient) -> None:
+        """Watch until cancelled; `time` is the node's membership."""
         said, looked = "", False
         while True:
-            if self._time.is_member:
-                said = ""
+            if time.is_member:
+                said, self._look_ahead = "", None
                 if not looked:
                     looked = True
                     await self._look_at_wifi()
-            if not self._is_unanswered:
+            if not _is_unanswered(time):
                 await asyncio.sleep(LOOK_EVERY_S)
                 continue
-            found = await asyncio.gather(*map(find_obstacle, self._leaders))
+            ahead, self._look_ahead = self._look_ahead, None
+            found = await (ahead or self._look())
             # What a leader has said itself is told already.
-            news = (
-                obstacle for obstacle in found if obstacle and obstacle.what not in self._time.why_joining
-            )
+            news = (obstacle for obstacle in found if obstacle and obstacle.what not in time.why_joining)
             sentence = "; ".join(map(str, news))
-            if self._is_unanswered:
+            if _is_unanswered(time):
                 if sentence and sentence != said:
                     self._tell(sentence)
                     said = sentence
                 await asyncio.sleep(AGAIN_S if said else LOOK_EVERY_S)
+
+    async def _look(self) -> list[Obstacle | None]:
+        return await asyncio.gather(*map(find_obstacle, self._leaders))
 
     async def _look_at_wifi(self) -> None:
         for leader in self._leaders:
@@ -51,6 +58,6 @@ class JoinWatch:
                 self._tell(f"{power_saving(interface)}; {power_saving_remedy(interface)}")
                 return
 
-    @property
-    def _is_unanswered(self) -> bool:
-        return not self._time.is_member and self._time.unanswered >= UNANSWERED
+
+def _is_unanswered(time: TimeClient) -> bool:
+    return not time.is_member and time.unanswered >= UNANSWERED

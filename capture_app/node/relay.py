@@ -138,8 +138,8 @@ class RelayNode:
         self._pump = Pump(sealed or self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
-        watch = JoinWatch(self._parents, self._engine.follower.time, self._talk)
-        self._tasks.append(asyncio.create_task(watch.run()))
+        watch = JoinWatch(self._parents, self._talk)
+        self._tasks.append(asyncio.create_task(watch.run(self._engine.follower.time)))
         if sealed is not None:
             request = KeyRequest(name=self.name, instance=self.instance, is_relay=True)
             time = self._engine.follower.time

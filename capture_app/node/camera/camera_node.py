@@ -121,6 +121,7 @@ class CameraNode:
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._host_rate = HostRate()
         self._last_state: NodeState | None = None
+        self._watch = JoinWatch(self._leaders, self._talk)
 
     async def run(self) -> None:
         """Open the camera, join, and take pictures until cancelled.
@@ -139,6 +140,7 @@ class CameraNode:
                     f"{' and '.join(map(str, self._leaders))} are not of one kind (IPv4 and IPv6)",
                     hint="give all of them as IPv4, or all as IPv6",
                 )
+            self._watch.look_ahead()
             await self._camera.start()
             try:
                 await self._run_with_camera(client_socket(family), tuple(peer for _, peer in found))
@@ -186,7 +188,7 @@ class CameraNode:
                 tasks.create_task(self._camera.carry_out_commands())
                 tasks.create_task(self._uploader.run())
                 tasks.create_task(self._viewfinder.run())
-                tasks.create_task(JoinWatch(self._leaders, self._engine.time, self._talk).run())
+                tasks.create_task(self._watch.run(self._engine.time))
         except* SimulshotError as group:
             raise group.exceptions[0] from None
         finally:

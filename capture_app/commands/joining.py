@@ -9,6 +9,7 @@ import click
 
 from capture_app.errors import BadInputError, NetworkError, UnknownMachineError
 from capture_app.net.address import Address
+from capture_app.net.reach import find_obstacle
 from capture_app.terminal import log_line, talk
 from capture_app.trust.identity import parse_pin
 from capture_app.trust.known_machines import Role
@@ -75,7 +76,12 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
         return
     if pin is not None:
         trust.known.add(pin, Role.LEADER)
+    if code is None and not sys.stdin.isatty():
+        # Nobody is here to ask: the node says what to do, and knocks by itself.
+        return
     for leader in leaders:
+        if asyncio.run(find_obstacle(leader, trust=Trust.open())) is not None:
+            continue
         try:
             if asyncio.run(_is_known(leader, trust)):
                 continue

@@ -7,6 +7,8 @@ from enum import StrEnum
 from capture_app.errors import BadInputError
 from capture_app.session.alignment.chain import chain_cameras
 from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_clock_line
+from capture_app.session.alignment.flash import match_flashes
+from capture_app.session.alignment.lights import Lights, read_lights
 from capture_app.session.alignment.sound import SOUND_M_PER_S, Sound, match_sounds, read_sound
 from capture_app.session.alignment.timecode import Timecode, read_timecode
 from capture_app.session.format.common_times import CameraTimes, CommonTimes, TimesState
@@ -23,8 +25,12 @@ class AlignBy(StrEnum):
     AUTO = "auto"
     """Each of the others in turn, the most exact first, until one tells all cameras' offsets."""
     NONE = "none"
+    FLASH = "flash"
     SOUND = "sound"
     TIMECODE = "timecode"
+
+
+_OF_VIDEO_TIMES = (AlignBy.SOUND, AlignBy.FLASH)
 
 
 def align_recording(
@@ -47,19 +53,18 @@ def align_recording(
         if by not in (AlignBy.AUTO, AlignBy.NONE):
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
-    if by is AlignBy.SOUND and rate_given:
-        raise BadInputError(
-            "--align sound takes the videos' own times", hint="--times video instead of --fps"
-        )
+    if by in _OF_VIDEO_TIMES and rate_given:
+        raise BadInputError("--align {by} takes the videos' own times", hint="--times video instead of --fps")
     names = [source.name for source in videos]
     starts_s = _starts_s(timeline)
     makers: dict[AlignBy, Callable[[], Against]] = {
         AlignBy.SOUND: lambda: _by_sound(videos, distance_m),
+        AlignBy.FLASH: lambda: _by_flash(videos),
         AlignBy.TIMECODE: lambda: _by_timecode(videos, starts_s),
     }
     reasons: list[str] = []
     for method, make in makers.items():
-        if by not in (AlignBy.AUTO, method) or (method is AlignBy.SOUND and rate_given):
+        if by not in (AlignBy.AUTO, method) or (method in _OF_VIDEO_TIMES and rate_given):
             continue
         cameras = chain_cameras(names, make())
         lacking = {name: of.reason for name, of in cameras.items() if of.offset_ns is None}
@@ -108,6 +113,18 @@ def _by_sound(videos: Sequence[Video], distance_m: float) -> Against:
         if isinstance(moments, str):
             return CameraTimes(reason=moments)
         return fit_clock_line(moments, AlignBy.SOUND, systematic_s=distance_m / SOUND_M_PER_S)
+
+    return against
+
+
+def _by_flash(videos: Sequence[Video]) -> Against:
+    lights: dict[str, Lights | None] = {video.name: read_lights(video.path) for video in videos}
+
+    def against(first: str, second: str) -> CameraTimes:
+        reference, camera = lights[first], lights[second]
+        if reference is None or camera is None:
+            return CameraTimes(reason=f"{first if reference is None else second} cannot be decoded")
+        return match_flashes(reference, camera, AlignBy.FLASH)
 
     return against
 

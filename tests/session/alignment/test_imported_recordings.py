@@ -94,6 +94,32 @@ def test_sounds_that_share_nothing_align_nothing(tmp_path: Path, capsys: pytest.
     assert NOT_SYNCHRONIZED in capsys.readouterr().out
 
 
+def test_flashes_align_rolling_shutters(tmp_path: Path) -> None:
+    take = Take(flashes_s=tuple(1.6 + 0.371 * n + 0.02 * n**2 for n in range(11)))
+    for phone in PHONES:
+        phone.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 7, sound=False)
+    few = ("--start", "60", "--count", "3")
+    session = imported(tmp_path / "rec", "--align", "flash", "--times", "video", *few)
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.state is TimesState.ALIGNED
+    for phone in PHONES[1:]:
+        assert times.cameras[phone.name].source == "flash"
+        error, bar = error_ms(times.cameras[phone.name], phone, 3.0)
+        assert abs(error) < min(bar, 1.0)
+        assert bar < 5
+
+
+def test_one_flash_may_be_any(tmp_path: Path) -> None:
+    for phone in PHONES[:2]:
+        phone.record(Take(flashes_s=(2.3,)), tmp_path / "rec" / f"{phone.name}.mp4", 4, sound=False)
+    session = imported(tmp_path / "rec", "--times", "video", "--start", "45", "--count", "3")
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+    assert "saw 1 of the 3 flashes" in times.reason
+
+
 def test_timecodes_align_to_a_frame(tmp_path: Path) -> None:
     codes = {"a": "10:00:00:00", "b": "10:00:00:06"}
     for phone in PHONES[:2]:

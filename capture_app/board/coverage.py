@@ -14,8 +14,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
-from capture_app.board.detector import Corners
+from capture_app.board.charuco import MIN_CORNERS
+from capture_app.board.detector import Board, Corners
 
 MIN_VIEWS = 10
 """Different views of the board that a camera's lens needs; OpenCV's own advice."""
@@ -120,7 +120,7 @@ class _CameraCount:
 class CoverageCount:
     """Counts what the board covers, moment by moment."""
 
-    def __init__(self, board: CharucoBoard, sizes: Mapping[str, tuple[int, int]]) -> None:
+    def __init__(self, board: Board, sizes: Mapping[str, tuple[int, int]]) -> None:
         """`sizes`: width and height of each camera's pictures, px."""
         self._places = np.asarray(board.places, np.float64)[:, :2]
         ends = self._places.min(0), self._places.max(0)

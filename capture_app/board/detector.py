@@ -1,4 +1,4 @@
-"""Detects a board in pictures, printed light or dark, from its front or its back."""
+"""Detects a board in pictures: one with markers printed light or dark, from its front or its back."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
+from capture_app.board.checkerboard import Checkerboard
 
+Board = CharucoBoard | Checkerboard
 Corners = dict[int, NDArray[Any]]
 """Pixels (2,) of the board's corners by their number."""
 
@@ -28,13 +30,20 @@ class BoardAppearance:
 class BoardDetector:
     """Detects a board; the appearance it had last time is tried first."""
 
-    def __init__(self, board: CharucoBoard) -> None:
-        self._detector = cv2.aruco.CharucoDetector(board.to_opencv())
+    def __init__(self, board: Board) -> None:
+        self._plain = board if isinstance(board, Checkerboard) else None
+        self._detector = (
+            cv2.aruco.CharucoDetector(board.to_opencv()) if isinstance(board, CharucoBoard) else None
+        )
         self._places = np.asarray(board.places, np.float64)[:, :2]
         self._appearances = [BoardAppearance(dark, back) for dark in (False, True) for back in (False, True)]
 
     def detect(self, grey: NDArray[Any]) -> Corners:
         """Pixels of the board's corners by their number in a picture (uint8); none = it is not there."""
+        if self._plain is not None:
+            found = self._plain.detect(grey)
+            flat = found and is_flat_board(self._places, np.array(list(found.values())))
+            return found if flat else {}
         for appearance in self._appearances:
             found = self._detect_as(appearance, grey)
             if found:
@@ -47,6 +56,8 @@ class BoardDetector:
         seen = 255 - grey if appearance.dark else grey
         if appearance.back:
             seen = np.ascontiguousarray(seen[:, ::-1])
+        if self._detector is None:
+            return {}
         at, numbers, _, _ = self._detector.detectBoard(seen)
         if numbers is None or len(numbers) < MIN_CORNERS:
             return {}

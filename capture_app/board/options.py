@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from capture_app.board.charuco import DEFAULT_BOARD, CharucoBoard
+from capture_app.board.checkerboard import PLAIN, Checkerboard
 
 _SIDE = click.FloatRange(min=0, min_open=True, max=10_000)
 
@@ -21,6 +22,8 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
     ) -> Any:
         usual = DEFAULT_BOARD.marker_m / DEFAULT_BOARD.square_m
         marker_m = round(usual * square_mm, 1) / 1000 if marker_mm is None else marker_mm / 1000
+        if dictionary.lower() == PLAIN:
+            return command(board=Checkerboard(*board, square_mm / 1000), **others)
         return command(board=CharucoBoard(*board, square_mm / 1000, marker_m, dictionary), **others)
 
     options = (
@@ -49,7 +52,7 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--dictionary",
             default=DEFAULT_BOARD.dictionary,
             metavar="NAME",
-            help="ArUco dictionary of the markers.",
+            help=f"ArUco dictionary of the markers; {PLAIN} for a plain checkerboard.",
         ),
     )
     for option in reversed(options):

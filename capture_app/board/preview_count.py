@@ -5,9 +5,8 @@ from collections.abc import Mapping
 import cv2
 import numpy as np
 
-from capture_app.board.charuco import CharucoBoard
 from capture_app.board.coverage import BoardCoverage, CoverageCount
-from capture_app.board.detector import BoardDetector, Corners
+from capture_app.board.detector import Board, BoardDetector, Corners
 
 MOMENT_NS = 300_000_000
 """Previews that are less apart than this are of one moment: the board is moved by hand."""
@@ -16,7 +15,7 @@ MOMENT_NS = 300_000_000
 class PreviewCount:
     """The coverage of a rig by its previews, whatever their size."""
 
-    def __init__(self, board: CharucoBoard, sizes: Mapping[str, tuple[int, int]]) -> None:
+    def __init__(self, board: Board, sizes: Mapping[str, tuple[int, int]]) -> None:
         """`sizes`: width and height of each camera's full pictures, px."""
         self._sizes = dict(sizes)
         self._count = CoverageCount(board, sizes)

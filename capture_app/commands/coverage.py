@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
 from capture_app.commands.options import leader_option, run_until_stopped
 from capture_app.errors import IncompleteError
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from rich.live import Live
 
     from capture_app.board.coverage import BoardCoverage
+    from capture_app.board.detector import Board
 
 FPS = 3.0
 
@@ -43,7 +43,7 @@ FPS = 3.0
 )
 @leader_option
 @json_option
-def coverage(board: CharucoBoard, width: int, for_s: float | None, leader: Address, as_json: bool) -> None:
+def coverage(board: "Board", width: int, for_s: float | None, leader: Address, as_json: bool) -> None:
     """Count live what a board has covered before the cameras of a rig, and say what is still missing.
 
     Looks for the board in the cameras' previews and saves nothing. To calibrate, record a burst of the board
@@ -60,7 +60,7 @@ def coverage(board: CharucoBoard, width: int, for_s: float | None, leader: Addre
 
 async def _count(
     leader: Address,
-    board: CharucoBoard,
+    board: "Board",
     width: int,
     for_s: float | None,
     show: "Callable[[BoardCoverage], None]",

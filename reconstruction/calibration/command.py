@@ -5,15 +5,16 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.board.charuco import DEFAULT_BOARD, CharucoBoard
+from capture_app.board.charuco import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage
+from capture_app.board.detector import Board
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.terminal import talk
-from capture_app.text import pretty_json
-from reconstruction.calibration.charuco import count_coverage, detect_board
+from capture_app.text import count, pretty_json
+from reconstruction.calibration.boards.rig_from_boards import count_coverage, detect_board
 from reconstruction.calibration.consistency import RigCheck
 from reconstruction.calibration.kept import CalibrationShelf
 from reconstruction.calibration.quality import (
@@ -23,12 +24,6 @@ from reconstruction.calibration.quality import (
     refuse_equal_poses,
 )
 from reconstruction.calibration.rig import calibrated_views
-from reconstruction.calibration.scale import (
-    KnownDistance,
-    metres_per_unit,
-    metres_per_unit_by_board,
-    scaled,
-)
 from reconstruction.calibration.sources import (
     CalibrationSource,
     Candidate,
@@ -37,9 +32,17 @@ from reconstruction.calibration.sources import (
     from_still_points,
     open_recordings,
 )
+from reconstruction.calibration.world.ground import in_world, world_of_board, world_of_marks
+from reconstruction.calibration.world.scale import (
+    KnownDistance,
+    Marks,
+    metres_per_unit,
+    metres_per_unit_by_board,
+    scaled,
+)
 from reconstruction.session.dataset import Dataset
 
-FOUND_HERE = (CalibrationSource.SFM, CalibrationSource.CHARUCO)
+FOUND_HERE = (CalibrationSource.SFM, CalibrationSource.BOARD, CalibrationSource.CHARUCO)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,23 +50,34 @@ class CalibrateOptions:
     """`recordings`: the sessions that show the board, none = the session itself."""
 
     source: CalibrationSource | Path = CalibrationSource.SFM
-    """A path: another session, or its calibration.json."""
-    board: CharucoBoard = DEFAULT_BOARD
+    """A path: another session, or a calibration that can be imported."""
+    board: Board = DEFAULT_BOARD
     recordings: tuple[Path, ...] = ()
+    lens_recordings: tuple[Path, ...] = ()
+    """Sessions that show the board to single cameras, for their lenses."""
     field_of_view_deg: float | None = None
     """How wide the cameras see, for structure from motion; None = by EXIF, else unknown."""
     distance: KnownDistance | None = None
     """Sets the scale."""
     scale_by_board: bool = False
     """Set the scale by the board, where it lies in the scene."""
+    ground: Path | None = None
+    """A session in which the board lies on the ground."""
+    vertical: Marks | None = None
+    """Two points one above the other, the first on the ground."""
     keep: bool | None = None
     """Keep the calibration for the rig's later sessions; None = if it was found here."""
     force: bool = False
 
     @property
     def rescales(self) -> bool:
-        """Whether the calibration gets another scale."""
-        return self.distance is not None or self.scale_by_board
+        """Whether the calibration gets another scale, or another origin and upward direction."""
+        return (
+            self.distance is not None
+            or self.scale_by_board
+            or self.ground is not None
+            or self.vertical is not None
+        )
 
 
 class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -142,8 +156,8 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
 
 def _candidate(dataset: Dataset, options: CalibrateOptions) -> Candidate:
     match options.source:
-        case CalibrationSource.CHARUCO:
-            return from_board(dataset, options.board, options.recordings)
+        case CalibrationSource.BOARD | CalibrationSource.CHARUCO:
+            return from_board(dataset, options.board, options.recordings, options.lens_recordings)
         case CalibrationSource.SFM:
             return from_still_points(dataset, options.field_of_view_deg)
         case _:
@@ -154,10 +168,21 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
     views = calibrated_views(dataset, found)
     if options.distance is not None:
         factor = metres_per_unit(views, options.distance)
-        return scaled(found, factor, f"a distance of {options.distance.metres:g} m")
-    corners = detect_board(open_recordings(dataset, options.recordings), options.board)
-    factor, times = metres_per_unit_by_board(views, options.board, corners)
-    return scaled(found, factor, f"a ChArUco board seen by {times} pairs")
+        found = scaled(found, factor, f"a distance of {options.distance.metres:g} m")
+    elif options.scale_by_board:
+        corners = detect_board(open_recordings(dataset, options.recordings), options.board)
+        factor, times = metres_per_unit_by_board(views, options.board, corners)
+        found = scaled(found, factor, f"a board seen by {times} pairs")
+    views = calibrated_views(dataset, found)
+    if options.vertical is not None:
+        return in_world(found, world_of_marks(views, options.vertical), "two points one above the other")
+    if options.ground is not None:
+        floor = open_recordings(dataset, (options.ground,))
+        corners = detect_board(floor, options.board)
+        world, times = world_of_board(views, options.board, corners, metric=found.unit == "m")
+        seen = count(times, "instant")
+        return in_world(found, world, f"a board on it in {floor[0].name}, at {seen}")
+    return found
 
 
 def _keep(dataset: Dataset, calibration: Calibration) -> bool:

@@ -6,13 +6,16 @@ from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 
-from capture_app.board.charuco import CharucoBoard
+from capture_app.board.checkerboard import Checkerboard
 from capture_app.board.coverage import BoardCoverage
-from capture_app.board.detector import BoardDetector
+from capture_app.board.detector import Board, BoardDetector
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import read_struct
-from reconstruction.calibration.charuco import (
+from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
+from capture_app.terminal import talk
+from reconstruction.calibration.boards.lenses import lenses_of_recordings
+from reconstruction.calibration.boards.rig_from_boards import (
     calibrate_from_board,
     count_coverage,
     detect_board,
@@ -33,11 +36,13 @@ TRIED_IMAGES = 4
 
 
 class CalibrationSource(StrEnum):
-    """Where a calibration comes from; a path is another session, or its calibration.json."""
+    """Where a calibration comes from; a path is another session, or a calibration that can be imported."""
 
     SESSION = "session"
     SFM = "sfm"
+    BOARD = "board"
     CHARUCO = "charuco"
+    """The same."""
     KEPT = "kept"
 
 
@@ -53,17 +58,32 @@ class Candidate:
     """Whether a camera has moved since, of a calibration that was not found here."""
 
 
-def from_board(dataset: Dataset, board: CharucoBoard, recordings: tuple[Path, ...]) -> Candidate:
-    """The calibration by recordings of a board, or by the session itself; judged by the board's corners."""
+def from_board(
+    dataset: Dataset, board: Board, recordings: tuple[Path, ...], lens_recordings: tuple[Path, ...] = ()
+) -> Candidate:
+    """The calibration by recordings of a board, or by the session itself; judged by the board's corners.
+
+    `lens_recordings`: of single cameras, which tell their lenses.
+    """
     opened = open_recordings(dataset, recordings)
     corners = detect_board(opened, board)
     if not corners:
         _refuse_turned_board(opened[0], board)
-    found = calibrate_from_board(opened[0], board, corners)
+    _say_if_ambiguous(dataset, board)
+    lenses = lenses_of_recordings(dataset, board, lens_recordings)
+    found = calibrate_from_board(opened[0], board, corners, lenses)
     return Candidate(found, shared_corners(corners), count_coverage(dataset, board, corners))
 
 
-def _refuse_turned_board(dataset: Dataset, board: CharucoBoard) -> None:
+def _say_if_ambiguous(dataset: Dataset, board: Board) -> None:
+    if isinstance(board, Checkerboard) and board.is_ambiguous and len(dataset.cameras) > 1:
+        talk(
+            f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
+            "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
+        )
+
+
+def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
     """Raise BadInputError where columns and rows were mixed up: markers are counted along the rows."""
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
     for name in dataset.cameras:
@@ -106,13 +126,14 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
 
 
 def read_calibration(dataset: Dataset, path: Path) -> Calibration:
-    """Another session's calibration, by its folder or by its calibration.json.
+    """Another session's calibration, by its folder, or any that a recording can be imported with.
 
     Raises:
         BadInputError: there is none, or that session's cameras were set to other sizes.
     """
-    if path.is_file():
-        return read_struct(path, Calibration, 1)
+    if path.is_file() or not (path / MANIFEST).is_file():
+        sizes = {name: dataset.size_on_disk(name) for name in dataset.cameras}
+        return fit_calibration(read_views([("", path)], dataset.cameras), sizes)
     other = Dataset.open(path)
     found = other.calibration()
     if found is None:

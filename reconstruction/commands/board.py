@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from capture_app.board.charuco import CharucoBoard
+from capture_app.board.checkerboard import Checkerboard
 from capture_app.board.options import board_options
 from capture_app.errors import SimulshotError
 from capture_app.terminal import json_option, print_json, print_line
@@ -21,7 +22,7 @@ from capture_app.usage import examples
 )
 @board_options
 @json_option
-def board(file: Path, page: str, board: CharucoBoard, as_json: bool) -> None:
+def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bool) -> None:
     """Write a ChArUco board to FILE (.pdf or .svg) to print at true size and calibrate with.
 
     By default it is the board that `reconstruct calibrate` and `capture-app coverage` expect. A bar on the
@@ -30,6 +31,8 @@ def board(file: Path, page: str, board: CharucoBoard, as_json: bool) -> None:
     from capture_app.board.page import to_pdf, to_svg
     from capture_app.board.printed_page import PrintedPage, calibrate_options
 
+    if not isinstance(board, CharucoBoard):
+        raise click.BadParameter("it prints boards with markers only", param_hint="--dictionary")
     formats = {".pdf": to_pdf, ".svg": to_svg}
     write = formats.get(file.suffix.lower())
     if write is None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table
 from capture_app.usage import examples
@@ -15,6 +14,7 @@ from reconstruction.commands.options import checksums_option, memory_option, ses
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
+    from capture_app.board.detector import Board
     from reconstruction.calibration.command import CalibrateResult
 
 Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
@@ -43,9 +43,10 @@ def _parse_mark(text: str) -> Mark:
     "--from",
     "source",
     default="sfm",
-    metavar="sfm|charuco|kept|session|PATH",
-    help="sfm: from static features of the burst. charuco: from a board. kept: the one kept of the rig. "
-    "session: check the one it has. PATH: that of another session of the same cameras.",
+    metavar="sfm|board|kept|session|PATH",
+    help="sfm: from static features of the burst. board (or charuco): from a board. kept: the one kept of "
+    "the rig. session: check the one it has. PATH: that of another session of the same cameras, or any that "
+    "`capture-app sessions import --calibration` takes.",
 )
 @click.option(
     "--recording",
@@ -54,7 +55,17 @@ def _parse_mark(text: str) -> Mark:
     multiple=True,
     metavar="SESSION",
     show_default="SESSION itself",
-    help="For charuco: session that shows the board. Repeat for several.",
+    help="For board: session that shows the board. Repeat for several.",
+)
+@click.option(
+    "--lens-recording",
+    "lens_recordings",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="SESSION",
+    show_default="the recordings of the rig",
+    help="For board: session in which the board is shown to single cameras, close and to all edges, for "
+    "their lenses. Repeat for several.",
 )
 @board_options
 @click.option(
@@ -80,13 +91,26 @@ def _parse_mark(text: str) -> Mark:
     metavar="M",
     help="How far apart the two points of --mark are, in metres.",
 )
+@click.option(
+    "--vertical",
+    is_flag=True,
+    help="The two points of --mark are one above the other, the first on the ground: it becomes the origin, "
+    "z is up.",
+)
+@click.option(
+    "--ground",
+    type=click.Path(path_type=Path),
+    metavar="SESSION",
+    help="Session, or SESSION itself, in which the board lies on the ground: that becomes z = 0, z is up, in "
+    "metres.",
+)
 @click.option("--scale-by-board", is_flag=True, help="Set the scale by the board, where SESSION shows it.")
 @click.option("--coverage", is_flag=True, help="Only show what the board has covered, and what is missing.")
 @click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
 @click.option(
     "--keep/--no-keep",
     default=None,
-    show_default="keep if --from is sfm or charuco, or the scale is set",
+    show_default="keep if --from is sfm or board, or the scale or ground is set",
     help="Keep the calibration for later sessions of the same cameras in the same modes.",
 )
 @memory_option
@@ -96,11 +120,14 @@ def calibrate(
     session: Path,
     source: str,
     recordings: tuple[Path, ...],
+    lens_recordings: tuple[Path, ...],
     coverage: bool,
-    board: CharucoBoard,
+    board: "Board",
     field_of_view_deg: float | None,
     marks: tuple[Mark, ...],
     distance_m: float | None,
+    vertical: bool,
+    ground: Path | None,
     scale_by_board: bool,
     replace: bool,
     keep: bool | None,
@@ -112,11 +139,15 @@ def calibrate(
     """
     from reconstruction.calibration.command import CalibrateOptions, cover
     from reconstruction.calibration.command import calibrate as run
-    from reconstruction.calibration.scale import KnownDistance
     from reconstruction.calibration.sources import CalibrationSource
+    from reconstruction.calibration.world.scale import KnownDistance
 
-    if bool(marks) != (distance_m is not None):
-        raise click.UsageError("--mark and --distance-m belong together: two points and their distance")
+    if bool(marks) != (distance_m is not None or vertical):
+        raise click.UsageError(
+            "--mark belongs together with --distance-m or --vertical: two points and what is known of them"
+        )
+    if vertical and ground is not None:
+        raise click.UsageError("give either --vertical or --ground: both say where the ground is")
     if source not in set(CalibrationSource) and not Path(source).exists():
         raise click.BadParameter(
             f"{source!r} is not one of {', '.join(CalibrationSource)}, and no such file or folder exists",
@@ -127,9 +158,12 @@ def calibrate(
         source=CalibrationSource(source) if source in set(CalibrationSource) else Path(source),
         board=board,
         recordings=recordings,
+        lens_recordings=lens_recordings,
         field_of_view_deg=field_of_view_deg,
         distance=None if distance_m is None else KnownDistance(dict(marks), distance_m),
         scale_by_board=scale_by_board,
+        ground=ground,
+        vertical=dict(marks) if vertical else None,
         keep=keep,
         force=replace,
     )
@@ -164,7 +198,7 @@ def _summary(result: "CalibrateResult") -> Iterator[str]:
     for line in result.board.missing if result.board else ():
         yield f"would make it better: {line}"
     if result.unit == "arbitrary":
-        yield "its scale is unknown: --mark and --distance-m set it, or --scale-by-board"
+        yield "its scale is unknown: --mark and --distance-m set it, --scale-by-board or --ground"
     yield "saved in the session" if result.stored else "the session has this calibration already"
     if result.kept:
         yield "kept for later sessions of these cameras"

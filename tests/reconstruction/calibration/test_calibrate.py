@@ -14,7 +14,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.calibration.charuco import detect_board
+from reconstruction.calibration.boards.rig_from_boards import detect_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset

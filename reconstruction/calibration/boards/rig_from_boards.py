@@ -1,21 +1,23 @@
-"""Calibration by a ChArUco board: detected in pictures, then each camera's intrinsics, then the rig.
+"""Calibration by a board: detected in pictures, then each camera's intrinsics, then the rig.
 
-The board may be printed light or dark, and seen from its front or its back.
+A board with markers may be printed light or dark, and seen from its front or its back.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import cv2
 import numpy as np
 
-from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
+from capture_app.board.charuco import MIN_CORNERS
+from capture_app.board.checkerboard import Checkerboard
 from capture_app.board.coverage import BoardCoverage, CoverageCount
-from capture_app.board.detector import BoardDetector, Corners
+from capture_app.board.detector import Board, BoardDetector, Corners
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.text import count
-from reconstruction.calibration.board_bundle import adjust_bundle
+from reconstruction.calibration.boards.board_bundle import adjust_bundle
+from reconstruction.calibration.boards.lenses import MAX_BOARDS, MIN_BOARDS, Lens, calibrate_lens
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
@@ -24,7 +26,7 @@ BoardCorners = dict[tuple[str, int], Corners]
 """By camera and moment, pixels of the board's corners; moments are instants, counted over all recordings."""
 
 
-def detect_board(recordings: Sequence[Dataset], board: CharucoBoard) -> BoardCorners:
+def detect_board(recordings: Sequence[Dataset], board: Board) -> BoardCorners:
     """Detect the board in every image; images with fewer than MIN_CORNERS are left out."""
     found: BoardCorners = {}
     finders = {camera: BoardDetector(board) for camera in recordings[0].cameras}
@@ -39,7 +41,7 @@ def detect_board(recordings: Sequence[Dataset], board: CharucoBoard) -> BoardCor
     return found
 
 
-def count_coverage(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> BoardCoverage:
+def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> BoardCoverage:
     """What the board has covered in recordings of this dataset's cameras."""
     counted = CoverageCount(board, {name: dataset.size(name) for name in dataset.cameras})
     for seen in corners_by_moment(corners).values():
@@ -67,36 +69,27 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
     return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
 
 
-MIN_BOARDS = 4
-MAX_BOARDS = 40
 BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
 """Moments of each camera and pair, and in all, that are adjusted together: the time grows with their cube."""
 
 
-def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> Calibration:
-    """Intrinsics of every camera (Zhang 2000), each camera's place from boards it shares, then all together.
+def calibrate_from_board(
+    dataset: Dataset, board: Board, corners: BoardCorners, known: Mapping[str, Lens] | None = None
+) -> Calibration:
+    """Intrinsics of every camera, each camera's place from boards it shares, then all together.
+
+    `known`: lenses that were calibrated before, and stay.
 
     Raises:
         BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
     """
-    places = board.places
-    lenses: dict[str, tuple[Array, Array]] = {}
-    for camera in dataset.cameras:
-        seen = [k for name, k in sorted(corners) if name == camera]
-        if len(seen) < MIN_BOARDS:
-            raise BadInputError(
-                f"{camera} shows the board in {count(len(seen), 'image')}; {MIN_BOARDS} are needed",
-                hint="record the board from more places; check --board, --square-mm and --dictionary",
-            )
-        seen = evenly_spread(seen, MAX_BOARDS)
-        points = [places[sorted(corners[camera, k])] for k in seen]
-        pixels = [_pixels(corners[camera, k], sorted(corners[camera, k])) for k in seen]
-        # Few boards, or boards at one angle, do not determine the higher terms of distortion.
-        flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
-        _, matrix, distortion, _, _ = cv2.calibrateCamera(
-            points, pixels, dataset.size(camera), np.eye(3), np.zeros(5), flags=flags
-        )
-        lenses[camera] = np.asarray(matrix), np.asarray(distortion).ravel()[:5]
+    places, known = board.places, known or {}
+    lenses = {
+        camera: known[camera]
+        if camera in known
+        else calibrate_lens(camera, dataset.size(camera), board, _of_camera(corners, camera))
+        for camera in dataset.cameras
+    }
     poses = _rig_poses(dataset, places, corners, lenses)
     views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
     used = _bundle_moments(corners)
@@ -105,12 +98,22 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
         for (name, moment), found in corners.items()
         if moment in used
     }
-    views = adjust_bundle(views, sightings)
+    views = adjust_bundle(views, sightings, frozenset(known))
     return Calibration(
         cameras={name: view.to_calibration() for name, view in views.items()},
         unit="m",
-        source=f"ChArUco board in {len(corners)} images of {dataset.name}",
+        source=_source(dataset, board, corners, known),
     )
+
+
+def _source(dataset: Dataset, board: Board, corners: BoardCorners, known: Mapping[str, Lens]) -> str:
+    kind = "checkerboard" if isinstance(board, Checkerboard) else "ChArUco board"
+    lenses = f", lenses of {', '.join(known)} from recordings of their own" if known else ""
+    return f"{kind} in {len(corners)} images of {dataset.name}{lenses}"
+
+
+def _of_camera(corners: BoardCorners, camera: str) -> list[Corners]:
+    return [corners[key] for key in sorted(corners) if key[0] == camera]
 
 
 def _bundle_moments(corners: BoardCorners) -> set[int]:
@@ -151,8 +154,32 @@ def _rig_poses(
         together = shared[frozenset((a, b))][:MAX_BOARDS]
         in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
         points = [places[ids] for _, ids in together]
-        known = *lenses[a], *lenses[b], dataset.size(a)
-        found = cv2.stereoCalibrate(points, in_a, in_b, *known, flags=cv2.CALIB_FIX_INTRINSIC)
-        rotation, translation = np.asarray(found[5]), np.asarray(found[6]).ravel()
+        rotation, translation = _relative_pose(points, (in_a, in_b), (lenses[a], lenses[b]))
         poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
     return poses
+
+
+def _relative_pose(
+    points: list[Array], pixels: tuple[list[Array], list[Array]], lenses: tuple[Lens, Lens]
+) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) from one camera to the other: of the boards that agree, the mean.
+
+    OpenCV's stereoCalibrate begins with a median of rotation vectors, which fails where they are half a turn.
+    """
+    rotations, translations = [], []
+    for at, in_a, in_b in zip(points, *pixels, strict=True):
+        (of_a, move_a), (of_b, move_b) = (
+            _board_pose(at, seen, lens) for seen, lens in zip((in_a, in_b), lenses, strict=True)
+        )
+        rotations.append(of_b @ of_a.T)
+        translations.append(move_b - of_b @ of_a.T @ move_a)
+    every = np.array(rotations)
+    apart = np.linalg.norm(every[:, None] - every[None], axis=(2, 3))
+    agreeing = np.argsort(apart[int(apart.sum(0).argmin())])[: max(1, (len(every) + 1) // 2)]
+    left, _, right = np.linalg.svd(every[agreeing].sum(0))
+    return left @ right, np.array(translations)[agreeing].mean(0)
+
+
+def _board_pose(points: Array, pixels: Array, lens: Lens) -> tuple[Array, Array]:
+    _, turn, move = cv2.solvePnP(points, pixels, *lens)
+    return cv2.Rodrigues(turn)[0], np.asarray(move).ravel()

@@ -7,10 +7,11 @@ from itertools import combinations
 import msgspec
 import numpy as np
 
-from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
+from capture_app.board.charuco import MIN_CORNERS
+from capture_app.board.detector import Board
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.charuco import BoardCorners, corners_by_moment
+from reconstruction.calibration.boards.rig_from_boards import BoardCorners, corners_by_moment
 from reconstruction.calibration.consistency import reprojection_errors, triangulate
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.pairs.features import size_above_features
@@ -21,11 +22,15 @@ MIN_ANGLE_DEG = 1.0
 MAX_BOARD_ERROR_PX = 3.0
 
 
+Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
+"""Two points' pixels (x, y) in each of two cameras or more."""
+
+
 @dataclass(frozen=True)
 class KnownDistance:
-    """Two points' pixels (x, y) in each of two cameras or more, and how far apart they are in metres."""
+    """Two points that are marked, and how far apart they are in metres."""
 
-    marks: Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
+    marks: Marks
     metres: float
 
 
@@ -47,20 +52,30 @@ def metres_per_unit(views: Mapping[str, View], known: KnownDistance) -> float:
     Raises:
         BadInputError: a camera is unknown, or its marks are not of the same things as the others'.
     """
-    for name in known.marks:
+    first, second = marked_points(views, known.marks)
+    return known.metres / float(np.linalg.norm(first - second))
+
+
+def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
+    """The two points (2, 3) of the rig that are marked in the views' pictures.
+
+    Raises:
+        BadInputError: a camera is unknown, or its marks are not of the same things as the others'.
+    """
+    for name in marks:
         if name not in views:
             raise BadInputError(
                 f"--mark {name}=... cannot be used: {name} is not among the calibrated cameras",
                 hint=f"mark the points in {' or '.join(views)}",
             )
-    if len(known.marks) < 2:
+    if len(marks) < 2:
         raise BadInputError(
             "a distance needs its two ends marked in two cameras", hint="--mark CAMERA=X1,Y1,X2,Y2 for each"
         )
-    seen = [views[name] for name in known.marks]
-    pixels = np.array(list(known.marks.values()), float)
+    seen = [views[name] for name in marks]
+    pixels = np.array(list(marks.values()), float)
     ends = triangulate(seen, pixels)
-    for name, view, at in zip(known.marks, seen, pixels, strict=True):
+    for name, view, at in zip(marks, seen, pixels, strict=True):
         limit = MAX_MARK_ERROR_PX * size_above_features(view.width, view.height)
         for which, error in zip(("first", "second"), reprojection_errors(view, ends, at), strict=True):
             if error > limit:
@@ -71,14 +86,14 @@ def metres_per_unit(views: Mapping[str, View], known: KnownDistance) -> float:
     for end in ends:
         if max(angle_deg(end - a.centre, end - b.centre) for a, b in combinations(seen, 2)) < MIN_ANGLE_DEG:
             raise BadInputError(
-                f"{' and '.join(known.marks)} see the marks from nearly the same place",
+                f"{' and '.join(marks)} see the marks from nearly the same place",
                 hint="mark them in cameras that stand further apart",
             )
-    return known.metres / float(np.linalg.norm(ends[0] - ends[1]))
+    return ends
 
 
 def metres_per_unit_by_board(
-    views: Mapping[str, View], board: CharucoBoard, corners: BoardCorners
+    views: Mapping[str, View], board: Board, corners: BoardCorners
 ) -> tuple[float, int]:
     """Metres in a unit of the views from a board that two cameras see, and at how many moments they do.
 
@@ -101,7 +116,7 @@ def metres_per_unit_by_board(
 
 
 def _board_factor(
-    views: tuple[View, View], board: CharucoBoard, corners: tuple[dict[int, Array], dict[int, Array]]
+    views: tuple[View, View], board: Board, corners: tuple[dict[int, Array], dict[int, Array]]
 ) -> float | None:
     both = sorted(corners[0].keys() & corners[1].keys())
     if len(both) < MIN_CORNERS:

@@ -40,8 +40,10 @@ Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
 """By camera and moment, the corners' places on the board (n, 3; m) and their pixels (n, 2)."""
 
 
-def adjust_bundle(views: Mapping[str, View], seen: Sightings) -> dict[str, View]:
-    """The views as all corners together have them; the first one stays where it is."""
+def adjust_bundle(
+    views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str] = frozenset()
+) -> dict[str, View]:
+    """The views as all corners together have them; the first one stays where it is, and so do some lenses."""
     names = list(views)
     cameras = {name: _Pose(cv2.Rodrigues(v.rotation)[0].ravel(), v.translation) for name, v in views.items()}
     lenses = dict(views)
@@ -59,7 +61,8 @@ def adjust_bundle(views: Mapping[str, View], seen: Sightings) -> dict[str, View]
             error, parts = _linearized(lenses[name], cameras[name], boards[moment], points, pixels)
             weight = np.sqrt(np.minimum(1, HUBER_PX / np.linalg.norm(error, axis=1).clip(1e-9)))
             rows = np.repeat(weight, 2)[:, None]
-            blocks = [(column[name], parts[0]), (held[moment], parts[2])]
+            of_lens = parts[0] * (name not in keep_lenses)
+            blocks = [(column[name], of_lens), (held[moment], parts[2])]
             if name in place:
                 blocks.append((place[name], parts[1]))
             where = np.concatenate([np.arange(at, at + part.shape[1]) for at, part in blocks])

@@ -16,6 +16,7 @@ from capture_app.commands.options import (
     AddressType,
     attached_sessions_option,
     cameras_option,
+    open_option,
     rig_port_option,
 )
 from capture_app.errors import NotAvailableError
@@ -82,6 +83,7 @@ def load(name: str) -> click.Command:
     show_default="as last time",
     help="Number of frames from each camera.",
 )
+@open_option
 @click.pass_context
 def app(
     ctx: click.Context,
@@ -111,9 +113,12 @@ def app(
         raise NotAvailableError(
             "the screen needs a terminal", hint="use `capture-app leader`, or see capture-app --help"
         )
+    from capture_app.commands.joining import make_known
     from capture_app.rig_process import attach
     from capture_app.tui.run import run_screen
 
+    if leader is not None and not in_browser:
+        make_known((leader,), None, None)
     rig = asyncio.run(attach(leader=leader, sessions=sessions, host=host, port=port, cameras=cameras))
     run_screen(rig, frames=frames)
 

@@ -9,6 +9,7 @@ from capture_app.commands.options import (
     cameras_option,
     host_option,
     leader_option,
+    open_option,
     rig_port_option,
     sessions_option,
 )
@@ -30,6 +31,7 @@ def rig() -> None:
 @rig_port_option
 @sessions_option
 @cameras_option
+@open_option
 @json_option
 def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...], as_json: bool) -> None:
     """Start a rig that keeps running, and print its address."""

@@ -82,6 +82,8 @@ def _print_rig(rig: "RigStatus") -> None:
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
     rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"
     print_line(f"{who}, {count(len(rig.nodes), 'node')}, {rate}")
+    if rig.is_open:
+        print_line("OPEN: it asks no machine who it is")
     for line in dict.fromkeys((rig.message, rig.advice)):
         if line:
             print_line(line)

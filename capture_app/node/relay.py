@@ -167,6 +167,7 @@ class RelayNode:
         message = self._holdover_message(now_ns)
         return RigStatus(
             leader=str(self.address),
+            is_open=self._trust.is_open,
             relay=self.name,
             message=message,
             advice=message or rig_advice(views, str(self.address)),

@@ -97,6 +97,8 @@ class RigLine(Lines):
         parts = [Content.styled(str(sign), f"bold {sign.style}")]
         if status is None:
             return parts
+        if status.is_open:
+            parts.append(Content.styled("OPEN to anybody", "$warning"))
         free = status.disk_free_bytes
         if free is not None:
             low = free < 2e9

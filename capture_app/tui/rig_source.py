@@ -10,6 +10,7 @@ from typing import Protocol
 from capture_app.net.address import Address
 from capture_app.node.operator.updates import Update
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import BurstStatus
 from capture_app.node.wire.views import NodeDetail
 
@@ -41,6 +42,9 @@ class RigSource(Protocol):
 
     async def cancel_burst(self, burst: int) -> None:
         """Wait no longer for the images of a burst: it is saved with what has come."""
+
+    async def invite(self) -> Invited:
+        """Make a code by which one further machine with a camera becomes known to the leader."""
 
     async def add_camera(self, spec: str, name: str | None = None) -> None:
         """Start a camera of the leader's machine; returns when its process runs, before it has joined."""

@@ -11,6 +11,7 @@ from capture_app.errors import NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.operator.updates import LinkLost, Update
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import BurstStatus, CameraTransfer, NodeStatus, RigStatus
 from capture_app.node.wire.views import NewsLine, NodeDetail, Preview
 from capture_app.sync.wire.messages import NodeState
@@ -161,6 +162,10 @@ class FakeRig:
 
     async def cancel_burst(self, burst: int) -> None:
         self._ask("cancel_burst", burst)
+
+    async def invite(self) -> Invited:
+        self._ask("invite")
+        return Invited(code="12345678", good_for_s=600)
 
     async def add_camera(self, spec: str, name: str | None = None) -> None:
         self._ask("add_camera", spec, name)

@@ -182,6 +182,7 @@ class LeaderNode:
         goal, views = self._engine.goal, self._engine.clients(now_ns)
         return RigStatus(
             leader=str(self.address),
+            is_open=self.is_open,
             advice=rig_advice(views, str(self.address), self._jury.off),
             now_ns=now_ns,
             period_ns=None if goal is None else goal.period_ns,

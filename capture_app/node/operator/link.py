@@ -7,11 +7,19 @@ from typing import Any
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.operator.requests import ask_burst, ask_detail, give_order, receive_answer
+from capture_app.node.operator.requests import (
+    ask_burst,
+    ask_detail,
+    ask_invitation,
+    give_order,
+    receive_answer,
+)
 from capture_app.node.operator.updates import LinkLost, Update
 from capture_app.node.wire import messages, operating
+from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import BurstStatus
 from capture_app.node.wire.views import NodeDetail, Preview
+from capture_app.trust.known_machines import Role
 
 SILENCE_S = 10.0
 """A leader sends its status more often than this, changed or not."""
@@ -71,6 +79,10 @@ class RigLink:
     async def cancel_burst(self, burst: int) -> None:
         """Wait no longer for the images of a burst."""
         await give_order(self._leader, operating.CancelBurst(burst=burst))
+
+    async def invite(self) -> Invited:
+        """Make a code by which one machine with a camera becomes known."""
+        return await ask_invitation(self._leader, Role.CAMERA)
 
     async def add_camera(self, spec: str, name: str | None = None) -> None:
         """Start a camera of the leader's machine."""

@@ -77,6 +77,8 @@ class RigStatus(Struct, frozen=True, kw_only=True):
 
     leader: str
     """host:port that nodes join."""
+    is_open: bool = False
+    """Whether it asks no machine who it is."""
     relay: str | None = None
     """Name of the relay that tells this because it has no leader at present; None from a leader."""
     message: str = ""

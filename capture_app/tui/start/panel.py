@@ -21,7 +21,7 @@ from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import Mishap, SessionsRequested
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
-from capture_app.tui.start.invitation import joining_line, qr_lines
+from capture_app.tui.start.invitation import NOT_INVITED, invitation, joining_line, qr_lines
 from capture_app.tui.start.offers import SCENES, Offers, find_offers
 
 CAMERA_KEYS = "cefghlmpuvwxyz"
@@ -76,6 +76,7 @@ class StartPanel(Vertical):
         self._offers = Offers((), 0, None)
         self._leader = ""
         self._busy = ""
+        self._invitation = NOT_INVITED
         self._title = Lines(id="start-title")
         self._list = OptionList(id="start-list")
         self._meaning = Lines(id="start-meaning")
@@ -121,7 +122,7 @@ class StartPanel(Vertical):
 
     def _camera_offers(self) -> list[_Offer]:
         return [
-            _Offer(camera.spec, key, f"{camera.model or camera.kind} {_device(camera.spec)}", camera.usable)
+            _Offer(camera.spec, key, f"{camera.model or camera.kind} {Path(camera.spec).name}", camera.usable)
             for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False)
         ]
 
@@ -177,7 +178,7 @@ class StartPanel(Vertical):
     def _meanings(self) -> list[Content]:
         match self._chosen:
             case "invite":
-                words = "The code holds the line below. A camera appears here once it has joined."
+                words = f"The code beside holds the line below. {self._invitation}"
             case "simulated":
                 words = (
                     f"Each is a process with a clock of its own, hours off. They look at the scene "
@@ -224,6 +225,7 @@ class StartPanel(Vertical):
         """Show how other machines join."""
         self._settings.remember(CHOICE, "invite")
         self._highlight("invite")
+        self._invite()
 
     def action_simulate(self) -> None:
         """Start simulated cameras."""
@@ -273,6 +275,11 @@ class StartPanel(Vertical):
         self._list.highlighted = self._list.get_option_index(choice)
         self._explain()
 
+    @work(exclusive=True, group="invite")
+    async def _invite(self) -> None:
+        self._invitation = await invitation(self._source)
+        self._explain()
+
     @work(group="start")
     async def _start(self, choice: str, order: Awaitable[None], words: str) -> None:
         self._settings.remember(CHOICE, choice)
@@ -285,11 +292,6 @@ class StartPanel(Vertical):
         finally:
             self._busy = ""
             self._explain()
-
-
-def _device(spec: str) -> str:
-    """The last part of where a device is: video0 of v4l2:/dev/video0."""
-    return spec.rpartition("/")[2]
 
 
 def _cut(text: str) -> str:

@@ -7,7 +7,7 @@ from textual.widgets import OptionList
 
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.v4l2 import driver
-from capture_app.errors import CameraError
+from capture_app.errors import CameraError, UnknownMachineError
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.settings import Settings
 from capture_app.tui.start.invitation import joining_line, qr_lines
@@ -120,6 +120,21 @@ async def test_inviting_shows_the_line_and_its_code() -> None:
         # All of it is seen: half a code is none.
         assert code.region.height == 19
         assert app.screen.query_one("#start-box").region.contains_region(code.region)
+
+
+async def test_inviting_shows_a_number_for_machines_that_are_not_known() -> None:
+    rig = FakeRig(0)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        await pilot.press("i")
+        await settle(pilot)
+        assert rig.asked == [("invite",)]
+        assert "1234 5678" in " ".join(text(app, "#start-meaning").split())
+        rig.failure = UnknownMachineError("this rig is open to anybody and needs no code")
+        await pilot.press("i")
+        await settle(pilot)
+        assert "open to anybody" in " ".join(text(app, "#start-meaning").split())
 
 
 async def test_sessions_and_samples_open_in_their_mode() -> None:

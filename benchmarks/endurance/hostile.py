@@ -3,6 +3,8 @@
 A leader, a relay and nodes of simulated cameras are processes of their own on this machine's loopback.
 Messages of the protocol with values out of range, nested, cut, and with bytes changed, go to the UDP ports
 of all of them, and over streams to leader and relay; connections are held open, idle and with half a header.
+Half of what goes to leader and relay is a stranger's; half is a known machine's, sealed with a key that it
+was given, and over TLS. With SIMULSHOT_OPEN=1 there is no such difference.
 Then the rig takes bursts. 0 if none has said anything of an exception, a burst is whole within its time, and
 memory has grown by no more than its limit; 1 if not.
 
@@ -22,116 +24,36 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
+from benchmarks.endurance.hostile_messages import INSIDER, hostile_datagram, hostile_frame
 from benchmarks.endurance.soak import CAMERA, JOIN_S, Soak, Watched, are_ready, listening, start
 from benchmarks.report import new_parser, print_report, print_rows, talk
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.net.address import Address, parse_address
+from capture_app.net.channel import connect
 from capture_app.node.operator.requests import ask_status
 from capture_app.node.wire import messages as wire
-from capture_app.node.wire import operating
-from capture_app.session.format.manifest import CameraRecord
-from capture_app.sync.wire import messages
-from capture_app.sync.wire.codec import encode
+from capture_app.trust.keys import LeaderKeys
+from capture_app.trust.trust import Trust
 
 BURST_S = 10.0
 MEMORY_MB = 60.0
 TURN = 500
 """So many are sent before the processes get their turn."""
-NASTY: tuple[Any, ...] = (
-    None, True, 0, -1, 1, 2**31, 2**63 - 1, -(2**63), 2**64 - 1, 1e308, float("nan"), float("inf"), "", "a",
-    "\x1b[2J\x1b]0;owned\x07", "x" * 300, b"\xff\xfe", [], [[[]]], {}, {"type": "hello"}, 33_333_333,
-)  # fmt: skip
-FACTS = CameraFacts(
-    kind="sim",
-    model="stranger",
-    width=640,
-    height=480,
-    period_ns=33_333_333,
-    phase_control=PhaseControl.INJECTION,
-    timestamp_source=TimestampSource.START_OF_EXPOSURE,
-)
-TERMS = messages.Terms(leader=1, anchor_leader_ns=0, period_ns=60_000_000_000, pace_ns=60_000_000_000)
-DATAGRAMS: tuple[Any, ...] = (
-    messages.Hello("stranger", 1, FACTS),
-    messages.Hello("cam1", 2, FACTS),
-    messages.Heartbeat(1, messages.Report(state=messages.NodeState.READY, frame_leader_ns=5)),
-    messages.TriggerAck(1, 2, 3, "no"),
-    messages.Goodbye(1),
-    messages.Welcome(1, 1, 47010, TERMS),
-    messages.HeartbeatAck(1, TERMS),
-    messages.Trigger(1, 1, 1, 0, 1, 1),
-    messages.UnknownMember(1),
-    messages.JoinRefusal(1, "no"),
-)
-RECORD = CameraRecord(name="cam1", facts=FACTS)
-FRAMES: tuple[Any, ...] = (
-    wire.NodeStream(camera="cam1", instance=1),
-    wire.CameraReport(leader=1, burst=1, camera=RECORD, instants=(0, 1)),
-    wire.SpoolSpace(camera="cam1", free_bytes=0, spool="/"),
-    wire.StatusRequest(),
-    wire.BurstRequest(frames=1, at_leader_ns=2**70, name="../.."),
-    operating.WatchRequest(),
-    operating.DetailRequest(camera="cam1"),
-    operating.ViewfinderOpened(camera="cam1", instance=1),
-    operating.CancelBurst(burst=10**9),
-    operating.RemoveCamera(name="nobody"),
-)
 
 
-def mutated(value: Any, rng: random.Random) -> Any:
-    """Return plain data with one of its values replaced."""
-    if isinstance(value, dict) and value and rng.random() < 0.9:
-        key = rng.choice([*value])
-        return {**value, key: mutated(value[key], rng)}
-    if isinstance(value, list) and value and rng.random() < 0.7:
-        place = rng.randrange(len(value))
-        return [*value[:place], mutated(value[place], rng), *value[place + 1 :]]
-    return rng.choice(NASTY)
+async def keys_of(leaders: list[Address]) -> LeaderKeys:
+    """Return the keys that a known machine is given; none in an open rig."""
+    keys = LeaderKeys()
+    for leader in [] if Trust.of_user().is_open else leaders:
+        async with await connect(leader, wire.FromLeader) as channel:
+            await channel.send(wire.KeyRequest(name=INSIDER.name, instance=INSIDER.instance))
+            answer = await channel.receive_header()
+            assert isinstance(answer, wire.KeyAnswer), answer
+            keys.hold(leader, answer.grant)
+    return keys
 
 
-def damaged(data: bytes, rng: random.Random) -> bytes:
-    """Return bytes that are cut, changed or followed by a deep nesting, or as they were."""
-    kind = rng.randrange(6)
-    if kind == 0:
-        return data[: rng.randrange(len(data) + 1)]
-    if kind == 1 and data:
-        place = rng.randrange(len(data))
-        return data[:place] + rng.randbytes(1) + data[place + 1 :]
-    if kind == 2:
-        return data + b"\x91" * rng.randrange(1_000)
-    return data
-
-
-def hostile_datagram(rng: random.Random) -> bytes:
-    """Return a datagram: of noise, a time message, or a control message that is not as it should be."""
-    kind = rng.randrange(8)
-    if kind == 0:
-        return rng.randbytes(rng.randrange(1_400))
-    if kind == 1:
-        return struct.pack(">2sBB", b"sS", 1, rng.randrange(4)) + rng.randbytes(rng.choice([0, 32, 31]))
-    head = encode(messages.Goodbye(1))[:4]
-    plain = mutated(msgspec.to_builtins(rng.choice(DATAGRAMS)), rng)
-    with suppress(OverflowError, TypeError):
-        return damaged(head + msgspec.msgpack.encode(plain), rng)
-    return head
-
-
-def hostile_frame(rng: random.Random) -> bytes:
-    """Return the bytes of a message of a stream that is not as it should be."""
-    plain = msgspec.to_builtins(rng.choice(FRAMES))
-    if rng.random() < 0.8:
-        plain = mutated(plain, rng)
-    header = damaged(msgspec.json.encode(plain), rng)
-    if rng.random() < 0.1:
-        header = b'{"type":"camera-report","events":' + b"[" * rng.randrange(60_000)
-    payload = rng.choice([0, 0, 0, 5, 2**40])
-    return struct.pack(">4sIQ", b"SSH1", len(header), payload) + header + bytes(min(payload, 5))
-
-
-async def flood(places: list[Address], datagrams: int, rng: random.Random) -> None:
-    """Send datagrams to all these places."""
+async def flood(places: list[Address], datagrams: int, rng: random.Random, keys: LeaderKeys) -> None:
+    """Send datagrams to all these places, every other one sealed where there is a key."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with sock:
         for number in range(datagrams):
@@ -139,7 +61,9 @@ async def flood(places: list[Address], datagrams: int, rng: random.Random) -> No
                 sock.close()
                 sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             with suppress(OSError):
-                sock.sendto(hostile_datagram(rng), tuple(places[number % len(places)]))
+                place, data = places[number % len(places)], hostile_datagram(rng)
+                sealed = keys.seal(data, place) if rng.random() < 0.5 else None
+                sock.sendto(sealed or data, tuple(place))
             if number % TURN == 0:
                 await asyncio.sleep(0.002)
     sock.close()
@@ -150,7 +74,8 @@ async def pester(places: list[Address], frames: int, rng: random.Random) -> None
     sent = 0
     while sent < frames:
         try:
-            reader, writer = await asyncio.open_connection(*rng.choice(places))
+            context = Trust.of_user().client_context() if rng.random() < 0.5 else None
+            reader, writer = await asyncio.open_connection(*rng.choice(places), ssl=context)
         except OSError:
             await asyncio.sleep(0.05)
             continue
@@ -219,7 +144,8 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         talk(f"attacking {', '.join(map(str, places))}")
         held = await hold([run.leader, relay], options.connections)
         await asyncio.gather(
-            flood(places, options.datagrams, rng), pester([run.leader, relay], options.frames, rng)
+            flood(places, options.datagrams, rng, await keys_of([run.leader, relay])),
+            pester([run.leader, relay], options.frames, rng),
         )
         read_all(run.processes, 1)
         loop = asyncio.get_running_loop()

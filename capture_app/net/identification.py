@@ -1,7 +1,9 @@
 """The first moments of a stream: each end proves its key by TLS, before either says a word."""
 
 import asyncio
+import asyncio.sslproto
 import ssl
+from typing import Any, cast
 
 from capture_app.errors import NetworkError, UnknownMachineError
 from capture_app.net.address import Address
@@ -9,6 +11,9 @@ from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Peer, Trust
 
 GREETING = b"SSH1"
+# Each stream of TLS has a buffer of that size from its first moment on: with asyncio's own 256 KiB strangers
+# could use the memory up.
+asyncio.sslproto.SSLProtocol.max_size = 1 << 15
 
 
 async def identify_peer(writer: asyncio.StreamWriter, trust: Trust, timeout_s: float) -> Peer:
@@ -18,7 +23,13 @@ async def identify_peer(writer: asyncio.StreamWriter, trust: Trust, timeout_s: f
     """
     context = trust.server_context()
     if context is not None:
-        await writer.start_tls(context, ssl_handshake_timeout=timeout_s)
+        plain: Any = writer.transport
+        try:
+            await writer.start_tls(context, ssl_handshake_timeout=timeout_s)
+        except AttributeError as error:
+            # Asyncio's own, where the peer went away in that very moment: it leaves no transport to close.
+            cast(Any, writer)._transport = plain
+            raise ConnectionResetError("the peer went away") from error
         writer.write(GREETING)
     return trust.peer(_certificate(writer))
 

@@ -7,6 +7,8 @@ from typing import Protocol
 
 MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
 """A node has two open at most; those below a relay have the address of the relay."""
+MOST_SILENT = 96
+"""So many may have said nothing yet: TLS takes memory from a stream's first moment on."""
 WANTED_FILES = 8192
 FILES_OF_A_STREAM, OTHER_FILES = 2, 64
 
@@ -62,7 +64,10 @@ class OpenStreams:
     def admit(self, stream: Stream) -> bool:
         """Whether a new stream may stay; another one may be broken off for it."""
         own = self._streams.get(stream.host, [])
-        if len(own) >= self._most_of_one_address:
+        silent = [[one for one in streams if not one.has_spoken] for streams in self._streams.values()]
+        if sum(map(len, silent)) >= MOST_SILENT:
+            admitted = self._make_room(max(silent, key=len))
+        elif len(own) >= self._most_of_one_address:
             admitted = self._make_room(own)
         elif len(self) >= self._most:
             # Whoever has the most is the likeliest to have too many.

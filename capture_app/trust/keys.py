@@ -134,6 +134,8 @@ class LeaderKeys:
 
     def take_kept(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams of what was kept for leaders that there is a key for now."""
+        if not self._kept:
+            return []
         leaders = [leader for leader in self._kept if leader in self._seals]
         return [(self._seals[leader].seal(self._kept.pop(leader)), leader) for leader in leaders]
 

@@ -10,7 +10,6 @@ Nothing is hidden: names and times may be read on the way, but neither changed, 
 state after the key is kept, so that a time message costs one block of the hash between its stamp and its way.
 """
 
-import struct
 from enum import StrEnum
 from hashlib import blake2s
 from hmac import compare_digest
@@ -21,8 +20,7 @@ KEY_BYTES, SEAL_BYTES = 32, 16
 WINDOW = 2048
 """A datagram that comes later than so many younger ones is refused: it may be one that came before."""
 KIND_SEALED, KIND_UNKNOWN_KEY = 4, 5
-_HEAD = struct.Struct(">2sBBIQ")
-HEAD_BYTES = _HEAD.size
+HEAD_BYTES = 16
 OVERHEAD_BYTES = HEAD_BYTES + SEAL_BYTES
 _MASK = (1 << WINDOW) - 1
 
@@ -83,14 +81,15 @@ class Seal:
     def __init__(self, key_id: int, key: bytes, *, seals: Side, opens: Side) -> None:
         """`key` has KEY_BYTES; of a key for two, one end seals as what the other opens."""
         self.key_id = key_id
+        self._head = _SEALED + key_id.to_bytes(4, "big")
         self._sent = 0
         self._window = ReplayWindow()
         self._sealing, self._opening = _keyed(key, seals), _keyed(key, opens)
 
     def seal(self, message: bytes) -> bytes:
         """Return the datagram of a message."""
-        self._sent += 1
-        data = _HEAD.pack(MAGIC, VERSION, KIND_SEALED, self.key_id, self._sent) + message
+        self._sent = number = self._sent + 1
+        data = self._head + number.to_bytes(8, "big") + message
         state = self._sealing.copy()
         state.update(data)
         return data + state.digest()

@@ -184,7 +184,10 @@ class Uploader:
                 if not images or spooled is None:
                     continue
                 try:
-                    await asyncio.to_thread(spooled.sync, images.values())
+                    # What goes on to the leader at once is here for too short a time to be worth a sync: it
+                    # outlives this process, and a power cut of this machine would end the stream anyway.
+                    if burst.stream is None or self._stream is None:
+                        await asyncio.to_thread(spooled.sync, images.values())
                 except SimulshotError as error:
                     burst.unsynced.clear()
                     note_useless_spool(burst, error, self.talk)

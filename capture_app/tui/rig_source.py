@@ -46,6 +46,9 @@ class RigSource(Protocol):
     async def invite(self) -> Invited:
         """Make a code by which one further machine with a camera becomes known to the leader."""
 
+    async def end_burst(self, burst: int) -> None:
+        """Let a recording, or a long burst, end now: it is saved with what was taken."""
+
     async def add_camera(self, spec: str, name: str | None = None) -> None:
         """Start a camera of the leader's machine; returns when its process runs, before it has joined."""
 

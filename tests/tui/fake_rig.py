@@ -134,25 +134,26 @@ class FakeRig:
             raise NoCameraHereError("no camera is here")
         number = sum(order[0] == "burst" for order in self.asked)
         name = f"{request.name or 'burst'}-{number:03d}"
+        frames = request.frames or 0
         if self.is_ready is not None and request.wait_ready_s:
             empty = {"cameras": 0, "instants": 0, "received": 0, "expected": 0}
             yield BurstStatus(burst=0, name="", message="waiting for the rig: cam01 is aligning", **empty)
             await self.is_ready.wait()
             self._fail()
         session = await self.take(request) if self.take else None
-        for received in range(request.frames + 1):
+        for received in range(frames + 1):
             transfer = tuple(
-                CameraTransfer(camera=node.name, received=received, expected=request.frames) for node in here
+                CameraTransfer(camera=node.name, received=received, expected=frames) for node in here
             )
             self.burst_status = BurstStatus(
                 burst=number,
                 name=name,
                 cameras=len(here),
-                instants=request.frames,
+                instants=frames,
                 received=received * len(here),
-                expected=request.frames * len(here),
-                done=received == request.frames,
-                session=session if received == request.frames else None,
+                expected=frames * len(here),
+                done=received == frames,
+                session=session if received == frames else None,
                 transfer=transfer,
             )
             yield self.burst_status
@@ -166,6 +167,9 @@ class FakeRig:
     async def invite(self) -> Invited:
         self._ask("invite")
         return Invited(code="12345678", good_for_s=600)
+
+    async def end_burst(self, burst: int) -> None:
+        self._ask("end_burst", burst)
 
     async def add_camera(self, spec: str, name: str | None = None) -> None:
         self._ask("add_camera", spec, name)

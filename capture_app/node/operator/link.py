@@ -84,6 +84,10 @@ class RigLink:
         """Make a code by which one machine with a camera becomes known."""
         return await ask_invitation(self._leader, Role.CAMERA)
 
+    async def end_burst(self, burst: int) -> None:
+        """Let a recording, or a long burst, end now: it is saved with what was taken."""
+        await give_order(self._leader, operating.EndBurst(burst=burst))
+
     async def add_camera(self, spec: str, name: str | None = None) -> None:
         """Start a camera of the leader's machine."""
         await give_order(self._leader, operating.AddCamera(spec=spec, name=name))

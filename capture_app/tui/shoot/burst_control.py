@@ -1,4 +1,4 @@
-"""The key that takes a burst back: one that lies ahead, or whose images are no longer waited for."""
+"""What ends a take: the key that takes a burst back, ahead or being saved, and the end of a recording."""
 
 from typing import ClassVar
 
@@ -18,7 +18,7 @@ MOST_ANSWERS = 9
 
 
 class BurstControl(ModeView):
-    """A mode in which bursts can be cancelled."""
+    """A mode in which bursts can be cancelled, and recordings ended."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(
@@ -50,6 +50,21 @@ class BurstControl(ModeView):
 
         text = "What has come of it already is saved."
         self.app.push_screen(Question(text, [*answers, CANCEL], title="Cancel a burst"), cancel)
+
+    def end_recording(self) -> bool:
+        """End the recording that is under way; whether there is one."""
+        newest = None if self._status is None else self._status.burst
+        if newest is None or not newest.recording or newest.done:
+            return False
+        self._end(newest.burst)
+        return True
+
+    @work(group="orders")
+    async def _end(self, burst: int) -> None:
+        try:
+            await self._rig.end_burst(burst)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
 
     @work(group="orders")
     async def _cancel(self, burst: int) -> None:

@@ -9,11 +9,13 @@ from capture_app.node.wire.messages import BurstRequest
 from capture_app.tui.settings import Settings
 
 MOST_BEFORE = 60
-"""Frames before the key: a node's ring buffer holds 90, and the order takes its time to get there."""
+"""Frames before the key: a node keeps those of 3 s, and the order takes its time to get there."""
 MOST_FRAMES = 300
 MOST_NOTE = 1000
 COUNTDOWNS_S = (0, 3, 5, 10, 20)
 INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
+LENGTHS_S = (0, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600)
+"""Of a recording; 0: until it is ended."""
 TAKES = (2, 3, 5, 10, 20, 50, 100)
 
 
@@ -26,6 +28,8 @@ class TakeMode(StrEnum):
     """A take every so many seconds, until it is stopped or all are there."""
     SEQUENCE = "sequence"
     """Take after take, each as soon as the one before is saved."""
+    RECORDING = "recording"
+    """A video with every camera, until it is ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,8 @@ class TakePlan:
     every_s: float = 5.0
     takes: int = 3
     """Of an interval or a sequence."""
+    seconds: float = 0
+    """Of a recording; 0: until it is ended."""
     name: str = ""
     note: str = ""
 
@@ -62,6 +68,7 @@ class TakePlan:
             countdown_s=settings.recall("shoot.countdown_s", float(plain.countdown_s)),
             every_s=settings.recall("shoot.every_s", plain.every_s),
             takes=settings.recall("shoot.takes", plain.takes),
+            seconds=settings.recall("shoot.seconds", float(plain.seconds)),
             name=name if not name or is_name(name) else "",
         )
 
@@ -73,6 +80,7 @@ class TakePlan:
         settings.remember("shoot.countdown_s", float(self.countdown_s))
         settings.remember("shoot.every_s", self.every_s)
         settings.remember("shoot.takes", self.takes)
+        settings.remember("shoot.seconds", float(self.seconds))
         settings.remember("shoot.name", self.name)
 
     @property
@@ -91,6 +99,16 @@ class TakePlan:
 
     def request(self, *, wait_ready_s: float = 0.0, cameras: int = 1) -> BurstRequest:
         """What a leader is asked for; it waits so long until so many cameras are ready."""
+        if self.mode is TakeMode.RECORDING:
+            return BurstRequest(
+                seconds=self.seconds or None,
+                spare=0,
+                video=True,
+                name=self.name,
+                note=self.note,
+                wait_ready_s=wait_ready_s,
+                nodes=max(cameras, 1),
+            )
         return BurstRequest(
             frames=self.frames,
             before=self.before,

@@ -16,6 +16,7 @@ from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.plan import (
     COUNTDOWNS_S,
     INTERVALS_S,
+    LENGTHS_S,
     MOST_NOTE,
     TAKES,
     TakeMode,
@@ -44,10 +45,27 @@ def _next_mode(plan: TakePlan, steps: int) -> TakePlan:
     return replace(plan, mode=modes[(modes.index(plan.mode) + steps) % len(modes)])
 
 
+_PICTURES = (TakeMode.SINGLE, TakeMode.INTERVAL, TakeMode.SEQUENCE)
 _LATER = (TakeMode.INTERVAL, TakeMode.SEQUENCE)
 ROWS = (
-    _Row("before", lambda p, ns: _frames(p.before, ns, "-"), lambda p, by: p.with_before(p.before + by)),
-    _Row("after", lambda p, ns: _frames(p.after, ns, "+"), lambda p, by: p.with_after(p.after + by)),
+    _Row(
+        "before",
+        lambda p, ns: _frames(p.before, ns, "-"),
+        lambda p, by: p.with_before(p.before + by),
+        _PICTURES,
+    ),
+    _Row(
+        "after",
+        lambda p, ns: _frames(p.after, ns, "+"),
+        lambda p, by: p.with_after(p.after + by),
+        _PICTURES,
+    ),
+    _Row(
+        "length",
+        lambda p, _: f"{p.seconds:g} s" if p.seconds else "until Space",
+        lambda p, by: replace(p, seconds=stepped(LENGTHS_S, p.seconds, by)),
+        (TakeMode.RECORDING,),
+    ),
     _Row(
         "countdown",
         lambda p, _: f"{p.countdown_s:g} s" if p.countdown_s else "none",
@@ -66,7 +84,7 @@ ROWS = (
         lambda p, by: replace(p, takes=int(stepped(TAKES, p.takes, by))),
         _LATER,
     ),
-    _Row("name", lambda p, _: p.name or "burst"),
+    _Row("name", lambda p, _: p.name or ("recording" if p.mode is TakeMode.RECORDING else "burst")),
     _Row("notes", lambda p, _: p.note or "–"),
 )
 

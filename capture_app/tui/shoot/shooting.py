@@ -44,7 +44,7 @@ class Shooting:
 
         An interval does not wait for the take before to be saved.
         """
-        total = 1 if plan.mode is TakeMode.SINGLE else plan.takes
+        total = plan.takes if plan.mode in (TakeMode.INTERVAL, TakeMode.SEQUENCE) else 1
         due = self._now() + plan.countdown_s
         for number in count(1):
             await self._wait(due, number, total)

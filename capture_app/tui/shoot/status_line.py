@@ -42,6 +42,9 @@ class StatusLine(Lines):
 
 def progress_words(status: BurstStatus, seconds: float) -> str:
     """How far a burst is that was ordered so many seconds ago."""
+    if status.recording and not status.done:
+        lacking = f", {status.expected - status.received} on their way" if status.expected else ""
+        return f"recording: {status.received} frames{lacking}; Space ends it"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
         return f"{status.received} of {status.expected} images"

@@ -138,10 +138,10 @@ class ShootView(BurstControl):
         self._want_previews()
 
     def action_take(self) -> None:
-        """Take as planned; stop what counts down, goes on by itself or waits for the rig."""
+        """Take as planned; stop what counts down, goes on by itself or waits for the rig; end a recording."""
         if self._under_way:
             self.action_stop()
-        else:
+        elif not self.end_recording():
             self._begin(self.plan_panel.plan.request())
 
     def action_stop(self) -> None:

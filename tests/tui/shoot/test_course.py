@@ -1,6 +1,7 @@
 """What Space does while the rig is not ready, or cannot save; and what the line below says of a take."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 from textual.widgets import Button, Static
@@ -8,9 +9,10 @@ from textual.widgets._toast import Toast
 
 from capture_app.errors import BadInputError, DiskFullError, IncompleteError
 from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import BurstAhead
+from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
+from capture_app.tui.shoot.plan import TakeMode
 from capture_app.tui.shoot.status_line import StatusLine
 from tests.tui.fake_rig import FakeRig, make_node
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
@@ -258,3 +260,27 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
         assert any("not under way" in str(toast.render()) for toast in studio.app.screen.query(Toast))
         rig.saves.set()
         await studio.settle(pilot)
+
+
+async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        plan = replace(studio.view.plan_panel.plan, mode=TakeMode.RECORDING, seconds=0)
+        studio.view.plan_panel.set_plan(plan)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        (request,) = [asked[1] for asked in rig.asked if asked[0] == "burst"]
+        assert isinstance(request, BurstRequest)
+        assert (request.video, request.frames, request.seconds) == (True, None, None)
+
+        counts = {"cameras": 2, "instants": 41, "received": 80, "expected": 82}
+        rig.burst_status = BurstStatus(burst=4, name="recording-001", recording=True, **counts)
+        rig.tell()
+        await studio.settle(pilot)
+        assert "80 frames, 2 on their way; Space ends it" in line_of(studio)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert ("end_burst", 4) in rig.asked
+        assert sum(asked[0] == "burst" for asked in rig.asked) == 1

@@ -18,6 +18,7 @@
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-seal   the clock and the trigger with and without seals of datagrams, side by side (root, 5 min)
 # make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, and 50 kills (30 min, 30 GB; BENCH="--seconds 60 --kills 0")
+# make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make soak SECONDS=120   burst after burst, and whether threads, memory, open files or phase errors grow (SOAK="--cameras 5 --every 20")
 # make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
@@ -39,7 +40,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-record bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -97,6 +98,9 @@ bench-rig: $(VENV)/.installed
 
 bench-seal: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.sealed_link $(BENCH)
+
+bench-joining: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.joining.first_evening $(BENCH)
 
 bench-clients: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.many_clients $(BENCH)

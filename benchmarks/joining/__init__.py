@@ -1,0 +1,1 @@
+"""How soon a node joins, or says why it does not."""

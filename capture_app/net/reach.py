@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
 
-from capture_app.errors import NetworkError, UnknownMachineError
+from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address, resolve
 from capture_app.net.identification import open_identified
 from capture_app.net.udp import MAX_BYTES, client_socket
@@ -83,23 +83,29 @@ async def find_obstacle(
     """
     try:
         family, address = await resolve(leader)
-    except NetworkError as error:
+        return await _find_obstacle(leader, family, address, patience_s, trust or Trust.of_user())
+    except SimulshotError as error:
         return Obstacle(error.what, error.hint)
+
+
+async def _find_obstacle(
+    leader: Address, family: socket.AddressFamily, address: Address, patience_s: float, trust: Trust
+) -> Obstacle | None:
     datagrams, streams = asyncio.create_task(_ask(family, address)), asyncio.create_task(_open(address))
     try:
         # Only an answer settles it: a stream that is refused at once does not, as the datagram may come yet.
         await asyncio.wait((datagrams,), timeout=patience_s - LAST_S)
         by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
-        if by_udp is Answer.CAME:
-            if version != VERSION:
-                return _other_version(version or 0)
-            return await _why_unknown(address, trust or Trust.of_user(), patience_s)
-        await asyncio.wait((streams,), timeout=LAST_S)
+        if by_udp is Answer.CAME and version != VERSION:
+            return _other_version(version or 0)
+        await asyncio.wait((streams,), timeout=patience_s if by_udp is Answer.CAME else LAST_S)
         by_tcp = streams.result() if streams.done() else Answer.SILENCE
     finally:
         for task in (datagrams, streams):
             task.cancel()
         await asyncio.gather(datagrams, streams, return_exceptions=True)
+    if by_udp is by_tcp is Answer.CAME:
+        return await _why_unknown(address, trust, patience_s)
     return obstacle(leader, by_udp, by_tcp, is_there=_is_neighbour_there(address.host))
 
 
@@ -127,7 +133,7 @@ async def first_to_answer(leaders: Sequence[Address], patience_s: float = PATIEN
 
 
 def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool | None) -> Obstacle:
-    """Say what is in the way where no datagram was answered; `is_there`: a machine has that address.
+    """Say what is in the way where datagrams or streams do not come through; `is_there`: a machine is there.
 
     None where that is not known: it is behind a router, or the kernel does not say.
     """
@@ -142,6 +148,11 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
     if Answer.NO_WAY in answers:
         return Obstacle(
             f"this machine has no network that leads to {host}", "join the leader's WiFi or plug in its cable"
+        )
+    if by_udp is Answer.CAME:
+        return Obstacle(
+            f"{leader} answers datagrams, but takes no stream",
+            f"let TCP through its firewall, as with: {opened}/tcp",
         )
     if by_tcp is Answer.CAME:
         return Obstacle(
@@ -183,12 +194,8 @@ async def _why_unknown(leader: Address, trust: Trust, patience_s: float) -> Obst
     try:
         async with asyncio.timeout(patience_s):
             _, writer, _ = await open_identified(leader, trust, as_stranger=False)
-    except UnknownMachineError as error:
-        return Obstacle(error.what, error.hint)
-    except TimeoutError:
-        return obstacle(leader, Answer.SILENCE, Answer.SILENCE, is_there=True)
     except OSError as error:
-        return obstacle(leader, Answer.SILENCE, _answer_of(error), is_there=True)
+        return obstacle(leader, Answer.CAME, _answer_of(error), is_there=True)
     writer.close()
     return None
 

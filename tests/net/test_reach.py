@@ -54,11 +54,11 @@ async def answering(version: int = VERSION, *, first: int = 1) -> AsyncIterator[
 
 
 @asynccontextmanager
-async def a_leader(trust: Trust) -> AsyncIterator[Address]:
+async def a_leader(trust: Trust, *, first: int = 1) -> AsyncIterator[Address]:
     """What answers datagrams, and streams of those that it knows."""
     datagrams, listening = bind_port("127.0.0.1", 0)
     loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(lambda: Answering(VERSION, 1), sock=datagrams)
+    transport, _ = await loop.create_datagram_endpoint(lambda: Answering(VERSION, first), sock=datagrams)
     server = TransferServer[Any](Ping, echo, trust=trust)
     await server.start(listening)
     yield Address("127.0.0.1", transport.get_extra_info("sockname")[1])
@@ -73,8 +73,23 @@ def closed_port() -> Address:
 
 @pytest.mark.parametrize("first", [1, 3])
 async def test_nothing_is_in_the_way_to_a_leader_that_answers_even_if_not_at_once(first: int) -> None:
-    async with answering(first=first) as leader:
+    async with a_leader(Trust.open(), first=first) as leader:
         assert await find_obstacle(leader, patience_s=60.0) is None
+
+
+async def test_a_leader_whose_streams_are_shut_out_is_told_from_one_that_is_reached() -> None:
+    async with answering() as leader:
+        found = await find_obstacle(leader, patience_s=60.0)
+    assert found is not None
+    assert "takes no stream" in found.what
+    assert f"ufw allow {leader.port}/tcp" in found.remedy
+
+
+async def test_a_stream_that_does_not_show_who_it_is_is_said_and_ends_nothing(tmp_path: Path) -> None:
+    async with a_leader(Trust.open()) as open_leader:
+        found = await find_obstacle(open_leader, patience_s=60.0, trust=Trust(tmp_path))
+    assert found is not None
+    assert "does not show who it is" in found.what
 
 
 async def test_a_leader_of_another_version_is_told_from_none() -> None:
@@ -130,6 +145,8 @@ async def test_where_no_leader_answers_none_is_found() -> None:
         (Answer.SILENCE, Answer.SILENCE, None, "nothing comes back"),
         (Answer.SILENCE, Answer.CAME, True, "answers no datagram"),
         (Answer.REFUSED, Answer.CAME, True, "answers no datagram"),
+        (Answer.CAME, Answer.SILENCE, True, "takes no stream"),
+        (Answer.CAME, Answer.REFUSED, None, "takes no stream"),
         (Answer.REFUSED, Answer.REFUSED, True, "no leader listens"),
         (Answer.SILENCE, Answer.REFUSED, None, "no leader listens"),
         (Answer.FORBIDDEN, Answer.SILENCE, None, "this machine's own firewall"),

@@ -15,9 +15,13 @@ SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
 def camera_of(image: str, cameras: Sequence[str]) -> str:
     """The camera that an image's path is of: a part of it that is a camera's name, else its folder's name.
 
-    Of an image in no folder it is its own name without the ending: one picture a camera.
+    Of an image in no folder it is its own name without the ending: one picture a camera. Raises
+    BadInputError for a path without a name.
     """
-    parts = PurePosixPath(image.replace("\\", "/")).with_suffix("").parts
+    path = PurePosixPath(image.replace("\\", "/"))
+    if not path.name:
+        raise BadInputError(f"{image!r} is no path of an image")
+    parts = path.with_suffix("").parts
     names = {name.casefold(): name for name in cameras}
     for part in reversed(parts):
         if part.casefold() in names:

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import is_name, name_like
 from capture_app.optional_packages import load_optional
 from capture_app.session.exchange.export_record import ExportRecord
@@ -28,6 +28,7 @@ from capture_app.session.importers.layouts.exported import layout_of_record
 from capture_app.session.importers.layouts.layout import Layout
 from capture_app.session.importers.sources import Source
 from capture_app.session.reading.decoding import image_size
+from capture_app.text import UNREADABLE
 
 _IMAGE, _LENS, _POSE = (
     f"foxglove.{name}" for name in ("CompressedImage", "CameraCalibration", "FrameTransform")
@@ -146,7 +147,7 @@ def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
         calibration = None
         if CALIBRATION in attached:
             calibration = msgspec.json.decode(attached[CALIBRATION], type=Calibration)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except UNREADABLE as error:
         raise BadInputError(f"{path}: what is attached is not a session's: {error}") from error
     check_references(path / MANIFEST, manifest)
     return ExportRecord(format="mcap", manifest=manifest, calibration=calibration)
@@ -179,13 +180,14 @@ def _view(path: Path, lens: Any, pose: Any) -> View:
 
 @contextmanager
 def _reader(path: Path) -> Iterator[Any]:
-    exceptions = load_optional("mcap.exceptions", "export", "MCAP")
     try:
         with path.open("rb") as stream:
             yield load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
-    except (exceptions.McapError, ValueError) as error:
+    except SimulshotError:
+        raise
+    except Exception as error:  # of a broken file its reader, struct and decompressors raise a dozen kinds
         raise BadInputError(f"{path} is not an intact MCAP: {error}") from error
 
 

@@ -5,6 +5,7 @@ A reader of files is given a folder of its own, in which it may write what it li
 
 import asyncio
 import io
+import random
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -15,16 +16,20 @@ import msgspec
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import SimulshotError
+from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.transfer.spool import SpooledBurst
 from capture_app.node.wire import messages
+from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan, read_plan
+from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.ground_truth import TIMES, ground_truth_path
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
 from capture_app.session.importers.calibrations.reading import read_views
 from capture_app.session.importers.open_sources import open_sources
 from capture_app.session.importers.rate_or_table import timeline_by_table
+from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.checksums import CHECKSUMS
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.exif import read_exif
@@ -34,10 +39,16 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
+from capture_app.trust.keys import LeaderKeys
+from capture_app.trust.known_machines import FILE, KnownMachines, Role
+from capture_app.trust.pairing import InvitationDesk
+from capture_app.trust.sealed_engines import SealedLeader
+from capture_app.trust.sealing import SealError
 from reconstruction.session.dataset import Dataset
 from tests.facts import make_facts
-from tests.session.conftest import fill, jpeg
+from tests.session.conftest import calibration_of, fill, jpeg
 
 Reader = Callable[[bytes, Path], None]
 
@@ -178,6 +189,77 @@ def read_calibration(name: str) -> Reader:
     return read
 
 
+def import_exported(to: str, name: str) -> Reader:
+    """An export of a session in which one file is whatever a stranger made of it, imported again."""
+
+    def read(data: bytes, folder: Path) -> None:
+        if to not in _exports:
+            taken = _session(folder)
+            cameras = {name: calibration_of(name).cameras[name] for name in ("left", "right")}
+            _put(taken / CALIBRATION, msgspec.json.encode(Calibration(cameras=cameras)))
+            session = Session.open(taken)
+            export_session(session, to, folder / "made")
+            _exports[to] = _contents(folder / "made")
+            shutil.rmtree(folder / "made")
+        export = folder / "export"
+        for path, content in _exports[to].items():
+            _put(export / path, content)
+        assert (export / name).is_file()
+        _put(export / name, data)
+        with suppress(SimulshotError):
+            import_recording([str(export)], folder, "imported", ImportOptions())
+
+    return read
+
+
+_exports: dict[str, dict[Path, bytes]] = {}
+
+
+def read_rig(name: str) -> Reader:
+    """A folder with the calibration of a whole rig, by the name of one file of it."""
+
+    def read(data: bytes, folder: Path) -> None:
+        for other in (name, name.replace("intri", "extri").replace("cameras", "images")):
+            _put(folder / other, data)
+        with suppress(SimulshotError):
+            read_views([("", folder)], ("left", "right"))
+
+    return read
+
+
+def read_known_machines(data: bytes, folder: Path) -> None:
+    """The machines that this one knows."""
+    _put(folder / FILE, data)
+    with suppress(SimulshotError):
+        KnownMachines(folder).all()
+
+
+def read_sealed(data: bytes, folder: Path) -> None:
+    """Whatever comes to a leader's port, which answers it by no more bytes; and to a client's."""
+    here, there = Address("192.0.2.1", 1), Address("192.0.2.2", 2)
+    leader = SealedLeader(Leader(LeaderConfig(1, 0, period_ns=10**7), random.Random(1)))
+    leader.receive_datagram(data, here, 1)
+    assert sum(len(answer) for answer, _ in leader.datagrams_to_send(1)) <= len(data)
+    keys = LeaderKeys()
+    for use in (keys.open_group, lambda data: keys.open(data, there)):
+        with suppress(SealError):
+            use(data)
+
+
+def read_pairing_word(data: bytes, folder: Path) -> None:
+    """What comes in place of a word or a proof of a pairing: it proves nothing."""
+    desk = InvitationDesk(lambda: 0.0)
+    desk.invite(Role.CAMERA)
+    with suppress(SimulshotError):
+        _, attempt = desk.answer("a" * 32, data, "b" * 32)
+        desk.accept(attempt, data)
+        raise AssertionError("it was taken for a proof")
+
+
+def _contents(folder: Path) -> dict[Path, bytes]:
+    return {file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
 def _session(folder: Path) -> Path:
     """A small session, the same every time."""
     if not _kept:
@@ -231,5 +313,15 @@ READERS: dict[str, Reader] = {
     "calibration-qualisys": read_calibration("rig.qca.txt"),
     "calibration-opencv": read_calibration("left.yml"),
     "calibration-npz": read_calibration("left.npz"),
+    "calibration-pickle": read_calibration("cameraIntrinsicsExtrinsics.pickle"),
+    "calibration-easymocap": read_rig("intri.yml"),
+    "calibration-colmap": read_rig("cameras.bin"),
+    "calibration-colmap-text": read_rig("cameras.txt"),
+    "export-colmap": import_exported("colmap", "simulshot.json"),
+    "export-nerfstudio": import_exported("nerfstudio", "transforms.json"),
+    "export-mcap": import_exported("mcap", "kept.mcap"),
+    "known-machines": read_known_machines,
+    "sealed": read_sealed,
+    "pairing": read_pairing_word,
 }
 """By name; the corpus of each is `corpus/NAME`."""

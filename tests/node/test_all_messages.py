@@ -1,0 +1,144 @@
+"""Every message of a stream, by whoever should not send it: a stranger, a camera, an operator; and again."""
+
+import asyncio
+import typing
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture_app.errors import NetworkError
+from capture_app.net.channel import connect
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.wire import messages as wire
+from capture_app.node.wire import operating, pairing
+from capture_app.node.wire.messages import FromLeader, ToLeader
+from capture_app.node.wire.views import NodeDetail
+from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
+from tests.facts import make_facts
+from tests.waiting import until
+
+from .sealed_nodes import SealedNode, introduced, sealed_node
+
+SHA = "0" * 64
+"""Of nothing."""
+
+
+def every_message(node: SealedNode) -> list[Any]:
+    """One of each kind, as somebody makes it up who knows the camera's name and the run of its node."""
+    record = CameraRecord(name="cam", facts=make_facts())
+    image = ImageRecord(camera="cam", instant=0, path=image_path("cam", 0), sha256=SHA, bytes=1, leader_ns=0)
+    messages = [
+        wire.NodeStream(camera="cam", instance=node.instance),
+        wire.CameraReport(leader=1, burst=1, camera=record, instants=(0,)),
+        wire.ImageUpload(leader=1, burst=1, record=image),
+        wire.SpoolSpace(camera="cam", free_bytes=0, spool="/"),
+        wire.KeyRequest(name="cam", instance=node.instance, is_relay=True),
+        wire.StatusRequest(),
+        wire.BurstRequest(frames=1),
+        operating.WatchRequest(),
+        operating.PreviewsWanted(width=100, fps=1.0),
+        operating.PreviewSeen(camera="cam"),
+        operating.DetailRequest(camera="cam"),
+        operating.AddCamera(spec="sim:pi"),
+        operating.AddSimulated(cameras=1),
+        operating.RemoveCamera(name="cam"),
+        operating.CancelBurst(burst=1),
+        operating.EndBurst(burst=1),
+        operating.StopRig(),
+        operating.ViewfinderOpened(camera="cam", instance=node.instance),
+        operating.Vitals(fps=1.0),
+        operating.PreviewFrame(camera="cam", leader_ns=0, width=1, height=1),
+        operating.DetailAnswer(detail=NodeDetail(camera="cam")),
+        pairing.Knock(certificate=b"none"),
+        pairing.PairingWord(certificate=b"none", name="x", share=b""),
+        pairing.PairingProof(proof=b""),
+        pairing.Invite(role=Role.OPERATOR),
+        pairing.SpeaksFor(pin="x", name="x", roles=(Role.OPERATOR,)),
+    ]
+    assert {type(message) for message in messages} == set(typing.get_args(ToLeader))
+    return messages
+
+
+@pytest.fixture
+def trust(tmp_path: Path) -> Trust:
+    return Trust(tmp_path / "leader")
+
+
+@pytest.fixture
+async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
+    async with LeaderNode(
+        sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust, spool=tmp_path / "spool"
+    ) as node:
+        yield node
+
+
+async def answer(leader: LeaderNode, trust: Trust, message: Any, *, as_stranger: bool = False) -> Any:
+    """What a leader answers to one message on a stream of its own; None where it breaks the stream off."""
+    try:
+        async with await connect(
+            leader.own_address, FromLeader, trust=trust, as_stranger=as_stranger
+        ) as channel:
+            await channel.send(message)
+            async with asyncio.timeout(60):
+                return await channel.receive_header()
+    except NetworkError:
+        return None
+
+
+def state(leader: LeaderNode, trust: Trust, sessions: Path) -> Any:
+    """What messages could have changed."""
+    status = leader.status()
+    nodes = [(node.name, node.address, node.disk_free_bytes, node.fps) for node in status.nodes]
+    machines = [(machine.pin, machine.roles) for machine in trust.known.all()]
+    return nodes, status.burst, status.sessions, machines, sorted(sessions.rglob("*"))
+
+
+@pytest.mark.parametrize("role", [None, Role.CAMERA])
+async def test_no_message_of_who_may_not_send_it_changes_anything(
+    role: Role | None, tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    """A stranger, or another camera of the rig; all of it twice, as somebody does who has recorded it."""
+    machine = introduced(tmp_path, trust, "machine")
+    other = Trust(tmp_path / "other") if role is None else introduced(tmp_path, trust, "other", role)
+    async with sealed_node(leader.own_address, machine) as node:
+        await until(lambda: node.time.is_member)
+        before, refused = state(leader, trust, tmp_path / "sessions"), 0
+        for message in every_message(node) * 2:
+            said = await answer(leader, other, message, as_stranger=role is None)
+            assert said is None or isinstance(said, wire.Refusal), message
+            refused += isinstance(said, wire.Refusal)
+            assert state(leader, trust, tmp_path / "sessions") == before, message
+        assert refused >= 40, "those that are not are broken off"
+        assert node.time.is_member
+
+
+async def test_an_operator_speaks_for_no_camera_and_no_relay(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    machine = introduced(tmp_path, trust, "machine")
+    operator = introduced(tmp_path, trust, "operator", Role.OPERATOR)
+    async with sealed_node(leader.own_address, machine) as node:
+        await until(lambda: node.time.is_member)
+        assert isinstance(await answer(leader, operator, wire.StatusRequest()), wire.StatusAnswer)
+        for message in every_message(node):
+            if isinstance(message, OF_NODES):
+                said = await answer(leader, operator, message)
+                assert said is None or isinstance(said, wire.Refusal), message
+
+
+OF_NODES = (
+    wire.NodeStream,
+    wire.CameraReport,
+    wire.ImageUpload,
+    wire.SpoolSpace,
+    wire.KeyRequest,
+    operating.ViewfinderOpened,
+    operating.Vitals,
+    operating.PreviewFrame,
+    operating.DetailAnswer,
+    pairing.SpeaksFor,
+)

@@ -31,10 +31,14 @@ class ExportRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 def write_record(folder: Path, record: ExportRecord) -> None:
     """Write the record into an export's folder; frames of videos are images in it."""
-    images = tuple(_as_image(image) for image in record.manifest.images)
-    manifest = msgspec.structs.replace(record.manifest, images=images, videos=())
-    whole = msgspec.structs.replace(record, manifest=manifest)
+    whole = msgspec.structs.replace(record, manifest=with_images_listed(record.manifest))
     (folder / RECORD).write_bytes(indented(encode_checked(whole, ExportRecord)))
+
+
+def with_images_listed(manifest: Manifest) -> Manifest:
+    """The manifest of a session in which the frames of its videos are images."""
+    images = tuple(_as_image(image) for image in manifest.images)
+    return msgspec.structs.replace(manifest, images=images, videos=())
 
 
 def read_record(folder: Path) -> ExportRecord:

@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from capture_app.session.exchange.export_record import with_images_listed
 from capture_app.session.exchange.foxglove import descriptor_set, message_class
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import jpeg_or_png
@@ -16,6 +19,7 @@ from capture_app.session.exporters.common.poses import (
 )
 from capture_app.session.exporters.common.tables import Frame, unit_note, write_frames
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
+from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
@@ -47,6 +51,8 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
             writer.flush()
         for name in (MANIFEST, CALIBRATION) if calibration else (MANIFEST,):
             data = (burst.session.folder / name).read_bytes()
+            if name == MANIFEST and burst.session.manifest.videos:
+                data = indented(msgspec.json.encode(with_images_listed(burst.session.manifest)))
             writer.add_attachment(0, 0, name, "application/json", data)
         shift = {"session": burst.name, "log_time_zero_leader_ns": str(recording.zero_ns)}
         writer.add_metadata("simulshot", shift)

@@ -44,6 +44,11 @@ _FORMATS = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.ite
     help="For colmap, nerfstudio, easyvolcap: masks of what moves, as reconstruct movers makes.",
 )
 @click.option(
+    "--whole",
+    is_flag=True,
+    help="For n3dv: whole pictures with black around them, not cut to what fills all films.",
+)
+@click.option(
     "--near",
     type=FiniteRange(min=0, min_open=True),
     metavar="DEPTH",

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.lens import project_rays, rays_of, redrawing
+from capture_app.session.exporters.common.lens import picture_rays, project_rays, rays_of, redrawing
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.exporters.common.poses import Array, centre_of, rotation_of, translation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
@@ -32,15 +32,18 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     """Write the videos of the instants that every camera has, and a row of 17 numbers a camera.
 
     The format's loaders know one focal length, no distortion, a principal point in the middle, and films of
-    2704x2028 pixels: the images are redrawn to that, with no more of each than all cameras can fill.
-    Raises BadInputError where no instant is complete.
+    2704x2028 pixels: the images are redrawn to that, cut to what all cameras can fill, or whole. Raises
+    BadInputError where no instant is complete.
     """
     calibration = burst.calibration("N3DV")
     cameras = {name: calibration.cameras[name] for name in burst.cameras}
     together = burst.complete_instants()
     if not together:
         raise BadInputError(f"{burst.session.folder}: no instant has an image of every camera, as N3DV needs")
-    focal = max(_least_focal(camera) for camera in cameras.values())
+    if options.whole:
+        focal = min(_whole_focal(camera) for camera in cameras.values())
+    else:
+        focal = max(_least_focal(camera) for camera in cameras.values())
     frames, rows = [], []
     bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
     wanted = {name: film_camera(camera, focal) for name, camera in cameras.items()}
@@ -86,6 +89,12 @@ def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
         if depths.min() > 0:
             return dict(zip(cameras, map(float, depths), strict=True))
     return dict.fromkeys(cameras, 10 * widest or 1.0)
+
+
+def _whole_focal(camera: CameraCalibration) -> float:
+    """The longest focal length, px, with which a film shows the camera's whole picture."""
+    across, down = np.abs(picture_rays(camera)).max(axis=0)
+    return float(min(WIDTH / 2 / across, HEIGHT / 2 / down))
 
 
 def _least_focal(camera: CameraCalibration) -> float:
@@ -171,11 +180,8 @@ def _scattered(
 
 def _kept(camera: CameraCalibration, film: CameraCalibration) -> float:
     """The share of a camera's picture that its film shows."""
-    columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 60))
-    rays = rays_of(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
-    seen = project_rays(film, rays)
-    with np.errstate(invalid="ignore"):
-        inside = ((seen >= -0.5) & (seen <= [WIDTH - 0.5, HEIGHT - 0.5])).all(axis=1)
+    seen = project_rays(film, picture_rays(camera))
+    inside = ((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1)
     return float(inside.mean())
 
 
@@ -198,7 +204,8 @@ def _notes(
     least = min(_kept(cameras[name], films[name]) for name in cameras)
     if least < 0.995:
         notes.append(
-            f"the films are cut to 4:3 and one angle of view: at least {100 * least:.0f} % of a picture"
+            f"the films are cut to 4:3 and one angle of view: at least {100 * least:.0f} % of a picture; "
+            "`--whole` shows all, and black around it"
         )
     if options.points is None:
         notes.append(f"{POINTS} is of random points: `--points` takes those of reconstruct multiview")

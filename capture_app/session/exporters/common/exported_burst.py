@@ -27,13 +27,15 @@ _VERIFY = "capture-app sessions verify shows all that is wrong"
 class ExportOptions:
     """What a user may choose.
 
-    Hard links instead of copies; videos and redrawn pictures without loss; depth bounds in the calibration's
+    Hard links instead of copies; videos and redrawn pictures without loss; whole pictures, with black around
+    them, where all must have one angle of view; depth bounds in the calibration's
     unit; one instant only; a PLY file of points in the rig's coordinates and the calibration's unit; a folder
     of masks, <camera>/<instant>.png, white where something moves.
     """
 
     link: bool = False
     lossless: bool = False
+    whole: bool = False
     near: float | None = None
     far: float | None = None
     instant: int | None = None

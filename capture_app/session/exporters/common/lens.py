@@ -44,6 +44,15 @@ def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
     return rays
 
 
+def picture_rays(camera: CameraCalibration) -> Array:
+    """Rays (n, 2) of a grid over the whole picture, from edge to edge, of those pixels that have one."""
+    columns, rows = np.meshgrid(
+        np.linspace(-0.5, camera.width - 0.5, _GRID), np.linspace(-0.5, camera.height - 0.5, _GRID)
+    )
+    rays = rays_of(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
+    return np.asarray(rays[~np.isnan(rays).any(axis=1)])
+
+
 def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
     """The lens with k1, k2, p1 and p2 only that comes nearest in the whole picture.
 
@@ -52,11 +61,7 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
     """
     if not distortion_of(camera)[4]:
         return camera, 0.0
-    columns, rows = np.meshgrid(
-        np.linspace(-0.5, camera.width - 0.5, _GRID), np.linspace(-0.5, camera.height - 0.5, _GRID)
-    )
-    rays = rays_of(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
-    rays = rays[~np.isnan(rays).any(axis=1)]
+    rays = picture_rays(camera)
     seen = project_rays(camera, rays)
     fitted = msgspec.structs.replace(camera, distortion=(*map(float, distortion_of(camera)[:4]), 0.0))
     for _ in range(_STEPS):
@@ -99,6 +104,13 @@ def redrawing(camera: CameraCalibration, wanted: CameraCalibration) -> Redraw | 
         maps = cv2.initUndistortRectifyMap(
             matrix_of(camera), distortion_of(camera), np.eye(3), matrix_of(wanted), size, cv2.CV_32FC1
         )
+        across = (np.arange(wanted.width) - wanted.cx) / wanted.fx
+        down = (np.arange(wanted.height) - wanted.cy) / wanted.fy
+        # Far outside its picture a lens's polynomial may turn back into it.
+        unseen = (
+            np.hypot(across[None], down[:, None]) > 1.01 * np.linalg.norm(picture_rays(camera), axis=1).max()
+        )
+        maps[0][unseen] = -10
     for axis, length in zip(maps, (camera.width, camera.height), strict=True):
         # Half a pixel around the outermost centres still belongs to the picture.
         inside = (axis >= -0.51) & (axis <= length - 0.49)

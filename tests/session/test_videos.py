@@ -109,8 +109,9 @@ def test_what_is_wrong_with_a_video_is_noticed(
 
 def test_frames_that_cannot_be_read_are_refused(recording: Session) -> None:
     (recording.folder / LINES).write_bytes(b'{"offset": -1}\n')
+    session = Session.open(recording.folder)
     with pytest.raises(BadInputError, match="does not hold the frames of a video"):
-        Session.open(recording.folder)
+        verify(session)
 
 
 def test_a_frame_that_comes_twice_is_there_once(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from capture_app.node.wire.messages import ImageReceipt
 from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, MissingImage
+from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.session_writer import SessionWriter
 
 PATIENCE_NS = 10_000_000_000
@@ -34,10 +35,8 @@ class CameraProgress:
     streams: int = 0
     report: CameraPlan | None = None
     """What it has told, with the instants' numbers as they were ordered."""
-    instants: set[int] = field(default_factory=set)
+    instants: InstantSet = field(default_factory=InstantSet)
     """Those whose images are in the session, with their numbers there."""
-    next_instant: int = 0
-    """The one after the last of them."""
     was_silent: bool = False
     """It brought nothing of the burst before, without a word: it is waited for less."""
     advanced_ns: int = 0
@@ -59,7 +58,6 @@ class CameraProgress:
     def __post_init__(self) -> None:
         """Count as advanced from when it is waited for."""
         self.advanced_ns = max(self.advanced_ns, self.heard_ns)
-        self.next_instant = 1 + max(self.instants, default=-1)
 
     def is_complete(self, choice: InstantChoice) -> bool:
         """Whether nothing is waited for."""
@@ -74,11 +72,6 @@ class CameraProgress:
             )
             return len(self.instants) >= decided - gone
         return self.instants >= choice.numbers(self.report.instants)
-
-    def note_saved(self, instant: int) -> None:
-        """An image is in the session."""
-        self.instants.add(instant)
-        self.next_instant = max(self.next_instant, instant + 1)
 
     def transfer(self, instants: int) -> CameraTransfer:
         """How much of so many instants it has brought."""

@@ -101,7 +101,7 @@ class ImageIntake:
         return await self._disk.call(add_images, self._writer, images)
 
     def _note_saved(self, record: ImageRecord) -> None:
-        self._find_camera(record.camera).note_saved(record.instant)
+        self._find_camera(record.camera).instants.add(record.instant)
 
     async def _wait_until_saved(
         self, camera: CameraProgress, record: ImageRecord, saved: "asyncio.Future[None]"

@@ -51,7 +51,7 @@ def add_images(writer: SessionWriter, images: Sequence[IncomingImage]) -> list[S
 def shortened(burst: Burst, cameras: Mapping[str, CameraProgress]) -> Burst:
     """A recording as long as any of its cameras has recorded."""
     told = [of.report.picked or 0 for of in cameras.values() if of.report is not None]
-    frames = max([1, *told, *(camera.next_instant for camera in cameras.values())])
+    frames = max([1, *told, *(camera.instants.end for camera in cameras.values())])
     return replace(burst, instants_ns=burst.instants_ns[:frames])
 
 

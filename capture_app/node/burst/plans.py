@@ -190,7 +190,7 @@ class InterruptedBurst:
 def _given_up(folder: Path, cameras: dict[str, CameraProgress]) -> dict[tuple[str, int], MissingImage]:
     """Of a session that was finished before, wait for no camera; what it gave up may still come."""
     try:
-        missing = Session.open(folder).manifest.missing
+        missing = Session.open(folder).stored_manifest.missing
     except SimulshotError:
         return {}
     for name, camera in cameras.items():

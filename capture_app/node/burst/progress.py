@@ -42,7 +42,7 @@ def burst_status(
 ) -> BurstStatus:
     """How far a burst is; one of an earlier run has no number in this one."""
     # Nobody knows how long a recording will be: of one under way as much is expected as any camera has sent.
-    so_far = max((camera.next_instant for camera in cameras.values()), default=0)
+    so_far = max((camera.instants.end for camera in cameras.values()), default=0)
     instants = so_far if burst.video and not done else burst.frames
     transfer = tuple(camera.transfer(instants) for _, camera in sorted(cameras.items()))
     received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
@@ -68,9 +68,10 @@ def burst_status(
 
 def mean_image_bytes(writer: SessionWriter, cameras: Mapping[str, CameraProgress]) -> dict[str, int]:
     """The mean size in bytes of each camera's images, of those that have any."""
-    means = {}
+    means = {video.camera: video.bytes // video.frames for video in writer.videos.records() if video.frames}
     for name, camera in cameras.items():
-        images = [writer.image(name, instant) for instant in camera.instants]
+        instants = () if name in means else camera.instants
+        images = [writer.image(name, instant) for instant in instants]
         sizes = [image.bytes for image in images if image is not None]
         if sizes:
             means[name] = sum(sizes) // len(sizes)

@@ -49,8 +49,7 @@ class Session:
         """`manifest` is as it is on the disk."""
         self.folder = folder
         self.stored_manifest = manifest
-        self.manifest = manifest
-        """With the frames of videos among the images."""
+        self._manifest: Manifest | None = None if manifest.videos else manifest
         self._files: dict[str, Path] = {}
         self._cameras = {camera.name: camera for camera in manifest.cameras}
 
@@ -75,14 +74,19 @@ class Session:
             session.image_file(image)
         for video in manifest.videos:
             inside(folder, video.path)
-        if manifest.videos:
-            session.manifest = session.with_frames()
         return session
+
+    @property
+    def manifest(self) -> Manifest:
+        """The manifest, the frames of videos among the images. Raises BadInputError where they are broken."""
+        if self._manifest is None:
+            self._manifest = self._with_frames()
+        return self._manifest
 
     @property
     def name(self) -> str:
         """The name the session was taken under; its folder may have been renamed since."""
-        return self.manifest.name
+        return self.stored_manifest.name
 
     def camera(self, name: str) -> CameraRecord:
         """The record of a camera. Raises BadInputError where the session has no such camera."""
@@ -124,8 +128,7 @@ class Session:
         except UNREADABLE as error:
             raise BadInputError(f"{path} does not hold the frames of a video: {error}") from error
 
-    def with_frames(self) -> Manifest:
-        """The stored manifest with the frames of its videos among the images. Raises BadInputError."""
+    def _with_frames(self) -> Manifest:
         stored = self.stored_manifest
         frames = [
             record

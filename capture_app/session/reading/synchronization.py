@@ -1,6 +1,7 @@
 """How well a burst is synchronized: the record that the manifest keeps."""
 
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 
 from capture_app.session.format.manifest import (
     BurstRecord,
@@ -15,26 +16,58 @@ from capture_app.session.format.row_exposures import row_exposures
 def sync_record(
     cameras: Iterable[CameraRecord],
     burst: BurstRecord,
-    images: Sequence[ImageRecord],
+    images: Iterable[ImageRecord],
     missing: Sequence[MissingImage],
 ) -> SyncRecord:
-    """Compute the sync record of a burst from its images' records, over all cameras and instants."""
+    """Compute the sync record of a burst from its images' records, over all cameras and instants.
+
+    The images of an instant must follow each other, as those of a manifest do: a recording has more of them
+    than need be in memory.
+    """
     by_name = {camera.name: camera for camera in cameras}
-    instants: list[list[ImageRecord]] = [[] for _ in burst.instants_ns]
-    for image in images:
-        instants[image.instant].append(image)
-    row_spreads = [
-        spread for of in instants if (spread := _row_spread([(by_name[i.camera], i) for i in of])) is not None
-    ]
+    spreads_ns = [0] * len(burst.instants_ns)
+    rows_ns, errors, bounds = _Worst(), _Worst(), _Worst()
+    substituted = late = 0
+    for instant, group in groupby(images, key=lambda image: image.instant):
+        of = list(group)
+        spreads_ns[instant] = _spread([image.leader_ns for image in of])
+        rows = _row_spread([(by_name[image.camera], image) for image in of])
+        if rows is not None:
+            rows_ns.add(rows)
+        for image in of:
+            errors.add(image.uncertainty_ns)
+            bounds.add(image.hard_bound_ns)
+            substituted += image.substitute
+            late += image.late
     return SyncRecord(
-        spread_ns=tuple(_spread([image.leader_ns for image in of]) for of in instants),
-        row_spread_ns=max(row_spreads, default=None),
-        uncertainty_ns=_worst([image.uncertainty_ns for image in images]),
-        hard_bound_ns=_worst([image.hard_bound_ns for image in images]),
+        spread_ns=tuple(spreads_ns),
+        row_spread_ns=rows_ns.value,
+        uncertainty_ns=errors.value,
+        hard_bound_ns=bounds.value,
         dropped=sum(gone.dropped for gone in missing),
-        substituted=sum(image.substitute for image in images),
-        late=sum(image.late for image in images),
+        substituted=substituted,
+        late=late,
     )
+
+
+class _Worst:
+    """The largest of some numbers; None where any is not known, or there is none."""
+
+    def __init__(self) -> None:
+        self._largest: int | None = None
+        self._all_known = True
+
+    def add(self, number: int | None) -> None:
+        """Take one in."""
+        if number is None:
+            self._all_known = False
+        elif self._largest is None or number > self._largest:
+            self._largest = number
+
+    @property
+    def value(self) -> int | None:
+        """The largest so far."""
+        return self._largest if self._all_known else None
 
 
 def _spread(times_ns: Sequence[int]) -> int:
@@ -48,8 +81,3 @@ def _row_spread(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | Non
         return None
     last = min(of.rows for of in rows) - 1
     return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, last))
-
-
-def _worst(values: Sequence[int | None]) -> int | None:
-    known = [value for value in values if value is not None]
-    return max(known) if known and len(known) == len(values) else None

@@ -105,7 +105,8 @@ def find_sync_record(manifest: Manifest) -> SyncRecord:
     sync = manifest.sync
     if sync is not None and len(sync.spread_ns) == len(manifest.burst.instants_ns):
         return sync
-    return sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    images = sorted(manifest.images, key=lambda image: image.instant)
+    return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
 
 
 def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:

@@ -114,7 +114,8 @@ def _sync(session: Session) -> Iterator[Problem]:
     manifest = session.manifest
     if manifest.sync is None:
         return
-    computed = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    images = sorted(manifest.images, key=lambda image: image.instant)
+    computed = sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
     for name in manifest.sync.__struct_fields__:
         stored, expected = getattr(manifest.sync, name), getattr(computed, name)
         if stored != expected:

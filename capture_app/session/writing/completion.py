@@ -1,5 +1,6 @@
 """The manifest that completes a session: reserves room for it, checks it and writes it."""
 
+import heapq
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from capture_app.session.files.disk import reserve
 from capture_app.session.files.durable import sync_all, write_atomic
 from capture_app.session.format.burst_plan import BurstPlan
 from capture_app.session.format.checks import check_references, encode_checked, indented
-from capture_app.session.format.manifest import MANIFEST, Manifest
+from capture_app.session.format.manifest import MANIFEST, ImageRecord, Manifest
 from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.synchronization import sync_record
@@ -33,11 +34,14 @@ def reserve_room(folder: Path, plan: BurstPlan) -> None:
     reserve(folder / RESERVE, RESERVED_BYTES + needed)
 
 
-def encode_manifest(folder: Path, manifest: Manifest) -> bytes:
-    """Add the sync record and encode. Raises BadInputError where the records contradict each other."""
+def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageRecord] = ()) -> bytes:
+    """Add the sync record and encode; `frames` are those of its videos, in the order of their instants.
+
+    Raises BadInputError where the records contradict each other.
+    """
     encode_checked(manifest, Manifest)
     check_references(folder / MANIFEST, manifest)
-    images = Session(folder, manifest).with_frames().images if manifest.videos else manifest.images
+    images = heapq.merge(manifest.images, frames, key=lambda image: image.instant)
     sync = sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
     return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
 
@@ -45,7 +49,7 @@ def encode_manifest(folder: Path, manifest: Manifest) -> bytes:
 def earlier_note(folder: Path) -> str:
     """The note of a manifest that is replaced: somebody may have written it since."""
     try:
-        return Session.open(folder).manifest.note
+        return Session.open(folder).stored_manifest.note
     except (BadInputError, IncompleteError):
         return ""
 

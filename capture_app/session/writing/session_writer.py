@@ -38,6 +38,7 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.completion import earlier_note, encode_manifest, reserve_room, write_manifest
 from capture_app.session.writing.image_store import ImageStore, NewImage, new_image
+from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.received_image import ReceivedImage
 from capture_app.session.writing.recovery import remove_leftovers
 from capture_app.session.writing.truth_store import TruthStore
@@ -164,9 +165,9 @@ class SessionWriter:
         """The record of an image that is saved already; None where it is not."""
         return self._images.get(camera, instant) or self.videos.frame(camera, instant)
 
-    def instants_of(self, camera: str) -> set[int]:
+    def instants_of(self, camera: str) -> InstantSet:
         """The instants of which a camera's image is saved."""
-        return self._images.instants(camera) | {*self.videos.instants(camera)}
+        return InstantSet([*self._images.instants(camera), *self.videos.instants(camera)])
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
         """Append what the engine saw or did to events.ndjson."""
@@ -224,7 +225,7 @@ class SessionWriter:
                 note=earlier_note(self.folder) or note,
                 videos=self.videos.records(),
             )
-            data = encode_manifest(self.folder, manifest)
+            data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
             remove_leftovers(self.folder)
             write_manifest(self.folder, data, (*self._truth.write(), self.folder / EVENTS))
             self._close()

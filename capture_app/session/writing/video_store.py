@@ -1,11 +1,12 @@
 """The videos of a session being written: a frame's bytes first, then its line; a kill loses neither."""
 
+import heapq
 import os
 import shutil
 import threading
 from array import array
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -115,6 +116,11 @@ class VideoStore:
             video = self._videos.get(camera)
             return array("Q") if video is None else video.instants[:]
 
+    def in_order(self, instants_ns: Sequence[int]) -> Iterator[FrameRecord]:
+        """Yield all frames of these instants of a recording, in the order of the instants."""
+        cameras = (self._in_order(video, instants_ns) for _, video in sorted(self._videos.items()))
+        return heapq.merge(*cameras, key=lambda record: record.instant)
+
     def add(self, frames: Sequence[NewFrame]) -> None:
         """Add frames of one camera: all are on the disk when this returns, or none is in the video.
 
@@ -138,6 +144,19 @@ class VideoStore:
                     video.handle = -1
                 with suppress(OSError):
                     video.lines.close(synced=False)
+
+    def _in_order(self, video: _Video, instants_ns: Sequence[int]) -> Iterator[FrameRecord]:
+        with (self._folder / frames_path(video.record.path)).open("rb") as file:
+            at = 0
+            for instant, start in zip(video.instants, video.starts, strict=True):
+                if instant >= len(instants_ns):
+                    return
+                if start != at:
+                    file.seek(start)
+                line = file.readline()
+                at = start + len(line)
+                frame = msgspec.json.decode(line, type=VideoFrame)
+                yield frame_record(video.record, frame, instant, instants_ns[instant])
 
     def _append(self, video: _Video, frames: Sequence[NewFrame]) -> None:
         end, lines, ends = video.record.bytes, [], []

@@ -5,6 +5,7 @@
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test-slurm   batches on a real SLURM of this one machine (root)
 # make test-slow   the tests that take minutes
+# make test-docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test-odd-inputs   200 broken or odd calibrations and inputs through every command of reconstruct (an hour of CPU)
 # make samples   render the sample sessions again from their recipes: the same bytes
 # make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
@@ -40,7 +41,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -77,6 +78,9 @@ test-slurm: $(VENV)/.installed-dev
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow
+
+test-docs: $(VENV)/.installed-dev
+	$(BIN)/pytest -m "slow or not slow" tests/documentation
 
 test-odd-inputs: $(VENV)/.installed-dev
 	$(BIN)/pytest -m "slow or not slow" -n auto tests/reconstruction/odd_inputs

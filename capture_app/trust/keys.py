@@ -43,8 +43,7 @@ class ClientKeys:
         self._clients: dict[int, _Client] = {}
         """By the key's number, the one that was used last at the end."""
         self._at: dict[Address, _Client] = {}
-        self._group_key = random_bytes(KEY_BYTES)
-        self._group = Seal(self._new_id(), self._group_key, seals=Side.GROUP, opens=Side.GROUP)
+        self._make_group()
 
     def __len__(self) -> int:
         return len(self._clients)
@@ -59,9 +58,11 @@ class ClientKeys:
         return Grant(key_id=key_id, key=key, group_id=self._group.key_id, group_key=self._group_key)
 
     def revoke_all_but(self, pins: Collection[str]) -> None:
-        """Forget all keys but those of these machines."""
-        for key_id in [number for number, one in self._clients.items() if one.speaker.pin not in pins]:
-            self._forget(key_id)
+        """Take the keys of all but these machines back; those ask for new ones: all share one for beacons."""
+        if any(client.speaker.pin not in pins for client in self._clients.values()):
+            self._clients.clear()
+            self._at.clear()
+            self._make_group()
 
     def open(self, data: bytes, address: Address) -> tuple[bytes, Speaker]:
         """Return the message of a datagram, and who sent it. Raises SealError where it is refused."""
@@ -84,6 +85,10 @@ class ClientKeys:
     def seal_for_all(self, message: bytes) -> bytes:
         """Return the datagram of a message for all who have a key."""
         return self._group.seal(message)
+
+    def _make_group(self) -> None:
+        self._group_key = self._random_bytes(KEY_BYTES)
+        self._group = Seal(self._new_id(), self._group_key, seals=Side.GROUP, opens=Side.GROUP)
 
     def _new_id(self) -> int:
         while True:

@@ -274,6 +274,26 @@ def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back
     assert node.client.time.is_member
 
 
+def test_with_a_machine_all_keys_go_and_the_others_ask_for_new_ones() -> None:
+    rig = running("a", "b")
+    one, other = rig.nodes.values()
+    keys = rig.leader.keys
+    keys.revoke_all_but({one.speaker.pin, other.speaker.pin})
+    rig.run(100)
+    assert len(keys) == 2
+    assert not one.sealed.keys.wanted
+    keys.revoke_all_but({one.speaker.pin})
+    assert other.sealed.open_broadcast(keys.seal_for_all(encode(Beacon(5, 1)))) is None
+    rig.run(100)
+    assert one.sealed.keys.wanted == {LEADER}
+    one.sealed.keys.hold(LEADER, keys.grant(one.speaker))
+    number = one.client.time.number
+    rig.run(3000)
+    assert rig.joined == ["a"]
+    assert one.client.time.number == number, "it was here all the time"
+    assert one.sealed.open_broadcast(keys.seal_for_all(encode(Beacon(5, 1)))) == encode(Beacon(5, 1))
+
+
 def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key() -> None:
     rig = running("a")
     node = rig.nodes["a"]

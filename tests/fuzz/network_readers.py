@@ -1,0 +1,76 @@
+"""Readers of what comes over a network."""
+
+import asyncio
+import random
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from capture_app.errors import SimulshotError
+from capture_app.net.address import Address
+from capture_app.net.channel import Channel
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.wire.codec import WireError, decode, encode
+from capture_app.trust.keys import LeaderKeys
+from capture_app.trust.known_machines import Role
+from capture_app.trust.pairing import InvitationDesk
+from capture_app.trust.sealed_engines import SealedLeader
+from capture_app.trust.sealing import SealError
+from tests.fuzz.folders import Reader
+
+
+def read_datagram(data: bytes, folder: Path) -> None:
+    """What is taken for a message is one: it can be sent on, and comes out the same."""
+    with suppress(WireError):
+        message = decode(data)
+        assert decode(encode(message)) == message
+
+
+def read_stream(expected: Any) -> Reader:
+    """A transfer stream's reader of the messages that one side expects."""
+    decoder = msgspec.json.Decoder(expected)
+
+    def read(data: bytes, folder: Path) -> None:
+        async def take() -> None:
+            reader = asyncio.StreamReader()
+            reader.feed_data(data)
+            reader.feed_eof()
+            channel: Channel[Any] = Channel(reader, _NoWriter(), decoder)  # type: ignore[arg-type]
+            while await channel.receive() is not None:
+                pass
+
+        with suppress(SimulshotError):
+            asyncio.run(take())
+
+    return read
+
+
+class _NoWriter:
+    """The writing end of a stream that is only read."""
+
+    def get_extra_info(self, _: str) -> Any:
+        return ("192.0.2.1", 1)
+
+
+def read_sealed(data: bytes, folder: Path) -> None:
+    """Whatever comes to a leader's port, which answers it by no more bytes; and to a client's."""
+    here, there = Address("192.0.2.1", 1), Address("192.0.2.2", 2)
+    leader = SealedLeader(Leader(LeaderConfig(1, 0, period_ns=10**7), random.Random(1)))
+    leader.receive_datagram(data, here, 1)
+    assert sum(len(answer) for answer, _ in leader.datagrams_to_send(1)) <= len(data)
+    keys = LeaderKeys()
+    for use in (keys.open_group, lambda data: keys.open(data, there)):
+        with suppress(SealError):
+            use(data)
+
+
+def read_pairing_word(data: bytes, folder: Path) -> None:
+    """What comes in place of a word or a proof of a pairing: it proves nothing."""
+    desk = InvitationDesk(lambda: 0.0)
+    desk.invite(Role.CAMERA)
+    with suppress(SimulshotError):
+        _, attempt = desk.answer("a" * 32, data, "b" * 32)
+        desk.accept(attempt, data)
+        raise AssertionError("it was taken for a proof")

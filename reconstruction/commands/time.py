@@ -11,7 +11,7 @@ from reconstruction.commands.options import checksums_option, memory_option, ses
 
 @click.command(
     "time",
-    epilog=examples("reconstruct time sessions/burst-001"),
+    epilog=examples("reconstruct time sessions/burst-001", "reconstruct time sessions/videos --apply"),
 )
 @session_argument
 @click.option(
@@ -20,17 +20,23 @@ from reconstruction.commands.options import checksums_option, memory_option, ses
     show_default="chosen automatically",
     help="The camera that the others are measured against.",
 )
+@click.option(
+    "--apply",
+    is_flag=True,
+    help="Give a recording without common times those that were measured; its images are paired anew.",
+)
 @memory_option
 @checksums_option
 @json_option
-def time_command(session: Path, reference: str | None, as_json: bool) -> None:
+def time_command(session: Path, reference: str | None, apply: bool, as_json: bool) -> None:
     """Measure how late each camera of SESSION is, by what moves in its pictures.
 
-    An offset is what --time-shift-ms adds to the camera's times to mend it.
+    An offset is what --time-shift-ms adds to the camera's times to mend it. Of a recording without common
+    times it is looked for however large it is, with the rate.
     """
     from reconstruction.time_offsets.command import measure_times
 
-    result = measure_times(session, reference)
+    result = measure_times(session, reference, apply=apply)
     if as_json:
         print_json(result)
         return
@@ -40,4 +46,9 @@ def time_command(session: Path, reference: str | None, as_json: bool) -> None:
         elif name == result.reference:
             print_line(f"{name}: the reference")
         else:
-            print_line(f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms (95 %)")
+            rate = ""
+            if found.rate_ppm is not None and found.rate_sd_ppm is not None:
+                rate = f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
+            print_line(f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{rate} (95 %)")
+    if result.applied:
+        print_line(f"{session}: aligned by what moves")

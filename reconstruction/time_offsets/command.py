@@ -6,10 +6,14 @@ from pathlib import Path
 
 from msgspec import Struct
 
+from capture_app.errors import BadInputError, NotApplicableError
+from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.importers.realigning import realign_session
 from capture_app.terminal import Progress
 from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.session.dataset import Dataset
+from reconstruction.time_offsets.alignment import SOURCE, MotionAlignment
 from reconstruction.time_offsets.rig_offsets import CameraOffset, measure_rig_offsets
 
 
@@ -23,6 +27,11 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What it was measured by."""
     reason: str = ""
     """Why it cannot be told."""
+    rate_ppm: float | None = None
+    """Of a recording without common times: how much faster its times must run to be the reference's."""
+    rate_sd_ppm: float | None = None
+    at_ms: float | None = None
+    """The time of its own at which the offset is this one."""
 
 
 class TimeResult(Struct, frozen=True, kw_only=True):
@@ -33,10 +42,14 @@ class TimeResult(Struct, frozen=True, kw_only=True):
     cameras: dict[str, CameraTime]
     calibration: str
     seconds: float
+    applied: bool = False
+    """The session's own times have become these."""
 
 
-def measure_times(session: Path, reference: str | None = None) -> TimeResult:
-    """Measure the time offsets of a session's cameras; nothing is written.
+def measure_times(session: Path, reference: str | None = None, *, apply: bool = False) -> TimeResult:
+    """Measure the time offsets of a session's cameras; of a recording without common times however large.
+
+    `apply` gives the session these times; else nothing is written.
 
     Raises:
         SimulshotError: the session cannot be used, has no such camera, or its cameras cannot be calibrated.
@@ -47,13 +60,35 @@ def measure_times(session: Path, reference: str | None = None) -> TimeResult:
     if reference is not None:
         dataset.session.camera(reference)
     adopt_kept_calibration(dataset)
+    alone = bool(dataset.unsynchronized)
+    if apply and not alone:
+        raise NotApplicableError(
+            f"the cameras of {dataset.name} have common times already",
+            hint="--apply is for those that have none",
+        )
+    if alone and reference not in (None, dataset.cameras[0]):
+        raise BadInputError(f"recordings without common times are measured against {dataset.cameras[0]}")
     progress = Progress(2)
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig = Rig(dataset, Path(scratch))
         progress.step("calibration")
         rig.calibrate()
-        found = measure_rig_offsets(rig, reference, progress)
+        if alone:
+            aligned = MotionAlignment(rig, progress).measure()
+        else:
+            found = measure_rig_offsets(rig, reference, progress)
     progress.last("offsets")
+    if alone:
+        if apply:
+            realign_session(dataset.session, aligned, SOURCE)
+        return TimeResult(
+            session=str(session),
+            reference=dataset.cameras[0],
+            cameras={name: _aligned_time(one) for name, one in aligned.items()},
+            calibration=rig.source,
+            seconds=time.monotonic() - began,
+            applied=apply,
+        )
     return TimeResult(
         session=str(session),
         reference=next(name for name, one in found.items() if one.sd_ms == 0),
@@ -70,3 +105,16 @@ def _camera_time(found: CameraOffset) -> CameraTime:
         return CameraTime(offset_ms=0.0, sd_ms=0.0, source="reference")
     source = f"what moves, against {', '.join(found.pairs)}"
     return CameraTime(offset_ms=round(found.offset_ms, 3), sd_ms=round(found.sd_ms, 3), source=source)
+
+
+def _aligned_time(found: CameraTimes) -> CameraTime:
+    if found.offset_ns is None or found.uncertainty_ns is None:
+        return CameraTime(reason=found.reason)
+    return CameraTime(
+        offset_ms=round(found.offset_ns / 1e6, 3),
+        sd_ms=round(found.uncertainty_ns / 2e6, 3),
+        source=found.source,
+        rate_ppm=found.rate_ppm,
+        rate_sd_ppm=None if found.rate_uncertainty_ppm is None else found.rate_uncertainty_ppm / 2,
+        at_ms=found.epoch_local_ns / 1e6,
+    )

@@ -34,6 +34,10 @@ class Crossings:
             cls(np.zeros(0), np.zeros(0), np.zeros(0))
         )  # fmt: skip
 
+    def later(self, by_ms: float) -> "Crossings":
+        """The same, as if the second camera were later by so much."""
+        return Crossings(self.instant, self.offset_ms + by_ms, self.across_px_per_ms)
+
     def only(self, chosen: Array) -> "Crossings":
         """Those that are chosen (bool)."""
         return Crossings(self.instant[chosen], self.offset_ms[chosen], self.across_px_per_ms[chosen])

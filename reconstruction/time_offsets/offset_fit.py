@@ -1,6 +1,6 @@
 """The time offset of two cameras that crossings of epipolar lines agree on, with its error bar."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,6 +65,14 @@ class OffsetFit:
     sd_ms: float | None = None
     reason: str = ""
     instants: tuple[InstantOffset, ...] = ()
+    votes: float = 0.0
+    """About how many crossings agree."""
+
+    def later(self, by_ms: float) -> "OffsetFit":
+        """The same, of a second camera that is later by so much."""
+        moved = tuple(replace(one, offset_ms=one.offset_ms + by_ms) for one in self.instants)
+        offset_ms = None if self.offset_ms is None else self.offset_ms + by_ms
+        return replace(self, offset_ms=offset_ms, instants=moved)
 
 
 def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> OffsetFit:
@@ -93,7 +101,7 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
         )
     values, sds = (np.array(of) for of in zip(*((one.offset_ms, one.sd_ms) for one in instants), strict=True))
     middle, spread = _median_over(values, 1 / np.maximum(sds, SYSTEMATIC_MS) ** 2)
-    return OffsetFit(middle, float(np.sqrt(max(spread, fit_sd) ** 2 + SYSTEMATIC_MS**2)), "", instants)
+    return OffsetFit(middle, float(np.sqrt(max(spread, fit_sd) ** 2 + SYSTEMATIC_MS**2)), "", instants, votes)
 
 
 def _most_agreed(found: Crossings, period_ms: float) -> tuple[float, float, float]:

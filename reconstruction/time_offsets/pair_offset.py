@@ -1,6 +1,7 @@
 """How late one camera of a session is against another, by all that moves before both."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -23,8 +24,18 @@ from reconstruction.time_offsets.offset_fit import OffsetFit, StillErrors, fit_o
 
 REACH_MS = 300.0
 """Offsets up to this are looked for."""
+FARTHEST_PERIODS = 2.5
+"""Points are not followed to an image further away than this."""
 MAX_FRAMES = 20
 """And no more frames to either side than this."""
+
+
+@dataclass(frozen=True)
+class RoughOffset:
+    """About how late the second camera of a pair is, and by how much that may be wrong, ms."""
+
+    offset_ms: float
+    reach_ms: float
 
 
 class PairOffsets:
@@ -38,10 +49,13 @@ class PairOffsets:
         self.reach_ms = min(REACH_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
         self._points = lru_cache(maxsize=None)(self._find_points)
 
-    def measure(self, first: str, second: str, max_instants: int | None = None) -> OffsetFit:
+    def measure(
+        self, first: str, second: str, max_instants: int | None = None, *, rough: RoughOffset | None = None
+    ) -> OffsetFit:
         """How much later than its times say the second camera's images were taken, against the first's.
 
         At so many instants at most, those at which something moves before both; None = at all of the first's.
+        `rough`: near which offset to look, instead of around none.
         """
         views = self.rig.views
         for name in (first, second):
@@ -50,17 +64,34 @@ class PairOffsets:
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return OffsetFit(reason="both cameras stand at the same place")
         asked: Sequence[int] = self.dataset.instants(first)
-        if max_instants is not None:
-            asked = self._choose_instants((first, second), max_instants)
         times = ImageTimes(self.dataset, (first, second))
+        near = rough or RoughOffset(0.0, self.reach_ms)
+        others = {
+            other: times.at_ms(second, other) + near.offset_ms for other in self.dataset.instants(second)
+        }
+        if rough is not None:
+            asked = self._shared(first, asked, list(others.values()), max_instants)
+        elif max_instants is not None:
+            asked = self._choose_instants((first, second), max_instants)
         found = [
             self._cross(times, first, now, second, other)
             for now in asked
-            for other in self.dataset.instants(second)
-            if abs(times.at_ms(second, other) - times.at_ms(first, now)) <= self.reach_ms
+            for other, at_ms in others.items()
+            if abs(at_ms - times.at_ms(first, now)) <= near.reach_ms
         ]
         still = self._still_errors(first, second)
-        return fit_offset(Crossings.join(found), still, self.dataset.period_ns / 1e6)
+        crossings = Crossings.join(found).later(-near.offset_ms)
+        return fit_offset(crossings, still, self.dataset.period_ns / 1e6).later(near.offset_ms)
+
+    def _shared(
+        self, first: str, asked: Sequence[int], others_ms: Sequence[float], limit: int | None
+    ) -> Sequence[int]:
+        """The first's instants at which the second has images too, those with motion before the first."""
+        times = ImageTimes(self.dataset, (first,))
+        both = [k for k in asked if min(others_ms) <= times.at_ms(first, k) <= max(others_ms)]
+        if limit is None or not both or self.all_moves:
+            return both if limit is None else evenly_spread(both, limit)
+        return choose_moving_instants(self.rig.motion, (first,), both, limit)
 
     def _choose_instants(self, pair: tuple[str, str], limit: int) -> list[int]:
         both = self.dataset.instants(*pair)
@@ -73,19 +104,33 @@ class PairOffsets:
         a, b = match_moving_points(here, there)
         at_a = here.at[a]
         path = [there.before[b], there.at[b], there.after[b]]
+        beside = self._neighbours(second, other)
         when = [
-            times.of_rows_ms(second, other + step, at[:, 1])
-            for step, at in zip((-1, 0, 1), path, strict=True)
+            np.full(len(at), np.nan) if k is None else times.of_rows_ms(second, k, at[:, 1])
+            for k, at in zip((beside[0], other, beside[1]), path, strict=True)
         ]
         views = self.rig.views[first], self.rig.views[second]
         return find_crossings(
             views, now, at_a, times.of_rows_ms(first, now, at_a[:, 1]), Path(np.stack(path), np.stack(when))
         )
 
+    def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
+        """The camera's own images before and after; what recordings without common times pair leaves gaps."""
+        data, found = self.dataset, []
+        for step in (-1, 1):
+            near = (instant + step * k for k in range(1, 4))
+            other = next((k for k in near if data.has_image(camera, k)), None)
+            if other is not None:
+                apart_ns = data.record(camera, other).leader_ns - data.record(camera, instant).leader_ns
+                if abs(apart_ns) > FARTHEST_PERIODS * data.period_ns:
+                    other = None
+            found.append(other)
+        return found[0], found[1]
+
     def _find_points(self, camera: str, instant: int) -> MovingPoints:
         data = self.dataset
         before, after = (
-            data.grey(camera, k) if data.has_image(camera, k) else None for k in (instant - 1, instant + 1)
+            None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant)
         )
         if self.all_moves:
             movers = np.ones(data.grey(camera, instant).shape, bool)

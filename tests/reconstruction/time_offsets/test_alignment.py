@@ -1,0 +1,75 @@
+"""A rendered scene cut apart: offsets of seconds and fractions of frames by what moves, and applied."""
+
+from pathlib import Path
+
+import pytest
+
+from capture_app.cli import run
+from capture_app.errors import ExitCode
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, TimesState
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import judge
+from capture_app.session.reading.verify import verify
+from tests.reconstruction.conftest import Reconstruct, Scene, make_view
+from tests.reconstruction.time_offsets.cut_apart import Recorder, write_cut_apart
+
+LEFT = Recorder(make_view((-0.1, 0.0, 0.0), yaw=1.5), ppm=20)
+NTSC = Recorder(make_view((0.1, 0.01, 0.0), yaw=-1.5), start_s=0.4621, fps=30_000 / 1001, ppm=-15)
+PHONE = Recorder(make_view((0.0, -0.06, 0.0)), start_s=-0.3317, jitter_s=0.012)
+
+
+def check(session: Session, cameras: dict[str, Recorder]) -> None:
+    """Every image's time is right within its error, and within 1 ms."""
+    assert verify(session) == []
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.state is TimesState.ALIGNED
+    assert {of.source for of in times.cameras.values()} == {"reference", "motion"}
+    reference = cameras[times.reference]
+    for image in session.manifest.images:
+        assert image.local_ns is not None
+        true_s = cameras[image.camera].true_s(image.local_ns / 1e9)
+        error_ms = abs(image.leader_ns / 1e6 - reference.own_s(true_s) * 1e3)
+        assert error_ms * 1e6 <= (image.uncertainty_ns or 0) + 1
+        assert error_ms < 1
+
+
+def test_motion_aligns_a_recording(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cameras = {"left": LEFT, "right": NTSC}
+    session = write_cut_apart(tmp_path, scene, cameras, 2.0)
+    before = {(image.camera, image.local_ns): image.sha256 for image in session.manifest.images}
+    assert judge(session.manifest).headline.startswith(NOT_SYNCHRONIZED)
+    result = reconstruct("time", session.folder, "--apply", "--json").result
+    assert result["applied"]
+    assert result["cameras"]["right"]["source"] == "motion"
+    aligned = Session.open(session.folder)
+    check(aligned, cameras)
+    assert {(image.camera, image.local_ns): image.sha256 for image in aligned.manifest.images} == before
+    capsys.readouterr()
+    assert run(["sessions", "show", str(session.folder)]) == ExitCode.OK
+    shown = capsys.readouterr().out
+    assert NOT_SYNCHRONIZED not in shown
+    assert "by motion" in shown
+    assert reconstruct("time", session.folder, "--apply").code == ExitCode.BAD_INPUT
+
+
+@pytest.mark.slow
+def test_motion_aligns_three_cameras_of_different_rates(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    cameras = {"left": LEFT, "right": NTSC, "phone": PHONE}
+    session = write_cut_apart(tmp_path, scene, cameras, 4.0)
+    assert reconstruct("time", session.folder, "--apply").code == 0
+    check(Session.open(session.folder), cameras)
+
+
+def test_where_nothing_moves_nothing_is_aligned(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    session = write_cut_apart(tmp_path, scene, {"left": LEFT, "right": NTSC}, 1.2, still=True)
+    found = reconstruct("time", session.folder, "--json").result
+    assert found["cameras"]["right"]["reason"]
+    assert reconstruct("time", session.folder, "--apply").code == ExitCode.BAD_INPUT
+    assert Session.open(session.folder).manifest == session.manifest

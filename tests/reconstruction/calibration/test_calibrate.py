@@ -11,6 +11,7 @@ import pytest
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.detector import is_flat_board
 from capture_app.errors import BadInputError
+from capture_app.session.exporters.export_session import export_session
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -227,3 +228,26 @@ def test_several_recordings_are_one(tmp_path: Path, reconstruct: Reconstruct) ->
     assert done["stored"]
     assert done["source"].startswith("ChArUco board in 32 images")
     assert done["board"]["shared"][0]["views"] >= 5
+
+
+def test_calibrations_of_other_programs_are_taken(
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    export_session(boards, "colmap", tmp_path / "colmap")
+    export_session(boards, "nerfstudio", tmp_path / "nerfstudio")
+    known = boards.calibration()
+    assert known is not None
+    for path in ("colmap/sparse/0", "nerfstudio/transforms.json"):
+        folder = tmp_path / path.partition("/")[0] / "session"
+        shutil.copytree(boards.folder, folder)
+        (folder / "calibration.json").unlink()
+        done = reconstruct("calibrate", folder, "--from", tmp_path / path, "--json").result
+        assert done["stored"]
+        found = Session.open(folder).calibration()
+        assert found is not None
+        for name, camera in known.cameras.items():
+            assert found.cameras[name].fx == pytest.approx(camera.fx)
+            assert np.array(found.cameras[name].rotation) == pytest.approx(
+                np.array(camera.rotation), abs=1e-9
+            )
+            assert found.cameras[name].translation == pytest.approx(camera.translation, abs=1e-9)

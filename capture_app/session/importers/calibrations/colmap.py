@@ -44,7 +44,7 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
         if len(model.rigs) != 1 or len(model.rigs[0]) < 2:
             raise
         views = _of_rig(model, model.rigs[0], cameras)
-    return Views(views, f"COLMAP's {folder.name}", assumed_unit=_ARBITRARY)
+    return Views(views, f"COLMAP model {'/'.join(folder.parts[-2:])}", assumed_unit=_ARBITRARY)
 
 
 def views_of_rig_config(path: Path, content: Sequence[Any]) -> Views:

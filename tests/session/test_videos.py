@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import BadInputError
+from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.library.changes import set_note
@@ -88,6 +89,10 @@ def test_a_recordings_manifest_stays_small_and_keeps_its_note(recording: Session
 def test_a_recording_is_exported_frame_by_frame(recording: Session, tmp_path: Path) -> None:
     export_session(recording, "mp4", tmp_path / "mp4")
     assert sorted(path.suffix for path in (tmp_path / "mp4").rglob("*.mp4")) == [".mp4", ".mp4"]
+    export_session(recording, "colmap", tmp_path / "colmap", ExportOptions(link=True))
+    for image in recording.manifest.images:
+        name = f"images/rig1/{image.camera}/{image.instant:06d}.jpg"
+        assert (tmp_path / "colmap" / name).read_bytes() == recording.image_bytes(image)
 
 
 @pytest.mark.parametrize(

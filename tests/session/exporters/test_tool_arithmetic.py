@@ -17,8 +17,6 @@ import pytest
 from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.exporters.n3dv import POINTS as N3DV_POINTS
-from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from tests.session.exporters.dotted import (
     CAMERAS,
@@ -287,26 +285,3 @@ def test_easyvolcap(session: Session, tmp_path: Path) -> None:
             )
 
         assert farthest_off(np.asarray(flat), project, rays) < EXACT_PX
-
-
-@pytest.mark.parametrize("name", ["n3dv", "easyvolcap", "freemocap"])
-def test_redrawn_pictures_come_back_with_their_lens(session: Session, tmp_path: Path, name: str) -> None:
-    export_session(session, name, tmp_path / "out", ExportOptions(lossless=True))
-    back = import_recording([str(tmp_path / "out")], tmp_path / "back", "back", ImportOptions(png=True))
-    calibration = back.calibration()
-    assert calibration is not None
-    for camera_name, camera in calibration.cameras.items():
-        assert camera != lens(camera_name)
-        matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-
-        def project(point: Array, camera: CameraCalibration = camera) -> Array:
-            return opencv_pixel(camera, point)
-
-        def rays(pixels: Array, camera: CameraCalibration = camera, matrix: Array = matrix) -> Array:
-            return undistorted(pixels, matrix, np.array(camera.distortion))
-
-        image = next(image for image in back.manifest.images if image.camera == camera_name)
-        shown = cv2.imread(str(back.image_file(image)))
-        assert shown is not None
-        # A film's pixels are a sixth of the camera's own.
-        assert farthest_off(shown, project, rays) < EXACT_PX * camera.width / WIDTH

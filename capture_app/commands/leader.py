@@ -130,9 +130,8 @@ def leader(
 async def _run_leader(
     node: "LeaderNode", host: str, cameras: tuple[str, ...], log: Path | None, as_json: bool
 ) -> None:
-    from capture_app.doctor.network import firewalls
+    from capture_app.doctor.network import warnings_for_leader
     from capture_app.net.discovery.announcement import announced, announced_hosts
-    from capture_app.net.firewall import active_firewalls
     from capture_app.rig_process import recorded_rig
 
     with ExitStack() as record:
@@ -140,11 +139,10 @@ async def _run_leader(
             talk(f"leader at {node.address}, sessions in {node.sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())
-            for finding in firewalls(
-                active_firewalls(), [node.address.port] if announced_hosts(host) else []
-            ):
-                if finding.grade == "warning":
-                    talk(f"{finding.text}: {finding.remedy}")
+            if announced_hosts(host):
+                for warning in await asyncio.to_thread(warnings_for_leader, node.address.port):
+                    talk(warning)
+                    node.news.add(warning, level="warning")
             if as_json:
                 address = {"leader": str(node.address), "port": node.address.port}
                 print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})

@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from capture_app import __version__
 from capture_app.doctor.finding import Finding
@@ -10,9 +11,9 @@ from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.discovery.announcement import announced_hosts
 from capture_app.net.discovery.browser import FoundLeader, LeaderBrowser
-from capture_app.net.firewall import MDNS_PORT, Firewall
+from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
 from capture_app.net.reach import find_obstacle
-from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power
+from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power, wifi_interfaces
 from capture_app.node.operator.requests import ask_status
 from capture_app.text import count
 from capture_app.trust.trust import Trust
@@ -79,6 +80,16 @@ async def _announced_leader(found: FoundLeader) -> Finding:
         what = f"{text}; it runs simulshot {found.version}, this machine {__version__}"
         return Finding(check="discovery", grade="warning", text=what, remedy="install the same on both")
     return Finding(check="discovery", grade="good", text=text)
+
+
+def warnings_for_leader(port: int, root: Path = Path("/")) -> list[str]:
+    """Say what of this machine would keep other machines' cameras from a leader here, or make them worse.
+
+    `root`: where its files are.
+    """
+    interfaces = wifi_interfaces(root / "sys/class/net")
+    found = (*firewalls(active_firewalls(root), [port]), *wifi(interfaces))
+    return [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]
 
 
 def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Finding]:

@@ -49,6 +49,15 @@ def test_ufw_needs_the_port_of_a_leader_and_nothing_of_a_node(tmp_path: Path) ->
     assert other.remedy == "sudo ufw allow 47020"
 
 
+def test_a_leader_warns_of_what_keeps_cameras_away_and_of_nothing_else(tmp_path: Path) -> None:
+    assert network.warnings_for_leader(47010, tmp_path) == []
+    write(tmp_path, "etc/ufw/ufw.conf", "ENABLED=yes\n")
+    (tmp_path / "sys/class/net/no-such-wlan/phy80211").mkdir(parents=True)
+    (warning,) = network.warnings_for_leader(47010, tmp_path)
+    assert warning.startswith("ufw is active here, and must let cameras come in to port 47010")
+    assert warning.endswith(": sudo ufw allow 47010")
+
+
 def test_firewalld_and_nftables_say_how_they_are_opened(tmp_path: Path) -> None:
     (tmp_path / "run/firewalld").mkdir(parents=True)
     enable_nftables(tmp_path, "chain input { policy drop; }")

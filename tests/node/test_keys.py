@@ -72,7 +72,7 @@ async def test_datagrams_of_strangers_change_nothing_and_are_told(
             assert len(answer) <= len(hello)
             await until(lambda: any("refused" in line.text for line in leader.news.after(0)))
         assert here(leader) == ["cam"]
-        assert node.time.is_member
+        await until(lambda: node.time.is_member)
 
 
 async def test_a_leader_that_was_started_anew_gives_new_keys(tmp_path: Path, trust: Trust) -> None:

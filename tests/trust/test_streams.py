@@ -3,7 +3,7 @@
 import asyncio
 import socket
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 from capture_app.errors import UnknownMachineError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.net.stream_limits import Patience
+from capture_app.net.stream_limits import MOST_SILENT, Patience
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.net.echoes import Ping, Pong, echo, serving
@@ -168,3 +168,18 @@ async def test_half_a_greeting_holds_no_stream_for_long(
             await ask(address, machine)
         assert await ask(address, leader) == (Pong(7), b"picture")
     assert not caplog.records, "none of it is an error of the leader's"
+
+
+async def test_connections_that_show_nothing_keep_no_room_and_nobody_out(leader: Trust) -> None:
+    loop = asyncio.get_running_loop()
+    async with served(leader) as (address, _):
+        with ExitStack() as held:
+            silent = [held.enter_context(socket.socket()) for _ in range(150)]
+            for stranger in silent:
+                stranger.setblocking(False)
+                await loop.sock_connect(stranger, tuple(address))
+            assert await ask(address, leader) == (Pong(7), b"picture")
+            for stranger in silent[: 150 - MOST_SILENT]:
+                with suppress(ConnectionResetError):
+                    async with asyncio.timeout(60):
+                        assert await loop.sock_recv(stranger, 100) == b""

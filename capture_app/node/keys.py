@@ -39,9 +39,16 @@ class KeyDesk:
         self._due_ns: int | None = None
 
     def hand_out(self, who: Peer, request: KeyRequest) -> KeyAnswer:
-        """Give a key to a node of a machine that may ask for it. Raises BadInputError where there is none."""
+        """Give a key to a node of a machine that may ask for it.
+
+        Raises BadInputError where there is none, UnknownMachineError where that machine was removed since it
+        opened its stream.
+        """
         if self._sealed is None:
             raise BadInputError("datagrams are not sealed here", hint="start the node with --open, too")
+        machine, role = self._trust.known.find(who.pin), Role.RELAY if request.is_relay else Role.CAMERA
+        if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
+            raise UnknownMachineError(f"this machine is not known here as {role} any more")
         speaker = Speaker(request.name, request.instance, who.pin, request.is_relay)
         return KeyAnswer(grant=self._sealed.keys.grant(speaker))
 

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.relay import RelayNode
+from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal, NodeState
 from capture_app.trust.known_machines import Role
@@ -96,6 +98,19 @@ async def test_a_machine_that_is_removed_loses_its_keys(
         trust.known.remove("machine")
         await until(lambda: not node.time.is_member)
         await until(lambda: "does not know this machine" in node.time.why_joining)
+
+
+async def test_who_is_removed_gets_no_key_over_a_stream_that_it_has_kept(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    machine = introduced(tmp_path, trust, "machine")
+    request = KeyRequest(name="cam", instance=1)
+    async with await connect(leader.own_address, FromLeader, trust=machine) as channel:
+        await channel.send(request)
+        assert isinstance(await channel.receive_header(), KeyAnswer)
+        trust.known.remove("machine")
+        await channel.send(request)
+        assert isinstance(await channel.receive_header(), Refusal)
 
 
 async def test_below_a_relay_keys_are_the_relays(tmp_path: Path, leader: LeaderNode, trust: Trust) -> None:

@@ -199,6 +199,17 @@ def test_the_nearest_lens_without_k3() -> None:
     assert without_k3(fitted) == (fitted, 0.0)
 
 
+def test_a_distortion_that_no_lens_has(make: Make, export: Export) -> None:
+    session = make()
+    path = session.folder / "calibration.json"
+    content = json.loads(path.read_text())
+    content["cameras"]["right"]["distortion"] = [-50.0, 0.0, 0.0, 0.0, -1e4]
+    path.write_text(json.dumps(content))
+    for name in ("n3dv", "freemocap", "easyvolcap"):
+        with pytest.raises(BadInputError, match="no lens has the distortion"):
+            export(Session.open(session.folder), name)
+
+
 def test_the_options_of_the_command(
     make: Make, tmp_path: Path, cloud: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
+from capture_app.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import Picture
 from capture_app.session.exporters.common.poses import Array, distortion_of, matrix_of
 from capture_app.session.format.calibration import CameraCalibration
@@ -45,12 +46,21 @@ def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
 
 
 def picture_rays(camera: CameraCalibration) -> Array:
-    """Rays (n, 2) of a grid over the whole picture, from edge to edge, of those pixels that have one."""
+    """Rays (n, 2) of a grid over the whole picture, from edge to edge, of those pixels that have one.
+
+    Raises BadInputError where hardly any has: no lens does that.
+    """
     columns, rows = np.meshgrid(
         np.linspace(-0.5, camera.width - 0.5, _GRID), np.linspace(-0.5, camera.height - 0.5, _GRID)
     )
     rays = rays_of(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
-    return np.asarray(rays[~np.isnan(rays).any(axis=1)])
+    known = ~np.isnan(rays).any(axis=1)
+    if known.mean() < 0.1:
+        given = ", ".join(f"{value:.4g}" for value in distortion_of(camera))
+        raise BadInputError(
+            f"no lens has the distortion ({given}) at f = {camera.fx:.0f} px", hint="calibrate again"
+        )
+    return np.asarray(rays[known])
 
 
 def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
@@ -79,7 +89,12 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
         )
         if np.abs(step[:4]).max() < 1e-9:
             break
-    return fitted, float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
+    worst = float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
+    if not worst < max(camera.width, camera.height) or min(fitted.fx, fitted.fy) <= 0:
+        # Nothing like it: then the pictures are as well drawn without any distortion.
+        fitted = msgspec.structs.replace(camera, distortion=(0.0,) * 5)
+        worst = float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
+    return fitted, worst
 
 
 def redrawing(camera: CameraCalibration, wanted: CameraCalibration) -> Redraw | None:

@@ -39,6 +39,10 @@ class Picture:
     data: bytes
     encoded: int = 0
 
+    @property
+    def held_bytes(self) -> int:
+        return len(self.data)
+
     def encode(self) -> bytes:
         self.encoded += 1
         if not self.data:

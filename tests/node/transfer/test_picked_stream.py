@@ -1,0 +1,116 @@
+"""Frames that are sent as they are picked: in bounded memory, beside other bursts, counted to the last."""
+
+from collections import deque
+from pathlib import Path
+
+from msgspec.structs import replace
+
+from capture_app.net.channel import Channel
+from capture_app.node.transfer.burst_upload import BurstUpload
+from capture_app.node.transfer.picked_stream import TOO_SLOW, PickedStream
+from capture_app.node.transfer.spool import Spool
+from capture_app.node.wire.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
+from capture_app.session.format.burst_plan import MissingRun
+from capture_app.session.format.manifest import MissingImage
+from tests.node.transfer.test_uploader import Picture, burst_upload, until, uploading
+
+
+def streamed(burst: int, *pictures: Picture, most_bytes: int = 1 << 20) -> BurstUpload:
+    """A burst that is being picked, with these frames so far."""
+    whole = burst_upload(*pictures)
+    report = replace(whole.report, burst=burst, instants=(), picking=True)
+    upload = BurstUpload(report, deque(), stream=PickedStream(most_bytes=most_bytes))
+    upload.extend(whole.frames, [], over=len(pictures))
+    return upload
+
+
+def gap(instant: int) -> MissingImage:
+    return MissingImage(camera="a", instant=instant, reason="the camera dropped the frame", dropped=True)
+
+
+def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
+    upload = streamed(1, Picture(b"zero"))
+    assert upload.report_now().picking
+    upload.extend([], [gap(1), gap(2)], over=3)
+    upload.extend([], [gap(4)], over=5)
+    upload.report_lost([5], "its file in the spool is damaged")
+    told = upload.report_now()
+    assert (told.picked, told.missing_runs) == (None, ())
+    upload.extend([], [], over=6, ended=True)
+    told = upload.report_now()
+    assert (told.picking, told.picked, told.instants, told.missing) == (False, 6, (), ())
+    assert told.missing_runs == (
+        MissingRun(first=1, count=2, reason=gap(1).reason, dropped=True),
+        MissingRun(first=4, count=1, reason=gap(1).reason, dropped=True),
+        MissingRun(first=5, count=1, reason="its file in the spool is damaged"),
+    )
+
+
+def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None:
+    upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), most_bytes=250)
+    assert [frame.instant for frame in upload.frames] == [0, 1]
+    upload.extend([], [], over=5, ended=True)
+    assert upload.report_now().missing_runs == (MissingRun(first=2, count=3, reason=TOO_SLOW),)
+
+
+async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) -> None:
+    reports: list[CameraReport] = []
+    sent: list[tuple[int, int]] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await channel.receive()) is not None:
+            message, _ = received
+            if isinstance(message, ImageUpload):
+                sent.append((message.burst, message.record.instant))
+                await channel.send(ImageAck(sha256=message.record.sha256))
+                continue
+            if isinstance(message, CameraReport):
+                reports.append(message)
+            await channel.send(ReportAck())
+
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        upload = streamed(1, Picture(b"zero"), Picture(b"one"))
+        uploader.add_burst(upload)
+        await until(lambda: sent == [(1, 0), (1, 1)])
+        assert [report.picking for report in reports] == [True]
+        # Another burst does not wait for the end of this one.
+        other = burst_upload(Picture(b"still"))
+        other.report = replace(other.report, burst=2)
+        uploader.add_burst(other)
+        await until(lambda: (2, 0) in sent)
+        third = burst_upload(*(Picture(b"%d" % n) for n in range(3))).frames[2]
+        uploader.extend_burst(1, 1, [third], [], over=3)
+        await until(lambda: (1, 2) in sent)
+        assert not upload.images
+        uploader.extend_burst(1, 1, [], [gap(3)], over=4, ended=True)
+        await until(lambda: reports[-1].picked == 4)
+        await until(lambda: not list((tmp_path / "a").iterdir()))
+    assert reports[-1].missing_runs[0].first == 3
+    assert sorted(sent) == [(1, 0), (1, 1), (1, 2), (2, 0)]
+
+
+async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: Path) -> None:
+    async def deaf(channel: Channel[ToLeader]) -> None:
+        while (received := await channel.receive()) is not None:
+            if not isinstance(received[0], ImageUpload):
+                await channel.send(ReportAck())
+
+    async with uploading(deaf, [], Spool(tmp_path, "a")) as uploader:
+        uploader.add_burst(streamed(1, Picture(b"zero"), Picture(b"one")))
+        await until(lambda: len(list(tmp_path.glob("a/*/*.jpg"))) == 2)
+
+    reports: list[CameraReport] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await channel.receive()) is not None:
+            message, _ = received
+            if isinstance(message, ImageUpload):
+                await channel.send(ImageAck(sha256=message.record.sha256))
+                continue
+            if isinstance(message, CameraReport):
+                reports.append(message)
+            await channel.send(ReportAck())
+
+    async with uploading(serve, [], Spool(tmp_path, "a")):
+        await until(lambda: not list((tmp_path / "a").iterdir()))
+    assert [(report.picking, report.instants) for report in reports] == [(False, (0, 1))]

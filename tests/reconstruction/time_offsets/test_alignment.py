@@ -10,6 +10,9 @@ from capture_app.session.format.common_times import NOT_SYNCHRONIZED, TimesState
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
+from reconstruction.calibration.rig import Rig
+from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view
 from tests.reconstruction.time_offsets.cut_apart import Recorder, write_cut_apart
 
@@ -73,3 +76,15 @@ def test_where_nothing_moves_nothing_is_aligned(
     assert found["cameras"]["right"]["reason"]
     assert reconstruct("time", session.folder, "--apply").code == ExitCode.BAD_INPUT
     assert Session.open(session.folder).manifest == session.manifest
+
+
+def test_pictures_that_happen_to_agree_are_not_called_synchronized(scene: Scene, tmp_path: Path) -> None:
+    cameras = {"left": Recorder(LEFT.view), "right": Recorder(NTSC.view)}
+    session = write_cut_apart(tmp_path, scene, cameras, 0.3)
+    rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
+    rig.calibrate()
+    timing = TimingStudy(rig).measure_pair(("left", "right"))
+    assert timing.late_ms is not None
+    assert abs(timing.late_ms) < 1
+    assert not timing.synchronized
+    assert NOT_SYNCHRONIZED in timing.reason

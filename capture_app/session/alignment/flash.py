@@ -22,6 +22,8 @@ MOST = 30
 """More tell hardly more."""
 EDGE_S = 2.5e-4
 """The most that an edge that is seen is off, what the flash itself lasts included."""
+LEAST_BAR_S = 4e-4
+"""Where all edges leave less, some contradict each other: they are then trusted less."""
 READOUTS, EXPOSURES = 100, 3
 """So many ways are tried that a camera may read its rows, and expose them."""
 MOST_PPM = 3 * CRYSTAL_PPM
@@ -90,7 +92,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float, source: str
         pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MOST)]
     epoch = float(np.mean([other.rough_s for _, other in pairs]))
     at = np.array([other.rough_s for _, other in pairs]) - epoch
-    for tolerance in (EDGE_S, 2 * EDGE_S, 4 * EDGE_S):
+    for tolerance in (EDGE_S, 2 * EDGE_S, 4 * EDGE_S, 8 * EDGE_S):
         ours = _moments([one for one, _ in pairs], reference_s, tolerance)
         theirs = _moments([other for _, other in pairs], camera_s, tolerance)
         if not len(ours) or not len(theirs):
@@ -99,7 +101,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float, source: str
         least = (ours[:, None, :, 0] - theirs[None, :, :, 1]).reshape(-1, len(pairs))
         most = (ours[:, None, :, 1] - theirs[None, :, :, 0]).reshape(-1, len(pairs))
         offsets, rates = _lines(at, least, most)
-        if offsets is not None and rates is not None:
+        if offsets is not None and rates is not None and offsets[1] - offsets[0] > 2 * LEAST_BAR_S:
             return CameraTimes(
                 offset_ns=round(sum(offsets) / 2 * 1e9),
                 uncertainty_ns=round((offsets[1] - offsets[0]) / 2 * 1e9),

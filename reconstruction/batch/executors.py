@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from importlib import import_module
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Protocol
@@ -85,7 +85,11 @@ class _Worker:
         self.process = context.Process(
             target=_worker_main, args=(theirs, task, str(root), cores, memory), daemon=True
         )
+        # A worker that is only starting would answer Ctrl-C, which is for this process, by a traceback.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         self.process.start()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         self.unit: Unit | None = None
 

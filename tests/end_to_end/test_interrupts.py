@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -38,20 +39,24 @@ def test_one_interrupt_ends_it(command: str, tmp_path: Path) -> None:
             stdout=stderr, stderr=stderr, start_new_session=True, cwd=tmp_path,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
         )  # fmt: skip
-    until = time.monotonic() + PATIENCE_S
-    workers: list[int] = []
-    while time.monotonic() < until and process.poll() is None:
-        workers = [pid for pid in children_of(process.pid) if is_running(pid)]
-        if len(workers) > 2 or BEGUN.search(said.read_text()):
-            break
-        time.sleep(0.05)
-    assert process.poll() is None, said.read_text()
-    os.killpg(process.pid, signal.SIGINT)
-    assert process.wait(PATIENCE_S) == ExitCode.INTERRUPTED
-    assert "Traceback" not in said.read_text()
-    while any(is_running(pid) for pid in workers):
-        assert time.monotonic() < until, "a worker is left behind"
-        time.sleep(0.05)
+    try:
+        until = time.monotonic() + PATIENCE_S
+        workers: list[int] = []
+        while time.monotonic() < until and process.poll() is None:
+            workers = [pid for pid in children_of(process.pid) if is_running(pid)]
+            if len(workers) > 2 or BEGUN.search(said.read_text()):
+                break
+            time.sleep(0.05)
+        assert process.poll() is None, said.read_text()
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(PATIENCE_S) == ExitCode.INTERRUPTED
+        assert "Traceback" not in said.read_text()
+        while any(is_running(pid) for pid in workers):
+            assert time.monotonic() < until, "a worker is left behind"
+            time.sleep(0.05)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
     # A batch keeps what it has; nothing else is there.
     left = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
     assert left <= {"said", "out"}

@@ -4,7 +4,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, resource_tracker
 from os import sched_getaffinity
 from typing import TypeVar
 
@@ -24,11 +24,12 @@ def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: 
         return [call() for call in calls]
     others = set(active_children())
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        chunk = max(1, len(calls) // (4 * processes))
+        size = max(1, len(calls) // (4 * processes))
         with _children_without_interrupts():
-            results = pool.map(_call, calls, chunksize=chunk)
+            # Not pool.map: interrupted, it cancels what waits, over which a pool without workers stumbles.
+            parts = [pool.submit(_call_each, calls[k : k + size]) for k in range(0, len(calls), size)]
         try:
-            return list(results)
+            return [result for part in parts for result in part.result()]
         except BaseException:
             # The pool itself would wait for what runs.
             for worker in set(active_children()) - others:
@@ -39,6 +40,8 @@ def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: 
 @contextmanager
 def _children_without_interrupts() -> Iterator[None]:
     """Have processes that start here not see Ctrl-C, which is for this one to answer."""
+    # Started first, for its start lets SIGINT through again.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -46,5 +49,5 @@ def _children_without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _call(call: Callable[[], T]) -> T:
-    return call()
+def _call_each(calls: Sequence[Callable[[], T]]) -> list[T]:
+    return [call() for call in calls]

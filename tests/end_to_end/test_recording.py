@@ -11,6 +11,7 @@ import pytest
 from capture_app.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.waiting import until
 
 from .conftest import PATIENCE_S, Command, Start
 from .test_rig import lead, output
@@ -92,3 +93,22 @@ async def test_300_frames_and_20_seconds_lose_nothing(start: Start, tmp_path: Pa
     assert len(burst.manifest.images) == 600
     recording = await take(start, "record", "--leader", address, "--seconds", "20")
     assert [(v.camera, v.frames) for v in recording.manifest.videos] == [("a", 600), ("b", 600)]
+
+
+async def test_a_recording_outlives_its_leader(start: Start, tmp_path: Path) -> None:
+    leader, address = await rig_of_two(start, tmp_path)
+    await output(await start("record", "--leader", address, "--detach", "--json"))
+    lines = [tmp_path / f"sessions/recording-001/videos/rig1/{name}.frames.ndjson" for name in ("a", "b")]
+    await until(lambda: all(file.is_file() and file.stat().st_size > 5_000 for file in lines))
+    await leader.kill()
+    safe = [file.read_bytes().splitlines(keepends=True) for file in lines]
+
+    await lead(start, tmp_path / "sessions", at=address)
+    await until((tmp_path / "sessions/recording-001/session.json").exists)
+    session = Session.open(tmp_path / "sessions/recording-001")
+    assert verify(session) == []
+    for file, before in zip(lines, safe, strict=True):
+        whole = [line for line in before if line.endswith(b"\n")]
+        assert file.read_bytes().splitlines(keepends=True)[: len(whole)] == whole
+    # Nodes record on until they join the leader's successor, and bring that too.
+    assert len(session.manifest.images) > sum(map(len, safe))

@@ -31,8 +31,8 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.synchronization import sync_record
 
 _ROUNDING_NS = 1_000
-_ONE_MAP_NS, _WANDER = 10_000_000_000, 20e-6
-"""Later frames of a long burst are timed by later maps of a clock whose rate may have changed so much."""
+_ONE_MAP_NS, _WANDER = 2_000_000_000, 20e-6
+"""Frames of a longer burst are timed by the newest map of a clock, whose rate may be another by so much."""
 DECODED_EACH = 30
 """Of a video every so many instants a frame is decoded in full; of all others the head is read."""
 
@@ -174,8 +174,10 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
         return
     error_ns = record.leader_ns - clock.leader_from_local(record.local_ns)
     uncertainty_ns = clock.uncertainty_ns if record.uncertainty_ns is None else record.uncertainty_ns
-    later_ns = max(0, record.leader_ns - session.manifest.burst.instants_ns[0] - _ONE_MAP_NS)
-    if abs(error_ns) > uncertainty_ns + _ROUNDING_NS + _WANDER * later_ns:
+    instants_ns, allowed_ns = session.manifest.burst.instants_ns, uncertainty_ns + _ROUNDING_NS
+    if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
+        allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
+    if abs(error_ns) > allowed_ns:
         what = f"leader_ns differs by {error_ns} ns from local_ns converted by the clock record"
         yield _contradiction(record.path, what)
 

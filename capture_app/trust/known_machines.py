@@ -159,8 +159,12 @@ class KnownMachines:
 
 
 def _check_certificate(certificate: bytes, pin: str) -> None:
+    from cryptography import x509
+
     try:
-        # One that cannot be loaded would keep all others out.
+        # One that cannot be loaded would keep all others out, and so would bytes after it: all are loaded
+        # in a row.
+        x509.load_der_x509_certificate(certificate)
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_verify_locations(cadata=certificate)
     except (ssl.SSLError, ValueError) as error:
         raise BadInputError("what a machine showed is no certificate") from error

@@ -11,6 +11,7 @@ import pytest
 from capture_app.errors import BadInputError, DiskError
 from capture_app.trust.identity import load_identity, parse_pin, pin_of
 from capture_app.trust.known_machines import KnownMachines, Role
+from capture_app.trust.trust import Trust
 
 
 def certificate(folder: Path) -> bytes:
@@ -104,6 +105,19 @@ def test_what_is_no_certificate_is_not_kept(tmp_path: Path) -> None:
         with pytest.raises(BadInputError):
             known.add(pin, Role.CAMERA, certificate=shown)
     assert known.all() == ()
+
+
+@pytest.mark.parametrize("tail", [b"0", b"0\x82", b"\0", None], ids=["one", "two", "zero", "another"])
+def test_a_machine_that_shows_more_than_its_certificate_keeps_no_other_out(
+    tmp_path: Path, tail: bytes | None
+) -> None:
+    """OpenSSL loads such a thing alone, and not in a row with those of others."""
+    leader, one, two = Trust(tmp_path / "leader"), certificate(tmp_path / "1"), certificate(tmp_path / "2")
+    shown = one + (two if tail is None else tail)
+    with pytest.raises(BadInputError, match="no certificate"):
+        leader.known.add(pin_of(shown), Role.CAMERA, certificate=shown)
+    leader.known.add(pin_of(two), Role.CAMERA, certificate=two)
+    assert leader.server_context() is not None
 
 
 def test_a_damaged_file_is_said(tmp_path: Path) -> None:

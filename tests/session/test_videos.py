@@ -128,6 +128,22 @@ def test_a_frame_that_comes_twice_is_there_once(tmp_path: Path) -> None:
     assert size == len(jpeg(0, 32, 24) + jpeg(1, 32, 24))
 
 
+def test_what_is_left_of_a_torn_line_moves_no_other(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "torn")
+    writer.add_frames([frame("left", instant) for instant in range(3)])
+    writer.abort()
+    lines = tmp_path / "torn" / LINES
+    first, second, third = lines.read_bytes().splitlines(keepends=True)
+    lines.write_bytes(first + b"torn\r" + second + third)
+    with SessionWriter(tmp_path / "torn", "torn") as resumed:
+        left = [resumed.image("left", instant) for instant in range(3)]
+        assert list(resumed.instants_of("left")) == [0, 2]
+    assert [None if image is None else image.sha256 for image in left] == [
+        hashlib.sha256(jpeg(0, 32, 24)).hexdigest(), None, hashlib.sha256(jpeg(2, 32, 24)).hexdigest(),
+    ]  # fmt: skip
+    assert lines.read_bytes() == first + third
+
+
 def flip(path: Path, old: bytes = b"", new: bytes = b"") -> None:
     data = path.read_bytes()
     middle = len(data) // 2

@@ -197,33 +197,19 @@ class VideoStore:
 
     def _recover(self, camera: str, lines: Path) -> None:
         path = self._folder / video_path(camera)
-        size, end, damaged = path.stat().st_size if path.exists() else 0, 0, False
+        size = path.stat().st_size if path.exists() else 0
         kept: list[tuple[int | None, int, int]] = []
-        with lines.open("rb") as file:
-            for line in file:
-                frame = _whole(line)
-                if frame is None or frame.offset < end or frame.offset + frame.bytes > size:
-                    damaged = True
-                    continue
-                end = frame.offset + frame.bytes
-                kept.append((frame.instant, len(line), end))
-                self.knows_true_times |= frame.true_ns is not None
-        if damaged:
-            self._keep_whole_lines(lines, size)
+        for line, frame in _whole_frames(lines, size):
+            kept.append((frame.instant, len(line), frame.offset + frame.bytes))
+            self.knows_true_times |= frame.true_ns is not None
+        if sum(line_bytes for _, line_bytes, _ in kept) < lines.stat().st_size:
+            write_atomic(lines, b"".join(line for line, _ in _whole_frames(lines, size)))
+        end = kept[-1][2] if kept else 0
         if size > end:
             self._set_aside_from(path, end)
         video = self._videos[camera] = self._open(camera)
         for instant, line_bytes, frame_end in kept:
             video.note(instant, line_bytes, frame_end)
-
-    def _keep_whole_lines(self, lines: Path, size: int) -> None:
-        kept, end = [], 0
-        for line in lines.read_bytes().splitlines(keepends=True):
-            frame = _whole(line)
-            if frame is not None and end <= frame.offset and frame.offset + frame.bytes <= size:
-                kept.append(line)
-                end = frame.offset + frame.bytes
-        write_atomic(lines, b"".join(kept))
 
     def _set_aside_from(self, path: Path, end: int) -> None:
         """Move the bytes of a video from `end` on to a file of their own."""
@@ -236,6 +222,17 @@ class VideoStore:
             os.fsync(rest.fileno())
         sync_folder(aside.parent)
         os.truncate(path, end)
+
+
+def _whole_frames(lines: Path, size: int) -> Iterator[tuple[bytes, VideoFrame]]:
+    """Yield the whole lines, and their frames, which follow each other in a video of `size` bytes."""
+    end = 0
+    with lines.open("rb") as file:
+        for line in file:
+            frame = _whole(line)
+            if frame is not None and end <= frame.offset and frame.offset + frame.bytes <= size:
+                end = frame.offset + frame.bytes
+                yield line, frame
 
 
 def _whole(line: bytes) -> VideoFrame | None:

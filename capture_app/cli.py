@@ -43,11 +43,14 @@ COMMANDS = {
     "experiment": "Measure clock and phase synchronization, beside the paper's figures.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
 }
+OPERATOR_COMMANDS = ("status", "burst", "record", "cameras", "preview", "coverage")
+"""Those in the room `operator`; the others are in `commands` itself."""
 
 
 def load(name: str) -> click.Command:
     """Import the module of a command."""
-    module = importlib.import_module(f"capture_app.commands.{name}")
+    room = "capture_app.commands.operator" if name in OPERATOR_COMMANDS else "capture_app.commands"
+    module = importlib.import_module(f"{room}.{name}")
     command = getattr(module, name)
     assert isinstance(command, click.Command)
     return command

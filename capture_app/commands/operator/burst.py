@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from msgspec.structs import asdict
 
+from capture_app.commands.operator.take import judge_if_here, take_burst
 from capture_app.commands.options import leader_option
-from capture_app.commands.take import judge_if_here, take_burst
 from capture_app.errors import IncompleteError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk

@@ -7,7 +7,7 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from .conftest import PATIENCE_S, Start
+from tests.end_to_end.conftest import PATIENCE_S, Start
 
 
 async def test_the_screen_opens_for_its_own_page_only(start: Start, tmp_path: Path) -> None:

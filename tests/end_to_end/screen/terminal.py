@@ -14,7 +14,7 @@ from typing import Self
 
 import pytest
 
-from .conftest import PATIENCE_S
+from tests.end_to_end.conftest import PATIENCE_S
 
 LOOK_EVERY_S = 0.2
 

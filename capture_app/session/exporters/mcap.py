@@ -5,11 +5,11 @@ from typing import Any
 
 import msgspec
 
+from capture_app.optional_packages import load_optional
 from capture_app.session.exchange.export_record import with_images_listed
 from capture_app.session.exchange.foxglove import descriptor_set, message_class
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import jpeg_or_png
-from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import (
     centre_of,
     distortion_of,
@@ -31,7 +31,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
     and PNG as PNG. The manifest and the calibration are attached.
     """
-    writer_module = load_package("mcap.writer", "MCAP")
+    writer_module = load_optional("mcap.writer", "export", "MCAP")
     calibration = None if burst.session.calibration() is None else burst.calibration("MCAP")
     file = f"{burst.name}.mcap"
     frames: list[Frame] = []

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_app.optional_packages import load_optional
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import jpeg_or_png
-from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import centre_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 
@@ -18,7 +18,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
 
     A camera's distortion has no place in it. Raises NotAvailableError without rerun-sdk.
     """
-    rerun = load_package("rerun", "the .rrd format", extra="rerun")
+    rerun = load_optional("rerun", "rerun", "the .rrd format")
     file = f"{burst.name}.rrd"
     stream = rerun.RecordingStream("simulshot", recording_id=burst.name, send_properties=False)
     stream.save(folder / file)

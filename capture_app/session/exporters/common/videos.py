@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError, SimulshotError
+from capture_app.optional_packages import load_optional
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
 from capture_app.session.exporters.common.lens import Redraw
-from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.manifest import ImageRecord
 
@@ -34,7 +34,7 @@ def write_video(
     is H.264 of the very RGB values. Raises NotAvailableError without PyAV, BadInputError where two frames
     share a microsecond.
     """
-    av = load_package("av", "writing videos")
+    av = load_optional("av", "export", "writing videos")
     width, height = size
     odd = width % 2 or height % 2
     last_us: int | None = None

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.poses import distortion_of, matrix_of, rodrigues, rotation_of
-from capture_app.session.exporters.common.tables import toml_table, unit_note, write_frames
+from capture_app.session.exporters.common.tables import renaming_notes, toml_table, unit_note, write_frames
 from capture_app.session.exporters.common.videos import write_timeline
 from capture_app.session.format.calibration import METRES, Calibration
 
@@ -29,8 +29,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
             rows.append(f"{image.instant},{number},{seconds}.{nanos:09d}\n")
     (recording / "timestamps.csv").write_text("".join(rows), encoding="utf-8")
     write_frames(burst, folder, frames)
-    renamed = {camera: f"cam_{number}" for camera, number in numbers.items() if camera != f"cam_{number}"}
-    notes = [f"{name} is {camera}" for camera, name in renamed.items()]
+    notes = renaming_notes({camera: f"cam_{number}" for camera, number in numbers.items()})
     if burst.session.calibration() is None:
         return [*notes, "the session has no calibration: calibrate in Caliscope"]
     calibration = burst.calibration("Caliscope")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.opencv_yaml import write_cameras, yaml_names
-from capture_app.session.exporters.common.tables import unit_note
+from capture_app.session.exporters.common.tables import renaming_notes, unit_note
 from capture_app.session.exporters.common.videos import write_paired_videos
 
 
@@ -15,5 +15,4 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
     notes = write_paired_videos(burst, folder, files, options)
     write_cameras(folder, calibration, names, centre=0.0)
-    renamed = [f"{name} is {camera}" for camera, name in names.items() if name != camera]
-    return [*renamed, *notes, *unit_note(calibration, "m")]
+    return [*renaming_notes(names), *notes, *unit_note(calibration, "m")]

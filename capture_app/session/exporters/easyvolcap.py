@@ -12,7 +12,7 @@ from capture_app.session.exporters.common.lens import redrawing
 from capture_app.session.exporters.common.masks import write_mask
 from capture_app.session.exporters.common.opencv_yaml import write_cameras, yaml_names
 from capture_app.session.exporters.common.poses import distortion_of, matrix_of
-from capture_app.session.exporters.common.tables import Frame, unit_note, write_frames
+from capture_app.session.exporters.common.tables import Frame, renaming_notes, unit_note, write_frames
 from capture_app.session.exporters.common.videos import spacing_notes
 from capture_app.session.format.calibration import CameraCalibration
 
@@ -54,7 +54,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     cameras = msgspec.structs.replace(calibration, cameras=straight)
     write_cameras(folder, cameras, names, centre=_HALF_PIXEL)
     write_frames(burst, folder, frames)
-    notes = [f"{name} is {camera}" for camera, name in names.items() if name != camera]
+    notes = renaming_notes(names)
     if len(together) < len({instant for _, instant in burst.images}):
         notes.append("instants that not every camera has are left out")
     if redrawn:

@@ -6,7 +6,7 @@ import msgspec
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.lens import Redraw, redrawing, without_k3
-from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note
+from capture_app.session.exporters.common.tables import camera_tables, paired_names, renaming_notes, unit_note
 from capture_app.session.exporters.common.videos import write_paired_videos
 from capture_app.session.format.calibration import Calibration
 
@@ -26,7 +26,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
         camera: f"synchronized_videos/{_stem(burst.name, found, number)}.mp4"
         for number, (camera, found) in enumerate(ids.items())
     }
-    renamed = [f"{found} is {camera}" for camera, found in ids.items() if found != camera]
+    renamed = renaming_notes(ids)
     if burst.session.calibration() is None:
         notes = write_paired_videos(burst, folder, files, options)
         return [*renamed, *notes, "the session has no calibration: calibrate in FreeMoCap"]

@@ -11,7 +11,7 @@ from capture_app.session.exporters.common.exported_burst import ExportedBurst, E
 from capture_app.session.exporters.common.lens import picture_rays, project_rays, rays_of, redrawing
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.exporters.common.poses import Array, centre_of, rotation_of, translation_of
-from capture_app.session.exporters.common.tables import Frame, write_frames
+from capture_app.session.exporters.common.tables import Frame, renaming_notes, write_frames
 from capture_app.session.exporters.common.videos import spacing_notes, write_video
 from capture_app.session.format.calibration import CameraCalibration
 
@@ -192,8 +192,7 @@ def _notes(
     cameras: Mapping[str, CameraCalibration],
     films: Mapping[str, CameraCalibration],
 ) -> list[str]:
-    names = {f"cam{number:02d}": camera for number, camera in enumerate(burst.cameras)}
-    notes = [f"{name} is {camera}" for name, camera in names.items() if name != camera]
+    notes = renaming_notes({camera: f"cam{number:02d}" for number, camera in enumerate(burst.cameras)})
     left_out = len(burst.instants_ns) - len(together)
     if left_out:
         notes.append(

@@ -64,6 +64,11 @@ def paired_names(cameras: Iterable[str]) -> dict[str, str]:
     return {name: f"cam_{number:03d}_{name}" for number, name in enumerate(by_numbers)}
 
 
+def renaming_notes(names: Mapping[str, str]) -> list[str]:
+    """For the user: which cameras have another name in the export."""
+    return [f"{name} is {camera}" for camera, name in names.items() if name != camera]
+
+
 def camera_tables(
     calibration: Calibration, names: Mapping[str, str], unit: str, *, numbered: bool = False
 ) -> str:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.lens import Redraw, redrawing, without_k3
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Redraw
+from capture_app.session.exporters.common.lens import redrawing, without_k3
 from capture_app.session.exporters.common.tables import camera_tables, paired_names, renaming_notes, unit_note
 from capture_app.session.exporters.common.videos import write_paired_videos
 from capture_app.session.format.calibration import Calibration

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Redraw
 from capture_app.session.exporters.common.lens import picture_rays, project_rays, rays_of, redrawing
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.exporters.common.poses import Array, centre_of, rotation_of, translation_of
@@ -48,9 +48,9 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
     wanted = {name: film_camera(camera, focal) for name, camera in cameras.items()}
     burst.drawn.update(wanted)
-    for number, name in enumerate(cameras):
-        file = f"cam{number:02d}.mp4"
-        frames += _video(burst, name, together, wanted[name], folder / file, options)
+    for number, (name, camera) in enumerate(cameras.items()):
+        path = folder / f"cam{number:02d}.mp4"
+        frames += _video(burst, name, together, redrawing(camera, wanted[name]), path, options)
         rows.append([*_pose(wanted[name]).ravel(), *bounds[name]])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     cloud = read_ply(options.points) if options.points else _scattered(wanted, bounds)
@@ -131,17 +131,14 @@ def _video(
     burst: ExportedBurst,
     camera: str,
     instants: list[int],
-    wanted: CameraCalibration,
+    redraw: Redraw | None,
     path: Path,
     options: ExportOptions,
 ) -> list[Frame]:
-    redraw = redrawing(burst.calibration("N3DV").cameras[camera], wanted)
     images = [burst.images[camera, instant] for instant in instants]
     start_ns = burst.instants_ns[instants[0]]
     pictures = (
-        (burst.instants_ns[image.instant] - start_ns, redraw(pixels) if redraw else pixels)
-        for image in images
-        for pixels in [burst.pixels(image)]
+        (burst.instants_ns[image.instant] - start_ns, burst.pixels(image, redraw)) for image in images
     )
     write_video(path, pictures, (WIDTH, HEIGHT), burst.period_ns, lossless=options.lossless)
     return [Frame(camera, image.instant, path.name, number, image) for number, image in enumerate(images)]

@@ -17,6 +17,8 @@ from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 
 Picture = NDArray[np.uint8]
+Redraw = Callable[[Picture], Picture]
+"""Makes of a camera's picture what another lens had taken."""
 Progress = Callable[[int, int], None]
 """Called with the number of images written so far and of all."""
 
@@ -110,9 +112,10 @@ class ExportedBurst:
         facts = self.session.camera(camera).facts
         return facts.width, facts.height
 
-    def pixels(self, image: ImageRecord) -> Picture:
-        """An image's pixels; see `load`."""
-        return self.load(image)[1]
+    def pixels(self, image: ImageRecord, redraw: Redraw | None = None) -> Picture:
+        """An image's pixels, redrawn if need be; see `load`."""
+        pixels = self.load(image)[1]
+        return redraw(pixels) if redraw else pixels
 
     def load(self, image: ImageRecord) -> tuple[bytes, Picture]:
         """An image's file bytes and its pixels, height x width x BGR of 8 bits, not turned by EXIF.

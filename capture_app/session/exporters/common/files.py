@@ -4,8 +4,7 @@ import os
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
-from capture_app.session.exporters.common.lens import Redraw
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture, Redraw
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 
 _SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
@@ -34,11 +33,8 @@ def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: Expor
 
 def place_redrawn(burst: ExportedBurst, image: ImageRecord, target: Path, redraw: Redraw | None) -> None:
     """Put a changed picture at `target`: JPEG of quality 98, or PNG, as the ending says."""
-    pixels = burst.pixels(image)
-    if redraw:
-        pixels = redraw(pixels)
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(_encode(image, pixels, target.suffix))
+    target.write_bytes(_encode(image, burst.pixels(image, redraw), target.suffix))
 
 
 def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:

@@ -1,16 +1,12 @@
 """OpenCV's lens: rays to pixels and back, the nearest one without k3, and pictures redrawn for another."""
 
-from collections.abc import Callable
-
 import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.exported_burst import Picture
+from capture_app.session.exporters.common.exported_burst import Picture, Redraw
 from capture_app.session.exporters.common.poses import Array, distortion_of, matrix_of
 from capture_app.session.format.calibration import CameraCalibration
-
-Redraw = Callable[[Picture], Picture]
 
 _STEPS = 30
 _FOUND_PX = 1e-6

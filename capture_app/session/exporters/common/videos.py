@@ -8,10 +8,8 @@ import numpy as np
 
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.optional_packages import load_optional
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
-from capture_app.session.exporters.common.lens import Redraw
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture, Redraw
 from capture_app.session.exporters.common.tables import Frame, write_frames
-from capture_app.session.format.manifest import ImageRecord
 
 TIME_BASE = Fraction(1, 1_000_000)
 _QUALITY = {"crf": "15", "preset": "veryfast", "bf": "0"}
@@ -100,14 +98,8 @@ def write_instants(
     black = np.zeros((size[1], size[0], 3), np.uint8)
     shown = [burst.image_at(camera, instant) for instant in range(len(burst.instants_ns))]
     start_ns = burst.instants_ns[0]
-
-    def picture(image: ImageRecord | None) -> Picture:
-        if image is None:
-            return black
-        return redraw(burst.pixels(image)) if redraw else burst.pixels(image)
-
     frames = (
-        (instant_ns - start_ns, picture(image))
+        (instant_ns - start_ns, black if image is None else burst.pixels(image, redraw))
         for instant_ns, image in zip(burst.instants_ns, shown, strict=True)
     )
     write_video(path, frames, size, burst.period_ns, lossless=options.lossless)

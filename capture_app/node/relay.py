@@ -220,7 +220,7 @@ class RelayNode:
         self._upstream_channels.add(above)
         try:
             async with above:
-                if (introduction := speaks_for(below.who)) is not None:
+                if (introduction := speaks_for(below.who, message)) is not None:
                     await above.send(introduction)
                 await above.send(message, b"".join([chunk async for chunk in below.payload()]))
                 await below.relay(above)

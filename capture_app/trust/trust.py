@@ -24,6 +24,8 @@ class Peer:
     roles: frozenset[Role] = frozenset()
     via: str = ""
     """Pin of the relay that vouches for it, where that speaks for it."""
+    node: tuple[str, int] | None = None
+    """Name and run of the node that this relay has seen it to be."""
 
     @property
     def is_stranger(self) -> bool:

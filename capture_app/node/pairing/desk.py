@@ -115,18 +115,23 @@ class PairingDesk:
 def peer_of(message: pairing.SpeaksFor, relay: Peer) -> Peer:
     """Return for whom a relay speaks: for cameras and operators, and never for itself."""
     roles = frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR}
-    return Peer(message.pin, message.name, roles, via=relay.pin)
+    return Peer(message.pin, message.name, roles, via=relay.pin, node=message.node)
 
 
 def is_node(who: Peer, member: Member | None, instance: int) -> bool:
     """Whether a peer is the machine from which this run of a node has joined, even if it is lost now."""
     if member is None or member.instance != instance:
         return False
+    if who.via and who.node != (member.name, instance):
+        return False
     return member.speaker is None or member.speaker.pin == (who.via or who.pin)
 
 
-def speaks_for(who: Peer) -> pairing.SpeaksFor | None:
-    """Return what a relay says for one of its own; None where nobody is asked."""
+def speaks_for(who: Peer, message: Message) -> pairing.SpeaksFor | None:
+    """Return what a relay says for one of its own, which begins with this; None where nobody is asked."""
     if who is ANYBODY:
         return None
-    return pairing.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)))
+    node = None
+    if isinstance(message, messages.NodeStream | operating.ViewfinderOpened):
+        node = message.camera, message.instance
+    return pairing.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)

@@ -68,6 +68,8 @@ class SpeaksFor(Message, frozen=True, kw_only=True, tag="speaks-for"):
     pin: str
     name: str
     roles: tuple[Role, ...]
+    node: tuple[str, int] | None = None
+    """Name and run of the node that it has seen to be of that machine; it reads no more of the stream."""
 
 
 FromStranger = Knock | PairingWord | PairingProof

@@ -54,7 +54,9 @@ def align_recording(
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
     if by in _OF_VIDEO_TIMES and rate_given:
-        raise BadInputError("--align {by} takes the videos' own times", hint="--times video instead of --fps")
+        raise BadInputError(
+            f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
+        )
     names = [source.name for source in videos]
     starts_s = _starts_s(timeline)
     makers: dict[AlignBy, Callable[[], Against]] = {

@@ -81,6 +81,12 @@ def test_what_was_not_asked_for_is_not_done(claps: Path, capsys: pytest.CaptureF
     assert NOT_SYNCHRONIZED in capsys.readouterr().out
 
 
+def test_a_rate_gives_sound_other_times(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call = ["sessions", "import", str(claps), "--out", str(claps.parent), "--name", "by-rate"]
+    assert run([*call, "--fps", "30", "--align", "sound"]) == ExitCode.BAD_INPUT
+    assert "--align sound takes the videos' own times" in capsys.readouterr().err
+
+
 def test_sounds_that_share_nothing_align_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for phone, take in zip(PHONES, (Take(claps_s=(2.0, 3.3), seed=5), Take(), Take()), strict=True):
         phone.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 5)

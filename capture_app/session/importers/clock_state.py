@@ -19,7 +19,7 @@ def clock_state(sources: Sequence[Source], options: TimeOptions) -> CommonTimes 
         return None
     if options.timestamps is not None:
         return CommonTimes(state=TimesState.RECORDED, reason=f"the table {options.timestamps.name}")
-    if options.known is not None and _says_nothing(options):
+    if options.known is not None and not options.tell_times and not options.offsets_ms:
         return CommonTimes(state=TimesState.RECORDED, reason="the times that its program wrote")
     if options.synchronized:
         return CommonTimes(state=TimesState.GIVEN, reason=EQUAL_NUMBERS)
@@ -32,14 +32,9 @@ def clock_state(sources: Sequence[Source], options: TimeOptions) -> CommonTimes 
         return CommonTimes(state=TimesState.GIVEN, reason=EQUAL_NUMBERS)
     if options.times is TimeSource.NAME:
         return CommonTimes(state=TimesState.GIVEN, reason="the times in file names are taken as of one clock")
-    own = options.fps is None and options.times is TimeSource.AUTO
-    if own and all(source.embedded_times() is not None for source in sources):
+    if not options.tell_times and all(source.embedded_times() is not None for source in sources):
         return CommonTimes(state=TimesState.RECORDED, reason="the recording's own table of times")
     return CommonTimes(state=TimesState.UNKNOWN, reason=_why(sources, options, videos=videos))
-
-
-def _says_nothing(options: TimeOptions) -> bool:
-    return options.fps is None and options.times is TimeSource.AUTO and not options.offsets_ms
 
 
 def _why(sources: Sequence[Source], options: TimeOptions, *, videos: bool) -> str:

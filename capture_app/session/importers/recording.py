@@ -10,7 +10,6 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_nothi
 from capture_app.session.importers.aligning import AlignBy, align_recording, with_common_times
 from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
 from capture_app.session.importers.clock_state import clock_state
-from capture_app.session.importers.embedded_times import TimeSource
 from capture_app.session.importers.frame_matching import Instant, Timeline, with_own_times
 from capture_app.session.importers.layouts.exported import calibration_of_record
 from capture_app.session.importers.layouts.layout import Layout
@@ -126,7 +125,7 @@ def _layout(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout 
         return None
     name, path = split_name(paths[0])
     layout = None if name else recognize_layout(path, png=options.png, recording=options.recording)
-    if layout is None or (layout.record is not None and _says_times(options)):
+    if layout is None or (layout.record is not None and options.tell_times):
         return None
     talk(f"{layout.path} is of {layout.program}")
     if layout.remark:
@@ -146,15 +145,10 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
         options,
         synchronized=options.synchronized or layout.same_frames,
         known=layout.timeline,
-        timestamps=options.timestamps if _says_times(options) else layout.timestamps,
+        timestamps=options.timestamps if options.tell_times else layout.timestamps,
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,
     )
-
-
-def _says_times(options: ImportOptions) -> bool:
-    """Whether the user says where the times come from."""
-    return bool(options.fps or options.timestamps or options.times is not TimeSource.AUTO)
 
 
 def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:

@@ -32,6 +32,11 @@ class TimeOptions:
     known: Timeline | None = None
     """The times that the recording's program wrote."""
 
+    @property
+    def tell_times(self) -> bool:
+        """Whether the user says where the times come from."""
+        return self.fps is not None or self.timestamps is not None or self.times is not TimeSource.AUTO
+
 
 def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
     """Find when every frame was taken and which are of one instant; assumptions are passed to `talk`.

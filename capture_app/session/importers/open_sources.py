@@ -7,7 +7,7 @@ from capture_app.errors import BadInputError
 from capture_app.names import check_name, is_name, natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.phones import PhoneVideo, is_phone, phone, table_of
-from capture_app.session.importers.sources import VIDEO_SUFFIXES, ImageFolder, Source, Video, images_in
+from capture_app.session.importers.sources import ImageFolder, Source, Video, images_in, videos_in
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:
@@ -56,7 +56,7 @@ def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
 
 
 def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
-    videos = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()]
+    videos = videos_in(folder)
     folders = [path for path in folder.iterdir() if path.is_dir() and (images_in(path) or is_phone(path))]
     if not videos and not folders:
         hint = "it needs a subfolder of images or a video file for each camera"

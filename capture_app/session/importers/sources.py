@@ -194,6 +194,15 @@ class Video(Source):
         return capture
 
 
+def videos_in(folder: Path) -> list[Path]:
+    """The videos of a folder, by their names; none where there is no such folder."""
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()
+    )
+
+
 def images_in(folder: Path) -> list[Path]:
     """The image files of a folder, in no order."""
     return [

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.importers.layouts.layout import Layout, videos_in
+from capture_app.session.importers.layouts.layout import Layout
 from capture_app.session.importers.open_sources import open_sources
+from capture_app.session.importers.sources import videos_in
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
 _UP = 3

@@ -21,8 +21,9 @@ from capture_app.session.importers.frame_matching import (
     middle,
     periods_of,
 )
-from capture_app.session.importers.layouts.layout import Layout, videos_in
+from capture_app.session.importers.layouts.layout import Layout
 from capture_app.session.importers.open_sources import open_sources
+from capture_app.session.importers.sources import videos_in
 
 _VIDEOS = ("synchronized_videos", "videos/synchronized", "SyncedVideos")
 _NAME = re.compile(r".+\.id-([^.]+)\.idx-(\d+)")

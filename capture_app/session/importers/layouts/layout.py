@@ -6,7 +6,7 @@ from pathlib import Path
 from capture_app.session.exchange.export_record import ExportRecord
 from capture_app.session.importers.calibrations.camera_views import Views
 from capture_app.session.importers.frame_matching import Timeline
-from capture_app.session.importers.sources import VIDEO_SUFFIXES, Source
+from capture_app.session.importers.sources import Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,12 +31,3 @@ class Layout:
     """Of our own exports: the session that it was made of."""
     remark: str = ""
     """What the user should know."""
-
-
-def videos_in(folder: Path) -> list[Path]:
-    """The videos of a folder, by their names."""
-    if not folder.is_dir():
-        return []
-    return sorted(
-        path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()
-    )

@@ -10,8 +10,9 @@ from pathlib import Path
 from capture_app.errors import BadInputError
 from capture_app.names import natural_order
 from capture_app.session.importers.calibrations.opencap import PARAMETERS
-from capture_app.session.importers.layouts.layout import Layout, videos_in
+from capture_app.session.importers.layouts.layout import Layout
 from capture_app.session.importers.open_sources import open_sources
+from capture_app.session.importers.sources import videos_in
 
 _MEDIA, _SYNCHRONIZED = "InputMedia", "_sync"
 
@@ -32,7 +33,9 @@ def opencap(folder: Path, *, png: bool, recording: str | None) -> Layout | None:
         )
     trial = recording or trials[0]
     there = [camera for camera in cameras if videos_in(camera / trial)]
-    raw, aligned = ([_video(camera / trial, name) for camera in there] for name in (trial, trial + "_sync"))
+    raw, aligned = (
+        [_video(camera / trial, name) for camera in there] for name in (trial, trial + _SYNCHRONIZED)
+    )
     chosen = aligned if None not in aligned else raw
     paths = [f"{camera.parent.name}={path}" for camera, path in zip(there, chosen, strict=True)]
     if None in chosen:

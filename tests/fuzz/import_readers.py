@@ -8,6 +8,8 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import SimulshotError
+from capture_app.session.alignment.gopro import read_gps_clock
+from capture_app.session.alignment.gpmf import parse_payload
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
@@ -44,6 +46,14 @@ def import_file(name: str) -> Reader:
                     pass
 
     return read
+
+
+def read_gopro(data: bytes, folder: Path) -> None:
+    """GoPro metadata: a payload of it, and a video with a track of it."""
+    parse_payload(data, worst_dilution=5.0)
+    path = folder / "video.mp4"
+    put(path, data)
+    read_gps_clock(path)
 
 
 def read_table(data: bytes, folder: Path) -> None:

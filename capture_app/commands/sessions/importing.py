@@ -52,7 +52,7 @@ from capture_app.usage import examples
 )
 @click.option(
     "--align",
-    type=click.Choice(["auto", "none", "sound", "flash", "timecode"]),
+    type=click.Choice(["auto", "none", "sound", "flash", "gopro", "timecode"]),
     default="auto",
     help="Align videos without common times by this; auto takes what tells it, the most exact first.",
 )

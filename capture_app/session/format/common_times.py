@@ -42,7 +42,7 @@ class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     rate_uncertainty_ppm: Annotated[float, Meta(ge=0)] | None = None
     epoch_local_ns: int = 0
     source: str = ""
-    """What it was measured by: timecode, sound, flash, motion, or reference."""
+    """What it was measured by: sound, flash, gopro (GPS), timecode, motion, or reference."""
     reason: str = ""
 
     def leader_from_local(self, local_ns: int) -> int:

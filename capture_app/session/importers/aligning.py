@@ -8,6 +8,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.alignment.chain import chain_cameras
 from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_clock_line
 from capture_app.session.alignment.flash import match_flashes
+from capture_app.session.alignment.gopro import GpsClock, match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.lights import Lights, read_lights
 from capture_app.session.alignment.sound import SOUND_M_PER_S, Sound, match_sounds, read_sound
 from capture_app.session.alignment.timecode import Timecode, read_timecode
@@ -23,14 +24,15 @@ class AlignBy(StrEnum):
     """What a recording without common times is aligned by."""
 
     AUTO = "auto"
-    """Each of the others in turn, the most exact first, until one tells all cameras' offsets."""
+    """Each of the others in turn, the most trustworthy first, until one tells all cameras' offsets."""
     NONE = "none"
     FLASH = "flash"
+    GOPRO = "gopro"
     SOUND = "sound"
     TIMECODE = "timecode"
 
 
-_OF_VIDEO_TIMES = (AlignBy.SOUND, AlignBy.FLASH)
+_OF_VIDEO_TIMES = (AlignBy.SOUND, AlignBy.FLASH, AlignBy.GOPRO)
 
 
 def align_recording(
@@ -62,6 +64,8 @@ def align_recording(
     makers: dict[AlignBy, Callable[[], Against]] = {
         AlignBy.SOUND: lambda: _by_sound(videos, distance_m),
         AlignBy.FLASH: lambda: _by_flash(videos),
+        # A GoPro's timecode is its own clock's, which is hardly ever set to the second.
+        AlignBy.GOPRO: lambda: _by_gopro(videos),
         AlignBy.TIMECODE: lambda: _by_timecode(videos, starts_s),
     }
     reasons: list[str] = []
@@ -127,6 +131,20 @@ def _by_flash(videos: Sequence[Video]) -> Against:
         if reference is None or camera is None:
             return CameraTimes(reason=f"{first if reference is None else second} cannot be decoded")
         return match_flashes(reference, camera, AlignBy.FLASH)
+
+    return against
+
+
+def _by_gopro(videos: Sequence[Video]) -> Against:
+    clocks: dict[str, GpsClock | str] = {video.name: read_gps_clock(video.path) for video in videos}
+
+    def against(first: str, second: str) -> CameraTimes:
+        reference, camera = clocks[first], clocks[second]
+        if isinstance(reference, str):
+            return CameraTimes(reason=f"{first}: {reference}")
+        if isinstance(camera, str):
+            return CameraTimes(reason=camera)
+        return match_gps_clocks(reference, camera, AlignBy.GOPRO)
 
     return against
 

@@ -64,8 +64,10 @@ class Phone:
         """The true time of one of its own."""
         return self.start_s + np.asarray(own_s) / (1 + self.ppm * 1e-6)
 
-    def record(self, take: Take, path: Path, seconds: float, *, sound: bool = True) -> Path:
-        """Write its video of so many seconds (of its own), with sound."""
+    def record(
+        self, take: Take, path: Path, seconds: float, *, sound: bool = True, metadata: Sequence[bytes] = ()
+    ) -> Path:
+        """Write its video of so many seconds (of its own), with sound; `metadata`: payloads, one a second."""
         rng = np.random.default_rng(self.seed)
         count = int(seconds * self.fps)
         at_s = np.arange(count) / self.fps + rng.uniform(0, self.jitter_s, count) if self.jitter_s else (
@@ -81,11 +83,19 @@ class Phone:
             if self.timecode:
                 video.metadata["timecode"] = self.timecode
             track = container.add_stream("aac", rate=SOUND_HZ, layout="mono") if sound else None
+            # What ffmpeg calls binary data is a track of type gpmd in an MP4.
+            data = container.add_data_stream("bin_data") if metadata else None
             for own_s in at_s:
                 frame = av.VideoFrame.from_ndarray(self._picture(take, own_s, rng), format="gray")
                 frame.pts, frame.time_base = round(own_s * US), video.time_base
                 container.mux(video.encode(frame.reformat(format="yuv420p")))
             container.mux(video.encode(None))
+            for number, payload in enumerate(metadata):
+                packet = av.Packet(payload)
+                packet.stream, packet.time_base = data, Fraction(1, 1000)
+                packet.pts = packet.dts = number * 1000
+                packet.duration = 1000
+                container.mux(packet)
             if track is not None:
                 # Its microphone samples by its own clock.
                 own = np.arange(int(seconds * SOUND_HZ)) / SOUND_HZ

@@ -1,0 +1,168 @@
+"""The time of day that a GoPro's GPS receiver told while it recorded: its `gpmd` track (GPMF).
+
+The time of a fix is that of the satellites, but the camera notes when it arrived, not when it was taken, and
+nothing published says how late that is. What is known:
+
+- GPS5 has one UTC a payload (about a second), and nothing says which of its fixes is meant. Videos laid over
+  each other by it were "always off by up to a second" (gpmf-parser issue 89); in issues 146 and 162 it jumps
+  by 2.2 s between payloads, stands still, or is no time at all.
+- GPS9 (HERO11 on) has a UTC in ms for each fix, ten a second. GoPro says of clocks set by GPS that they are
+  "typically within a frame or two", in limited testing (GoPro Labs, GPS time synchronization).
+- STMP is when the first sample of a payload arrived; of pictures, when the frame began (issue 189).
+"""
+
+import importlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.session.alignment.chain import compose
+from capture_app.session.alignment.clock_line import Moments, fit_clock_line
+from capture_app.session.alignment.gpmf import GpsStream, Payload, parse_payload
+from capture_app.session.format.common_times import CameraTimes
+
+Array = NDArray[np.float64]
+
+WORST_DILUTION = 5.0
+"""Of precision; better is good, says the format's README."""
+FEWEST = 3
+"""Fixes that a camera's time can rest on."""
+PAYLOAD_BYTES = 4_000_000
+"""At most; a second of all that a GoPro measures is some 100 kB."""
+PAYLOADS = 100_000
+JUMP_S = 0.5
+"""Fixes whose lateness spreads wider than this were not recorded at the video's pace: a time lapse."""
+STAMP_REACH_S = 2.0
+"""How far from its payload the first fix of it may have arrived."""
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """How far the UTC of one kind of GPS stream is to be trusted, s.
+
+    `late_s` (95 %): how much later than the fix it may have been noted, the same for the whole recording: two
+    receivers together are as far apart as was published of GPS5 (1 s), and two periods of GPS9 (0.2 s).
+    `wander_s` (sd): how much that may change from the beginning of a recording to its end.
+    """
+
+    late_s: float
+    wander_s: float
+
+
+RECEIVERS = {
+    "GPS9": Receiver(late_s=0.2 / math.sqrt(2), wander_s=0.05),
+    "GPS5": Receiver(late_s=1.0 / math.sqrt(2), wander_s=0.25),
+}
+"""The better first."""
+
+
+@dataclass(frozen=True, eq=False)
+class GpsClock:
+    """Fixes (n,) of one recording: the video's time and UTC (since 2000) of each, s, by one kind of stream.
+
+    `end_s`: when the recording ended, by the video's time; it began at 0.
+    """
+
+    key: str
+    video_s: Array
+    utc_s: Array
+    end_s: float
+
+    @property
+    def began_utc_s(self) -> float:
+        """When the recording began, to its error."""
+        return float(np.median(self.utc_s - self.video_s))
+
+
+def read_gps_clock(path: Path) -> GpsClock | str:
+    """What a video's GPS says of UTC; else why it says nothing."""
+    try:
+        av: Any = importlib.import_module("av")
+    except ImportError:
+        return "PyAV is not installed"
+    timed: list[tuple[float, float, Payload]] = []
+    try:
+        with av.open(str(path)) as container:
+            for track in container.streams.data:
+                for packet in container.demux(track):
+                    if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES or len(timed) >= PAYLOADS:
+                        continue
+                    payload = parse_payload(bytes(packet), worst_dilution=WORST_DILUTION)
+                    if payload.streams:
+                        begin_s, long_s = (
+                            float(n * packet.time_base) for n in (packet.pts, packet.duration or 0)
+                        )
+                        timed.append((begin_s, long_s, payload))
+    except (av.FFmpegError, OSError, ValueError):
+        return "its metadata cannot be read"
+    if not timed:
+        return "no GPS metadata of a GoPro"
+    reasons = []
+    for key in RECEIVERS:
+        clock = _clock(key, timed)
+        if not isinstance(clock, str):
+            return clock
+        reasons.append(clock)
+    return next((why for why in reasons if why), "no GPS metadata of a GoPro")
+
+
+def match_gps_clocks(reference: GpsClock, camera: GpsClock, source: str) -> CameraTimes:
+    """The camera's times against the reference's, each by UTC; without an offset, why there is none."""
+    later_s = camera.began_utc_s - reference.began_utc_s
+    apart_s = max(later_s - reference.end_s, -later_s - camera.end_s)
+    if apart_s > RECEIVERS[reference.key].late_s + RECEIVERS[camera.key].late_s:
+        return CameraTimes(reason=f"by their GPS, {apart_s:.1f} s lie between them")
+    zero_s = math.floor(reference.utc_s[0])
+    back = _line(reference, zero_s, source, of_utc=True)
+    return compose(back, _line(camera, zero_s, source, of_utc=False))
+
+
+def _line(clock: GpsClock, zero_s: float, source: str, *, of_utc: bool) -> CameraTimes:
+    """A camera's times against UTC since `zero_s`; or UTC's against the camera's."""
+    receiver = RECEIVERS[clock.key]
+    utc_s = clock.utc_s - zero_s
+    # What wanders slowly is no less for many fixes; so wide, evenly spread ones tell no better rate.
+    sd_s = np.full(len(utc_s), receiver.wander_s * math.sqrt(len(utc_s) / 12))
+    pair = (utc_s, clock.video_s) if of_utc else (clock.video_s, utc_s)
+    return fit_clock_line(Moments(*pair, sd_s), source, systematic_s=receiver.late_s)
+
+
+def _clock(key: str, timed: list[tuple[float, float, Payload]]) -> GpsClock | str:
+    """The good fixes of one kind, less those that others contradict; else why there are too few."""
+    fixes: list[tuple[float, float]] = []
+    seen, before_s = False, -math.inf
+    for begin_s, long_s, payload in timed:
+        for stream in payload.streams:
+            if stream.key != key:
+                continue
+            seen = True
+            first_s = begin_s + _arrival_s(stream, payload.frame_stamp_us)
+            for number, utc_s in stream.utc_s.items():
+                # A receiver that has nothing new says the last time again.
+                if utc_s != before_s:
+                    fixes.append((first_s + long_s * number / stream.count, utc_s))
+                before_s = utc_s
+    if not seen:
+        return ""
+    if len(fixes) < FEWEST:
+        return f"its GPS has {len(fixes)} good 3D fixes"
+    video_s, utc_s = np.array(sorted(fixes)).T
+    late_s = utc_s - video_s
+    off_s = np.abs(late_s - np.median(late_s))
+    spread_s = 1.4826 * float(np.median(off_s))
+    near = off_s <= max(5 * spread_s, 0.02)
+    if spread_s > JUMP_S or near.sum() < FEWEST:
+        return "its GPS time does not go with the video's (a time lapse?)"
+    return GpsClock(key, video_s[near], utc_s[near], max(begin_s + long_s for begin_s, long_s, _ in timed))
+
+
+def _arrival_s(stream: GpsStream, frame_stamp_us: int | None) -> float:
+    """How long after its payload's first frame the first fix arrived; 0 where the camera does not say."""
+    if stream.stamp_us is None or frame_stamp_us is None:
+        return 0.0
+    after_s = (stream.stamp_us - frame_stamp_us) * 1e-6
+    return after_s if abs(after_s) < STAMP_REACH_S else 0.0

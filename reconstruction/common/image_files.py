@@ -28,7 +28,7 @@ REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: c
 def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | None = None) -> Array:
     """A picture's colours, uint8 height x width x 3, BGR; `size` (width, height): made smaller to this.
 
-    `data` are the bytes of a JPEG that is within the file, a frame of a video.
+    `data` are its bytes, where they have been read already, or are a part of the file.
 
     Raises:
         BadInputError: it is not an image, of a format that is not supported, or too large to decode.
@@ -39,7 +39,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
         least = min(max(found) / max(size), min(found) / min(size))
         reduction = max([1, *(factor for factor in REDUCTIONS if factor <= least)])
     # Only JPEG is decoded at a smaller size; other formats are decoded whole.
-    is_jpeg = data is not None or path.suffix.lower() in (".jpg", ".jpeg")
+    is_jpeg = path.suffix.lower() in (".jpg", ".jpeg", ".mjpeg")
     decoded = 3 * found[0] * found[1] / (reduction**2 if is_jpeg else 1)
     if decoded > DECODED_SHARE * memory_budget().limit_bytes:
         raise BadInputError(

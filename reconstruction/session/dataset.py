@@ -278,8 +278,11 @@ class Dataset:
     def _read_image(self, camera: str, instant: int) -> Array:
         record = self._records[camera, instant]
         path = self.session.image_file(record)
-        data = self.session.image_bytes(record) if isinstance(record, FrameRecord) else None
-        picture_checks().check(path, record.sha256, data)
+        try:
+            data = self.session.image_bytes(record)
+        except OSError as error:
+            raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
+        picture_checks().check(path, data, record.sha256)
         width, height = self.size_on_disk(camera)
         found = image_size(path, data)
         if sorted(found) == sorted((width, height)):

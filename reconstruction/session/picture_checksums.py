@@ -38,13 +38,13 @@ class PictureChecks:
             f"{_VERIFY}; --require-checksums refuses such pictures",
         )
 
-    def check(self, path: Path, sha256: str, data: bytes | None = None) -> None:
-        """Hold a file, or `data` of it, against its checksum.
+    def check(self, path: Path, data: bytes, sha256: str) -> None:
+        """Hold the bytes of a picture in a file against its checksum.
 
         Raises:
             IncompleteError: they differ, and checksums are required.
         """
-        if hashlib.sha256(path.read_bytes() if data is None else data).hexdigest() == sha256:
+        if hashlib.sha256(data).hexdigest() == sha256:
             return
         if self.required:
             raise IncompleteError(f"{path} is damaged: its checksum is not the session's", hint=_VERIFY)

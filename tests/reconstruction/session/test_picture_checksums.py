@@ -6,7 +6,9 @@ from pathlib import Path
 import cv2
 import pytest
 
+from capture_app.errors import BadInputError
 from capture_app.session.reading.reader import Session
+from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct
 
 
@@ -48,3 +50,11 @@ def test_pictures_as_they_were_saved_are_not_mentioned(
     done = reconstruct("stereo", boards.folder, "--pair", "left,right", "--out", tmp_path / "out", "--json")
     assert done.result["changed_pictures"] == []
     assert "saved" not in done.err
+
+
+def test_a_picture_that_is_gone_by_then_is_named(changed: tuple[Path, Path]) -> None:
+    folder, picture = changed
+    dataset = Dataset.open(folder)
+    picture.unlink()
+    with pytest.raises(BadInputError, match=f"cannot read {picture}"):
+        dataset.image("left", 0)

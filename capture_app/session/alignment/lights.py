@@ -4,14 +4,14 @@ A rolling shutter shows a flash on the rows that were exposing just then: where 
 far finer than a frame.
 """
 
-import importlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from capture_app.session.alignment.container import read_container
 
 Array = NDArray[np.float64]
 
@@ -135,30 +135,24 @@ class Lights:
 
 def read_lights(path: Path) -> Lights | None:
     """The brightness of a video's frames, as the sensor read them; None without any, or PyAV."""
-    found = list(_frames(path))
+    found: list[tuple[float, Array]] = []
+    read_container(path, lambda _, container: _read(container, found))
     if not found:
         return None
     found.sort(key=lambda one: one[0])
     return Lights(np.array([at for at, _ in found]), np.stack([bands for _, bands in found]))
 
 
-def _frames(path: Path) -> Iterator[tuple[float, Array]]:
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
+def _read(container: Any, into: list[tuple[float, Array]]) -> None:
+    """Add each frame's own time and bands: those before a fault of the video are kept."""
+    if not container.streams.video:
         return
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.video:
-                return
-            stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
-            for frame in container.decode(stream):
-                if frame.pts is None:
-                    continue
-                height = min(BANDS, frame.height)
-                small = frame.reformat(COLUMNS, height, format="gray", interpolation="AREA")
-                grey = small.to_ndarray().astype(np.float64)
-                yield float(frame.pts * frame.time_base), grey.mean(1)
-    except av.FFmpegError:
-        return
+    stream = container.streams.video[0]
+    stream.thread_type = "AUTO"
+    for frame in container.decode(stream):
+        if frame.pts is None:
+            continue
+        height = min(BANDS, frame.height)
+        small = frame.reformat(COLUMNS, height, format="gray", interpolation="AREA")
+        grey = small.to_ndarray().astype(np.float64)
+        into.append((float(frame.pts * frame.time_base), grey.mean(1)))

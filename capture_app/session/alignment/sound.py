@@ -4,7 +4,6 @@ First roughly, by where each becomes louder (which a clap and speech do), over t
 waveforms in short windows (generalized cross-correlation with phase transform, Knapp and Carter 1976).
 """
 
-import importlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.session.alignment.clock_line import Moments
+from capture_app.session.alignment.container import read_container
 
 RATE_HZ = 16_000
 BIN_S = 0.004
@@ -42,32 +42,28 @@ class Sound:
 
 def read_sound(path: Path) -> Sound | None:
     """The sound of a video; None where it has none, or PyAV is not installed."""
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
+    return read_container(path, _read)
+
+
+def _read(av: Any, container: Any) -> Sound | None:
+    if not container.streams.audio:
         return None
     parts: list[Samples] = []
     start_s, length = 0.0, 0
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.audio:
-                return None
-            resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
-            for frame in container.decode(container.streams.audio[0]):
-                at_s = start_s + length / RATE_HZ if frame.pts is None else float(frame.pts * frame.time_base)
-                if not parts:
-                    start_s = at_s
-                # A gap in the track stays one.
-                gap = round((at_s - start_s) * RATE_HZ) - length
-                if gap > 0.02 * RATE_HZ:
-                    parts.append(np.zeros(gap, np.float32))
-                    length += gap
-                for made in resampler.resample(frame):
-                    parts.append(made.to_ndarray().ravel().astype(np.float32))
-                    length += len(parts[-1])
-            parts += [made.to_ndarray().ravel().astype(np.float32) for made in resampler.resample(None)]
-    except av.FFmpegError:
-        return None
+    resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
+    for frame in container.decode(container.streams.audio[0]):
+        at_s = start_s + length / RATE_HZ if frame.pts is None else float(frame.pts * frame.time_base)
+        if not parts:
+            start_s = at_s
+        # A gap in the track stays one.
+        gap = round((at_s - start_s) * RATE_HZ) - length
+        if gap > 0.02 * RATE_HZ:
+            parts.append(np.zeros(gap, np.float32))
+            length += gap
+        for made in resampler.resample(frame):
+            parts.append(made.to_ndarray().ravel().astype(np.float32))
+            length += len(parts[-1])
+    parts += [made.to_ndarray().ravel().astype(np.float32) for made in resampler.resample(None)]
     samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
     return Sound(samples, start_s) if np.any(samples) else None
 

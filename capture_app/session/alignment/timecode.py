@@ -1,11 +1,12 @@
 """The timecode that a camera wrote into its video: which frame of the day is its first (SMPTE ST 12-1)."""
 
-import importlib
 import re
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
+
+from capture_app.session.alignment.container import read_container
 
 _TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
 DAY_S = 86_400
@@ -36,22 +37,18 @@ class Timecode:
 
 def read_timecode(path: Path) -> Timecode | None:
     """The timecode of a video; None where it has none, or PyAV is not installed."""
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
+    return read_container(path, _read)
+
+
+def _read(_: Any, container: Any) -> Timecode | None:
+    if not container.streams.video:
         return None
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.video:
-                return None
-            video = container.streams.video[0]
-            places = (*(stream.metadata for stream in container.streams), container.metadata)
-            text = next((place["timecode"] for place in places if "timecode" in place), "")
-            rate = video.guessed_rate or video.average_rate
-            first = next((packet.pts for packet in container.demux(video) if packet.pts is not None), 0)
-            first_s = float(first * video.time_base)
-    except av.FFmpegError:
-        return None
+    video = container.streams.video[0]
+    places = (*(stream.metadata for stream in container.streams), container.metadata)
+    text = next((place["timecode"] for place in places if "timecode" in place), "")
+    rate = video.guessed_rate or video.average_rate
+    first = next((packet.pts for packet in container.demux(video) if packet.pts is not None), 0)
+    first_s = float(first * video.time_base)
     return None if not rate else parse_timecode(text, Fraction(rate), first_s)
 
 

@@ -5,13 +5,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
-from msgspec.structs import asdict
 
-from capture_app.commands.operator.take import judge_if_here, take_burst
+from capture_app.commands.operator.take import ready_options, require_whole, show_take, take_burst
 from capture_app.commands.options import leader_option
-from capture_app.errors import IncompleteError, SimulshotError
+from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
+from capture_app.terminal import FiniteRange, json_option, print_json, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -89,20 +88,7 @@ MOST_FRAMES = 100_000
 @click.option(
     "--cancel", type=click.IntRange(1), metavar="BURST", help="Cancel the burst of this number instead."
 )
-@click.option(
-    "--wait-s",
-    type=FiniteRange(0.0, 3600.0),
-    default=0.0,
-    metavar="S",
-    help="Wait up to this long until all nodes are ready.",
-)
-@click.option(
-    "--min-nodes",
-    type=click.IntRange(1),
-    metavar="N",
-    default=1,
-    help="With --wait-s: wait until at least this many nodes are ready.",
-)
+@ready_options
 @json_option
 def burst(
     leader: Address,
@@ -152,12 +138,7 @@ def burst(
     results: list[dict[str, Any]] = []
 
     def show(done: "BurstStatus") -> None:
-        verdict = judge_if_here(done)
-        results.append({**asdict(done), "verdict": verdict})
-        if not as_json and done.session is not None:
-            print_line(done.session)
-            if verdict is not None:
-                talk(f"{verdict.headline}; spread {verdict.spread}")
+        results.append(show_take(done, as_json))
 
     try:
         bursts = asyncio.run(_take_bursts(leader, request, repeat, every_s, show))
@@ -165,8 +146,7 @@ def burst(
         if as_json and results:
             print_json(results[0] if repeat == 1 else {"bursts": results})
     for done in bursts:
-        if done.session is None or done.received < done.expected:
-            raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
+        require_whole("burst", done)
 
 
 def _cancel(leader: Address, number: int, as_json: bool) -> None:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from msgspec.structs import asdict
 
-from capture_app.commands.operator.take import judge_if_here, take_burst
+from capture_app.commands.operator.take import ready_options, require_whole, show_take, take_burst
 from capture_app.commands.options import leader_option
-from capture_app.errors import IncompleteError
 from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
+from capture_app.terminal import FiniteRange, json_option, print_json, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -56,20 +55,7 @@ MOST_S = 31 * 86_400.0
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
 @click.option("--detach", is_flag=True, help="Return as soon as it has begun.")
 @click.option("--stop", is_flag=True, help="End the newest recording, or long burst, instead.")
-@click.option(
-    "--wait-s",
-    type=FiniteRange(0.0, 3600.0),
-    default=0.0,
-    metavar="S",
-    help="Wait up to this long until all nodes are ready.",
-)
-@click.option(
-    "--min-nodes",
-    type=click.IntRange(1),
-    metavar="N",
-    default=1,
-    help="With --wait-s: wait until at least this many nodes are ready.",
-)
+@ready_options
 @json_option
 def record(
     leader: Address,
@@ -107,17 +93,15 @@ def record(
         video=True,
     )
     done = asyncio.run(_Recording(leader, detach).take(request))
-    verdict = None if not done.done else judge_if_here(done)
-    if as_json:
-        print_json({**asdict(done), "verdict": verdict})
-    elif not done.done:
+    if done.done:
+        shown = show_take(done, as_json)
+        if as_json:
+            print_json(shown)
+        require_whole("recording", done)
+    elif as_json:
+        print_json({**asdict(done), "verdict": None})
+    else:
         talk(f"recording {done.burst} goes on; end it with: capture-app record --stop")
-    elif done.session is not None:
-        print_line(done.session)
-        if verdict is not None:
-            talk(f"{verdict.headline}; spread {verdict.spread}")
-    if done.done and (done.session is None or done.received < done.expected):
-        raise IncompleteError(f"recording {done.burst} is incomplete: {done.message}")
 
 
 def _stop(leader: Address, as_json: bool) -> None:

@@ -1,23 +1,47 @@
-"""What `burst` and `record` share: they follow a take until it is saved, and judge it."""
+"""What `burst` and `record` share: they wait for the rig, follow a take until it is saved, and judge it."""
 
 import re
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from capture_app.errors import NetworkError, NoCameraHereError, SimulshotError
+import click
+from msgspec.structs import asdict
+
+from capture_app.errors import IncompleteError, NetworkError, NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.terminal import talk
+from capture_app.terminal import FiniteRange, print_line, talk
 
 if TYPE_CHECKING:
     from capture_app.node.wire.messages import BurstRequest
     from capture_app.node.wire.status import BurstStatus
     from capture_app.session.reading.verdict import Verdict
 
+F = TypeVar("F", bound=Callable[..., Any])
 SAID_EVERY_S = 1.0
 """How far a take is that goes on for long is said no more often."""
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
+
+_wait_option = click.option(
+    "--wait-s",
+    type=FiniteRange(0.0, 3600.0),
+    default=0.0,
+    metavar="S",
+    help="Wait up to this long until all nodes are ready.",
+)
+_nodes_option = click.option(
+    "--min-nodes",
+    type=click.IntRange(1),
+    metavar="N",
+    default=1,
+    help="With --wait-s: wait until at least this many nodes are ready.",
+)
+
+
+def ready_options(command: F) -> F:
+    """Give a command that takes something the options --wait-s and --min-nodes."""
+    return _wait_option(_nodes_option(command))
 
 
 async def take_burst(
@@ -49,7 +73,26 @@ async def take_burst(
     return last
 
 
-def judge_if_here(done: "BurstStatus") -> "Verdict | None":
+def show_take(done: "BurstStatus", as_json: bool) -> dict[str, Any]:
+    """Print the path of the session of a take that is over and how good it is, and return its JSON record.
+
+    With `as_json` nothing is printed: that is left to the caller, who may have several.
+    """
+    verdict = _judge_if_here(done)
+    if not as_json and done.session is not None:
+        print_line(done.session)
+        if verdict is not None:
+            talk(f"{verdict.headline}; spread {verdict.spread}")
+    return {**asdict(done), "verdict": verdict}
+
+
+def require_whole(kind: str, done: "BurstStatus") -> None:
+    """Raise IncompleteError where images of a take are missing, or there is no session."""
+    if done.session is None or done.received < done.expected:
+        raise IncompleteError(f"{kind} {done.burst} is incomplete: {done.message}")
+
+
+def _judge_if_here(done: "BurstStatus") -> "Verdict | None":
     """The verdict where the session is on this machine: a leader elsewhere saves it there."""
     from capture_app.session.reading.reader import Session
     from capture_app.session.reading.verdict import judge

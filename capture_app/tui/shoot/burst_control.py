@@ -1,5 +1,6 @@
 """What ends a take: the key that takes a burst back, ahead or being saved, and the end of a recording."""
 
+from collections.abc import Awaitable
 from typing import ClassVar
 
 from textual import work
@@ -46,7 +47,7 @@ class BurstControl(ModeView):
 
         def cancel(answer: str | None) -> None:
             if answer is not None:
-                self._cancel(int(answer))
+                self._order(self._rig.cancel_burst(int(answer)))
 
         text = "What has come of it already is saved."
         self.app.push_screen(Question(text, [*answers, CANCEL], title="Cancel a burst"), cancel)
@@ -56,20 +57,13 @@ class BurstControl(ModeView):
         newest = None if self._status is None else self._status.burst
         if newest is None or not newest.recording or newest.done:
             return False
-        self._end(newest.burst)
+        self._order(self._rig.end_burst(newest.burst))
         return True
 
     @work(group="orders")
-    async def _end(self, burst: int) -> None:
+    async def _order(self, order: Awaitable[None]) -> None:
         try:
-            await self._rig.end_burst(burst)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
-
-    @work(group="orders")
-    async def _cancel(self, burst: int) -> None:
-        try:
-            await self._rig.cancel_burst(burst)
+            await order
         except SimulshotError as error:
             self.post_message(Mishap(error))
 

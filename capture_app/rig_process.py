@@ -17,7 +17,7 @@ from msgspec import Struct
 from platformdirs import user_state_path
 
 from capture_app.errors import ExitCode, NetworkError, SimulshotError
-from capture_app.net.address import Address, parse_address
+from capture_app.net.address import LOOPBACK_HOSTS, Address, parse_address
 from capture_app.net.interfaces import own_hosts
 from capture_app.node.child import kind_of_exit
 from capture_app.node.operator.requests import ask_status, give_order
@@ -153,7 +153,7 @@ async def attach(
     """
     if leader is not None:
         own = (*own_hosts(socket.AF_INET), *own_hosts(socket.AF_INET6))
-        local = leader.host in ("localhost", "127.0.0.1", "::1", *own)
+        local = leader.host in (*LOOPBACK_HOSTS, *own)
         folder = sessions or Path("sessions")
         if local and sessions is None:
             with contextlib.suppress(SimulshotError):

@@ -22,6 +22,7 @@ from capture_app.commands.options import (
     sessions_option,
     spool_option,
 )
+from capture_app.net.address import LOOPBACK_HOSTS
 from capture_app.terminal import FiniteRange, json_option, log_line, print_json_line, talk
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import show_code
@@ -30,9 +31,6 @@ from capture_app.usage import examples
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import News
-
-
-OWN_MACHINE = ("localhost", "127.0.0.1", "::1")
 
 
 @click.command(
@@ -158,7 +156,7 @@ def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
     if node.is_open:
         talk("OPEN: whoever reaches this port may see, order and replace everything (--open)")
         return
-    if host in OWN_MACHINE:
+    if host in LOOPBACK_HOSTS:
         return
     shows = "Enter shows one here" if on_terminal else "capture-app trust invite shows one"
     talk(f"a machine that is not known here yet needs a code, once: {shows}")

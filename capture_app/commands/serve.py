@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import AddressType, attached_sessions_option, run_until_stopped
-from capture_app.net.address import Address
+from capture_app.net.address import LOOPBACK_HOSTS, Address
 from capture_app.terminal import json_option, print_json, print_line, talk
 from capture_app.usage import examples
 
@@ -45,7 +45,7 @@ def serve(host: str, port: int, leader: Address | None, sessions: Path | None, a
 
 
 async def _serve(rig: "AttachedRig", host: str, port: int, as_json: bool) -> None:
-    from capture_app.tui.web import LOOPBACK, PageServer, bind_page
+    from capture_app.tui.web import PageServer, bind_page
 
     with bind_page(host, port) as listening:
         server = PageServer(rig, listening)
@@ -53,6 +53,6 @@ async def _serve(rig: "AttachedRig", host: str, port: int, as_json: bool) -> Non
             print_json({"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)})
         else:
             print_line(server.public_url)
-        who = "whoever uses this machine" if host in LOOPBACK else "whoever reaches it from the network"
+        who = "whoever uses this machine" if host in LOOPBACK_HOSTS else "whoever reaches it from the network"
         talk(f"the page shows the rig {rig.leader}; {who} controls the rig; Ctrl-C ends the page")
         await server.run()

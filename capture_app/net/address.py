@@ -12,6 +12,8 @@ from capture_app.net.interfaces import own_hosts, source_address
 DEFAULT_PORT = 47010
 ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
 """The hosts that mean all interfaces."""
+LOOPBACK_HOSTS = ("localhost", "127.0.0.1", "::1")
+"""The hosts that only this machine reaches."""
 
 _BRACKETED = re.compile(r"\[(?P<host>[^\[\]]+)\](?::(?P<port>\d+))?")
 _PLAIN = re.compile(r"(?P<host>[^:\[\]\s]+)(?::(?P<port>\d+))?")

@@ -11,10 +11,8 @@ from aiohttp.typedefs import Handler
 from textual_serve.server import Server
 
 from capture_app.errors import NetworkError
-from capture_app.net.address import ANY_HOST, Address, reachable_host
+from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, Address, reachable_host
 from capture_app.rig_process import AttachedRig
-
-LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 def bind_page(host: str, port: int) -> socket.socket:
@@ -33,7 +31,9 @@ class PageServer(Server):
 
     def __init__(self, rig: AttachedRig, listening: socket.socket) -> None:
         host, port = listening.getsockname()[:2]
-        self._names = () if host not in LOOPBACK else tuple(str(Address(name, port)) for name in LOOPBACK)
+        self._names = (
+            () if host not in LOOPBACK_HOSTS else tuple(str(Address(name, port)) for name in LOOPBACK_HOSTS)
+        )
         """The hosts by which the page may be asked for; empty for any."""
         shown = reachable_host(host, listening.family) if host in ANY_HOST else host
         command = [sys.executable, "-m", "capture_app.cli", "--leader", str(rig.leader)]

@@ -78,4 +78,5 @@ class TimingStudy:
         ]
         apart_ms = float(np.median(apart or [0.0]))
         timing = judge_timing(cameras, fit, apart_ms, self._spacing_ms, self._moving(cameras))
-        return without_common_times(timing) if self.dataset.unsynchronized else timing
+        doubt = self.dataset.unsynchronized
+        return without_common_times(timing, doubt) if doubt else timing

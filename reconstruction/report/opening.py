@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.timing_words import late_or_early
@@ -64,7 +63,7 @@ def describe_exactness(result: CompareResult) -> Exactness:
     shown = apart or timing
     error, source, measured = wording.NOT_AVAILABLE, "neither recorded nor measured", ""
     if result.unsynchronized:
-        source = NOT_SYNCHRONIZED
+        source = result.unsynchronized.partition(":")[0]
     if shown is not None and shown.late_ms is not None and shown.uncertainty_ms is not None:
         error = measured = late_or_early(shown.late_ms, shown.uncertainty_ms)
         source = f"{shown.other} against {shown.reference}, by what moves"

@@ -5,7 +5,6 @@ from collections.abc import Iterable
 import msgspec
 from msgspec import Struct
 
-from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.scores.results import DepthScores
 from reconstruction.time_offsets.offset_fit import MIN_INSTANTS, OffsetFit
 
@@ -126,14 +125,14 @@ def judge_timing(
     )
 
 
-def without_common_times(timing: Timing) -> Timing:
-    """The judgement where the recording's offsets are unknown: its pictures are not called synchronized.
+def without_common_times(timing: Timing, doubt: str) -> Timing:
+    """The judgement of a recording whose times are in `doubt`: its pictures are not called synchronized.
 
     That they agree by what moves near their own times does not say that no other offset fits as well.
     """
     if not timing.synchronized:
         return timing
-    reason = f"the recording is {NOT_SYNCHRONIZED}, and reconstruct time --apply has not aligned it"
+    reason = f"the recording is {doubt.partition(':')[0]}, and reconstruct time --apply has not aligned it"
     return msgspec.structs.replace(timing, synchronized=False, reason=reason)
 
 

@@ -209,9 +209,9 @@ class Dataset:
 
     @property
     def unsynchronized(self) -> str:
-        """What is known of the times of cameras whose offsets are unknown, in words; empty of others."""
+        """What is known of times that do not say which pictures are of one instant, in words; else empty."""
         times = self.session.manifest.burst.common_times
-        return times.words if times is not None and times.unknown and not self._shifted else ""
+        return "" if times is None or self._shifted else times.doubt(self.period_ns)
 
     def worst_residual_us(self) -> float | None:
         """Largest distance of an image from its instant by the session's record, us.

@@ -25,9 +25,9 @@ def test_zero_within_a_small_error_is_synchronized() -> None:
 
 
 def test_without_common_times_nothing_is_called_synchronized() -> None:
-    found = without_common_times(judged(0.4, 0.3))
+    found = without_common_times(judged(0.4, 0.3), f"{NOT_SYNCHRONIZED}: each counts from its own beginning")
     assert not found.synchronized
-    assert NOT_SYNCHRONIZED in found.reason
+    assert f"{NOT_SYNCHRONIZED}, and" in found.reason
     assert "cannot be told" in timing_sentences(found)
 
 

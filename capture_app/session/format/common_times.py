@@ -12,6 +12,9 @@ from capture_app.names import Name
 NOT_SYNCHRONIZED = "not synchronized, offsets unknown"
 """What is said of a recording without common times, everywhere."""
 
+ROUGH_FRAMES = 1.5
+"""An alignment whose 95 % error is more frames than this does not say which pictures belong together."""
+
 REFERENCE = "reference"
 """The source of the camera whose times all others are brought to."""
 
@@ -84,3 +87,12 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
             TimesState.ALIGNED: "aligned after recording",
         }[self.state]
         return f"{words}: {self.reason}" if self.reason else words
+
+    def doubt(self, period_ns: int) -> str:
+        """Why pictures are not called synchronized: offsets unknown, or to some frames only; else empty."""
+        if self.unknown:
+            return self.words
+        worst_ns = max((of.uncertainty_ns or 0 for of in self.cameras.values()), default=0)
+        if worst_ns <= ROUGH_FRAMES * period_ns:
+            return ""
+        return f"not synchronized, offsets known to ± {worst_ns / 1e6:.0f} ms only: {self.reason}"

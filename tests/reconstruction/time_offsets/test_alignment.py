@@ -6,7 +6,8 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.session.format.common_times import NOT_SYNCHRONIZED, TimesState
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes, TimesState
+from capture_app.session.importers.realigning import realign_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
@@ -41,7 +42,7 @@ def test_motion_aligns_a_recording(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cameras = {"left": LEFT, "right": NTSC}
-    session = write_cut_apart(tmp_path, scene, cameras, 2.0)
+    session = write_cut_apart(tmp_path, scene, cameras, 1.6)
     before = {(image.camera, image.local_ns): image.sha256 for image in session.manifest.images}
     assert judge(session.manifest).headline.startswith(NOT_SYNCHRONIZED)
     result = reconstruct("time", session.folder, "--apply", "--json").result
@@ -66,6 +67,26 @@ def test_motion_aligns_three_cameras_of_different_rates(
     session = write_cut_apart(tmp_path, scene, cameras, 4.0)
     assert reconstruct("time", session.folder, "--apply").code == 0
     check(Session.open(session.folder), cameras)
+
+
+@pytest.mark.slow
+def test_motion_makes_a_rough_alignment_exact(scene: Scene, tmp_path: Path, reconstruct: Reconstruct) -> None:
+    """As GPS gives it; neither `compare` nor `time` takes it for synchronized."""
+    cameras = {"left": LEFT, "right": NTSC}
+    session = write_cut_apart(tmp_path, scene, cameras, 2.0)
+    rough = CameraTimes(
+        offset_ns=540_000_000,
+        uncertainty_ns=240_000_000,
+        rate_uncertainty_ppm=140.0,
+        epoch_local_ns=1_000_000_000,
+        source="gopro",
+    )
+    reference = CameraTimes(offset_ns=0, uncertainty_ns=0, rate_uncertainty_ppm=0.0, source="reference")
+    session = realign_session(session, {"left": reference, "right": rough}, "gopro")
+    assert "± 240 ms only" in Dataset.open(session.folder).unsynchronized
+    assert reconstruct("time", session.folder, "--apply").code == 0
+    check(Session.open(session.folder), cameras)
+    assert not Dataset.open(session.folder).unsynchronized
 
 
 def test_where_nothing_moves_nothing_is_aligned(

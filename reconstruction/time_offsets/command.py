@@ -7,7 +7,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from capture_app.errors import BadInputError, NotApplicableError
-from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importers.realigning import realign_session
 from capture_app.terminal import Progress
 from reconstruction.calibration.adoption import adopt_kept_calibration
@@ -75,26 +75,20 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
         rig.calibrate()
         if alone:
             aligned = MotionAlignment(rig, progress).measure()
+            cameras = {name: _aligned_time(one) for name, one in aligned.items()}
         else:
             found = measure_rig_offsets(rig, reference, progress)
+            cameras = {name: _camera_time(one) for name, one in found.items()}
     progress.last("offsets")
-    if alone:
-        if apply:
-            realign_session(dataset.session, aligned, SOURCE)
-        return TimeResult(
-            session=str(session),
-            reference=dataset.cameras[0],
-            cameras={name: _aligned_time(one) for name, one in aligned.items()},
-            calibration=rig.source,
-            seconds=time.monotonic() - began,
-            applied=apply,
-        )
+    if apply:
+        realign_session(dataset.session, aligned, SOURCE)
     return TimeResult(
         session=str(session),
-        reference=next(name for name, one in found.items() if one.sd_ms == 0),
-        cameras={name: _camera_time(one) for name, one in found.items()},
+        reference=next(name for name, one in cameras.items() if one.source == REFERENCE),
+        cameras=cameras,
         calibration=rig.source,
         seconds=time.monotonic() - began,
+        applied=apply,
     )
 
 
@@ -102,7 +96,7 @@ def _camera_time(found: CameraOffset) -> CameraTime:
     if found.offset_ms is None or found.sd_ms is None:
         return CameraTime(reason=found.reason)
     if found.sd_ms == 0:
-        return CameraTime(offset_ms=0.0, sd_ms=0.0, source="reference")
+        return CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)
     source = f"what moves, against {', '.join(found.pairs)}"
     return CameraTime(offset_ms=round(found.offset_ms, 3), sd_ms=round(found.sd_ms, 3), source=source)
 

@@ -7,6 +7,7 @@ from capture_app.session.format.manifest import (
     BurstRecord,
     CameraRecord,
     ImageRecord,
+    Manifest,
     MissingImage,
     SyncRecord,
 )
@@ -48,6 +49,12 @@ def sync_record(
         substituted=substituted,
         late=late,
     )
+
+
+def computed_sync(manifest: Manifest) -> SyncRecord:
+    """The sync record of a manifest's images, whatever their order and whatever record it keeps."""
+    images = sorted(manifest.images, key=lambda image: image.instant)
+    return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
 
 
 class _Worst:

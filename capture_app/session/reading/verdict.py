@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.format.manifest import Manifest, SyncRecord
-from capture_app.session.reading.synchronization import sync_record
+from capture_app.session.reading.synchronization import computed_sync
 from capture_app.text import count, duration
 
 PX_PER_S = 1000.0
@@ -105,8 +105,7 @@ def find_sync_record(manifest: Manifest) -> SyncRecord:
     sync = manifest.sync
     if sync is not None and len(sync.spread_ns) == len(manifest.burst.instants_ns):
         return sync
-    images = sorted(manifest.images, key=lambda image: image.instant)
-    return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
+    return computed_sync(manifest)
 
 
 def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:

@@ -28,7 +28,7 @@ from capture_app.session.format.video_frames import frames_path
 from capture_app.session.reading.checksums import changed_files
 from capture_app.session.reading.decoding import image_size, told_size
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.synchronization import sync_record
+from capture_app.session.reading.synchronization import computed_sync
 
 _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 20e-6
@@ -114,8 +114,7 @@ def _sync(session: Session) -> Iterator[Problem]:
     manifest = session.manifest
     if manifest.sync is None:
         return
-    images = sorted(manifest.images, key=lambda image: image.instant)
-    computed = sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
+    computed = computed_sync(manifest)
     for name in manifest.sync.__struct_fields__:
         stored, expected = getattr(manifest.sync, name), getattr(computed, name)
         if stored != expected:

@@ -110,8 +110,8 @@ class KeyRequester:
             self._after_key()
         except UnknownMachineError as error:
             self._time.note_refusal(str(error))
-            with contextlib.suppress(NetworkError):
-                # Its pin may have been added there.
+            with contextlib.suppress(SimulshotError):
+                # Its pin may have been added there; a leader whose disk is full, say, cannot keep it yet.
                 await knock(Address(*leader), self._trust)
         except NetworkError:
             # Whether there is a way to a leader at all is looked into elsewhere.

@@ -137,3 +137,20 @@ async def test_a_camera_is_not_taken_for_a_relay(tmp_path: Path, leader: LeaderN
     async with relay:
         await until(lambda: any("not as relay" in line for line in said))
     assert here(leader) == []
+
+
+async def test_a_leader_that_cannot_keep_a_certificate_ends_no_node(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    """Its pin was added there, and its knock meets a disk that takes nothing."""
+    machine = Trust(tmp_path / "machine")
+    machine.known.add(trust.identity.pin, Role.LEADER)
+    trust.known.add(machine.identity.pin, Role.CAMERA)
+    lock = tmp_path / "leader" / "machines.lock"
+    lock.unlink()
+    lock.mkdir()
+    async with sealed_node(leader.own_address, machine) as node:
+        await until(lambda: "does not know this machine" in node.time.why_joining)
+        await asyncio.sleep(0.5)
+        lock.rmdir()
+        await until(lambda: node.time.is_member)

@@ -17,6 +17,7 @@ from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import GOOD_FOR_S, InvitationDesk
 from capture_app.trust.trust import ANYBODY, Peer, Trust
 
+OPEN_NEEDS_NO_CODE = "this rig is open to anybody and needs no code"
 SAID_AGAIN_S = 30.0
 """Strangers that knock are told of so often at most: they shall not fill a screen."""
 OF_CAMERAS = (
@@ -60,9 +61,7 @@ class PairingDesk:
     def invite(self, role: Role) -> pairing.Invited:
         """Make a code for one machine. Raises UnknownMachineError where machines need none."""
         if self._trust.is_open:
-            raise UnknownMachineError(
-                "this rig is open to anybody and needs no code", hint="it runs with --open"
-            )
+            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         invitation = self._invitations.invite(role)
         return pairing.Invited(code=invitation.code, good_for_s=GOOD_FOR_S)
 
@@ -94,6 +93,8 @@ class PairingDesk:
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
 
     async def _answer_word(self, channel: Channel[Any], message: pairing.PairingWord) -> None:
+        if self._trust.is_open:
+            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
         # Its arithmetic takes a while, and other nodes ask for the time meanwhile.
         share, attempt = await asyncio.to_thread(self._invitations.answer, pin, message.share, own_pin)

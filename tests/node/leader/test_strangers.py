@@ -30,6 +30,7 @@ from capture_app.node.wire.messages import (
     ToLeader,
 )
 from capture_app.node.wire.operating import ViewfinderOpened
+from capture_app.node.wire.pairing import Knock, PairingProof, PairingWord
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
@@ -231,3 +232,15 @@ def test_a_line_that_is_nested_too_deeply_is_a_damaged_one(tmp_path: Path) -> No
     with pytest.raises(BadInputError, match=REPORT):
         burst.read_report()
     spool.close()
+
+
+async def test_nobody_is_made_known_to_an_open_rig_and_is_told_so(tmp_path: Path) -> None:
+    async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as leader:
+        for message in (
+            PairingWord(certificate=b"x", name="x", share=b"x"),
+            PairingProof(proof=b"x"),
+            Knock(certificate=b"x"),
+        ):
+            async with await connect(leader.own_address, FromLeader) as channel:
+                await channel.send(message)
+                assert isinstance(await answer(channel), Refusal), message

@@ -80,7 +80,7 @@ test-slow: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow
 
 test-docs: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or not slow" tests/documentation
+	$(BIN)/pytest -m "slow or not slow" -n auto tests/documentation
 
 test-odd-inputs: $(VENV)/.installed-dev
 	$(BIN)/pytest -m "slow or not slow" -n auto tests/reconstruction/odd_inputs

@@ -36,9 +36,8 @@ SHORTER: dict[tuple[str, ...], tuple[str, ...]] = {
 """Options that a command gets where the line does not give them."""
 BOARD = "no sample shows a board: tests/end_to_end/test_newcomer.py renders one"
 NOT_RUN = {
-    frozenset(
-        {"calibrate", "charuco"}
-    ): "no sample shows a board: tests/end_to_end/test_newcomer.py renders one",
+    frozenset({"calibrate", "charuco"}): BOARD,
+    frozenset({"calibrate", "board"}): BOARD,
     frozenset({"multiview"}): "half a minute of all cores: tests/reconstruction/test_multiview.py",
     frozenset({"slurm"}): "needs a cluster: make test-slurm",
 }

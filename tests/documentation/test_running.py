@@ -1,5 +1,6 @@
 """The blocks of commands of every page, run as the shell scripts that they are, beside a simulated rig."""
 
+import asyncio
 import os
 import shutil
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -14,6 +16,7 @@ import pytest
 
 from tests.documentation import stand_in
 from tests.documentation.pages import PAGES, ROOT, blocks
+from tests.waiting import until
 
 pytestmark = pytest.mark.slow
 
@@ -52,6 +55,10 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict
     )  # fmt: skip
     assert rig.stdout is not None
     leader = msgspec.json.decode(rig.stdout.readline())["leader"]
+    # Until commands without --leader find it, too.
+    status = [programs / "capture-app", "status"]
+    find = partial(subprocess.run, status, env=environment, capture_output=True, check=False)
+    asyncio.run(until(lambda: find().returncode == 0))
     yield folder, {**environment, "DOCUMENTED_LEADER": leader}
     rig.send_signal(signal.SIGTERM)
     rig.communicate()

@@ -87,16 +87,19 @@ def read_gps_clock(path: Path) -> GpsClock | str:
     timed: list[tuple[float, float, Payload]] = []
     try:
         with av.open(str(path)) as container:
-            for track in container.streams.data:
-                for packet in container.demux(track):
-                    if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES or len(timed) >= PAYLOADS:
-                        continue
-                    payload = parse_payload(bytes(packet), worst_dilution=WORST_DILUTION)
-                    if payload.streams:
-                        begin_s, long_s = (
-                            float(n * packet.time_base) for n in (packet.pts, packet.duration or 0)
-                        )
-                        timed.append((begin_s, long_s, payload))
+            _skip_pictures(container.streams)
+            tracks = container.streams.data
+            for packet in container.demux(tracks) if tracks else ():
+                if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES:
+                    continue
+                payload = parse_payload(bytes(packet), worst_dilution=WORST_DILUTION)
+                if payload.streams:
+                    begin_s, long_s = (
+                        float(n * packet.time_base) for n in (packet.pts, packet.duration or 0)
+                    )
+                    timed.append((begin_s, long_s, payload))
+                if len(timed) == PAYLOADS:
+                    break
     except (av.FFmpegError, OSError, ValueError):
         return "its metadata cannot be read"
     if not timed:
@@ -108,6 +111,14 @@ def read_gps_clock(path: Path) -> GpsClock | str:
             return clock
         reasons.append(clock)
     return next((why for why in reasons if why), "no GPS metadata of a GoPro")
+
+
+def _skip_pictures(streams: Any) -> None:
+    """Read only what is data from the disk, where PyAV can."""
+    skip = getattr(importlib.import_module("av.stream"), "Discard", None)
+    if skip is not None:
+        for stream in streams:
+            stream.discard = skip.default if stream.type == "data" else skip.all
 
 
 def match_gps_clocks(reference: GpsClock, camera: GpsClock, source: str) -> CameraTimes:

@@ -141,7 +141,7 @@ def _by_gopro(videos: Sequence[Video]) -> Against:
     def against(first: str, second: str) -> CameraTimes:
         reference, camera = clocks[first], clocks[second]
         if isinstance(reference, str):
-            return CameraTimes(reason=f"{first}: {reference}")
+            return CameraTimes(reason=f"{first} tells no UTC: {reference}")
         if isinstance(camera, str):
             return CameraTimes(reason=camera)
         return match_gps_clocks(reference, camera, AlignBy.GOPRO)

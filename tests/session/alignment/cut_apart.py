@@ -83,19 +83,21 @@ class Phone:
             if self.timecode:
                 video.metadata["timecode"] = self.timecode
             track = container.add_stream("aac", rate=SOUND_HZ, layout="mono") if sound else None
-            # What ffmpeg calls binary data is a track of type gpmd in an MP4.
+            # What ffmpeg calls binary data is a track of type gpmd in an MP4. A GoPro has others before it.
+            other = container.add_data_stream("bin_data") if metadata else None
             data = container.add_data_stream("bin_data") if metadata else None
             for own_s in at_s:
                 frame = av.VideoFrame.from_ndarray(self._picture(take, own_s, rng), format="gray")
                 frame.pts, frame.time_base = round(own_s * US), video.time_base
                 container.mux(video.encode(frame.reformat(format="yuv420p")))
             container.mux(video.encode(None))
-            for number, payload in enumerate(metadata):
-                packet = av.Packet(payload)
-                packet.stream, packet.time_base = data, Fraction(1, 1000)
-                packet.pts = packet.dts = number * 1000
-                packet.duration = 1000
-                container.mux(packet)
+            for stream, payloads in ((other, [b"\0\0\0\1"]), (data, metadata)):
+                for number, payload in enumerate(payloads if stream is not None else ()):
+                    packet = av.Packet(payload)
+                    packet.stream, packet.time_base = stream, Fraction(1, 1000)
+                    packet.pts = packet.dts = number * 1000
+                    packet.duration = 1000
+                    container.mux(packet)
             if track is not None:
                 # Its microphone samples by its own clock.
                 own = np.arange(int(seconds * SOUND_HZ)) / SOUND_HZ

@@ -102,9 +102,11 @@ class TransferServer(Generic[M]):
         """Break off streams of machines that were removed, or may do something else from now on."""
         while True:
             await asyncio.sleep(KNOWN_EVERY_S)
-            for channel, shown in tuple(self._shown.items()):
-                if shown.pin and self._trust.peer_of(shown.pin).roles != shown.roles:
-                    channel.abort()
+            # Where the file of known machines is damaged just now, the next look tells.
+            with suppress(SimulshotError):
+                for channel, shown in tuple(self._shown.items()):
+                    if shown.pin and self._trust.peer_of(shown.pin).roles != shown.roles:
+                        channel.abort()
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:

@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from capture_app.errors import NetworkError
@@ -142,3 +143,10 @@ OF_NODES = (
     operating.DetailAnswer,
     pairing.SpeaksFor,
 )
+
+
+@pytest.mark.parametrize("field", ["seconds", "interval_s", "wait_ready_s"])
+def test_a_time_beyond_all_use_is_no_message(field: str) -> None:
+    told = msgspec.json.encode({"type": "burst-request", field: 1e308})
+    with pytest.raises(msgspec.ValidationError, match=field):
+        msgspec.json.decode(told, type=wire.BurstRequest)

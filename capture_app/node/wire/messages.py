@@ -18,6 +18,8 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
 from capture_app.trust.keys import Grant
 
+LONGEST_S = 31 * 86_400.0
+"""Of a recording, and of what is waited for."""
 JsonValue = int | float | str | bool | None
 
 
@@ -166,13 +168,13 @@ class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     frames: Annotated[int, Meta(gt=0)] | None = None
     """None: as many as `seconds` hold, or until it is ended."""
     spacing: Annotated[int, Meta(gt=0)] = 1
-    interval_s: Annotated[float, Meta(gt=0)] | None = None
+    interval_s: Annotated[float, Meta(gt=0, le=LONGEST_S)] | None = None
     """From one frame to the next; None: `spacing` tells."""
-    seconds: Annotated[float, Meta(gt=0)] | None = None
+    seconds: Annotated[float, Meta(gt=0, le=LONGEST_S)] | None = None
     video: bool = False
     """Take a recording, with a video for each camera."""
     at_leader_ns: int | None = None
-    wait_ready_s: Annotated[float, Meta(ge=0)] = 0.0
+    wait_ready_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] = 0.0
     nodes: Annotated[int, Meta(gt=0)] = 1
     """The fewest nodes that must be ready."""
     spare: Count | None = None

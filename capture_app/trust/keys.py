@@ -13,6 +13,8 @@ Address = tuple[str, int]
 
 MOST_KEYS = 20_000
 """Beyond, the key that was not used for the longest is forgotten."""
+MOST_OF_ONE = 2_000
+"""Of one machine. Beyond, the one that it was given first is forgotten: it takes no room of others."""
 
 
 class Grant(Struct, frozen=True, kw_only=True):
@@ -43,6 +45,8 @@ class ClientKeys:
         self._clients: dict[int, _Client] = {}
         """By the key's number, the one that was used last at the end."""
         self._at: dict[Address, _Client] = {}
+        self._given: dict[str, dict[int, None]] = {}
+        """By the pin of a machine, the numbers of its keys in the order in which they were given out."""
         self._make_group()
 
     def __len__(self) -> int:
@@ -53,6 +57,10 @@ class ClientKeys:
         key_id, key = self._new_id(), self._random_bytes(KEY_BYTES)
         seal = Seal(key_id, key, seals=Side.LEADER, opens=Side.CLIENT)
         self._clients[key_id] = _Client(speaker, seal)
+        given = self._given.setdefault(speaker.pin, {})
+        given[key_id] = None
+        if len(given) > MOST_OF_ONE:
+            self._forget(next(iter(given)))
         if len(self._clients) > self._most:
             self._forget(next(iter(self._clients)))
         return Grant(key_id=key_id, key=key, group_id=self._group.key_id, group_key=self._group_key)
@@ -61,6 +69,7 @@ class ClientKeys:
         """Take the keys of all but these machines back; those ask for new ones: all share one for beacons."""
         if any(client.speaker.pin not in pins for client in self._clients.values()):
             self._clients.clear()
+            self._given.clear()
             self._at.clear()
             self._make_group()
 
@@ -103,6 +112,10 @@ class ClientKeys:
 
     def _forget(self, key_id: int) -> None:
         client = self._clients.pop(key_id)
+        pin = client.speaker.pin
+        del self._given[pin][key_id]
+        if not self._given[pin]:
+            del self._given[pin]
         if client.address is not None and self._at.get(client.address) is client:
             del self._at[client.address]
 

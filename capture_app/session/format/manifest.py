@@ -1,5 +1,6 @@
 """The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image."""
 
+import inspect
 from typing import Annotated, Any
 
 import msgspec
@@ -218,10 +219,15 @@ def video_path(camera: str) -> str:
 
 def session_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a session's manifest."""
+    schema = msgspec.json.schema(Manifest)
+    for struct in schema["$defs"].values():
+        if "description" in struct:
+            # From Python 3.13 on docstrings come without their indentation, before that with it.
+            struct["description"] = inspect.cleandoc(struct["description"])
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "simulshot session manifest (session.json)",
-        **msgspec.json.schema(Manifest),
+        **schema,
     }
 
 

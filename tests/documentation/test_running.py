@@ -67,6 +67,8 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.stem}")
 def test_a_pages_blocks_run(page: Path, world: tuple[Path, dict[str, str]]) -> None:
     folder, environment = world
+    # What another page has done to its sessions is not this one's.
+    shutil.rmtree(folder / "sessions", ignore_errors=True)
     for block in blocks(page):
         if block.not_run:
             continue

@@ -1,0 +1,91 @@
+"""Python modules that belong to the system, such as Debian's libcamera and gi: found from any environment.
+
+They are bindings of the system's own libraries, so pip has none that fit. An environment without
+`--system-site-packages` does not see them, and one with it would see everything else of the system, too.
+"""
+
+import importlib
+import re
+import sys
+from collections.abc import Sequence
+from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec, PathFinder
+from importlib.util import find_spec, module_from_spec
+from pathlib import Path
+from typing import Any
+
+from capture_app.errors import NotAvailableError
+
+_VERSION = f"{sys.version_info.major}.{sys.version_info.minor}"
+FOLDERS = (
+    "/usr/lib/python3/dist-packages",
+    f"/usr/lib64/python{_VERSION}/site-packages",
+    f"/usr/lib/python{_VERSION}/site-packages",
+)
+"""Where distributions keep their own Python's modules: Debian for all of its versions, then others."""
+_BUILT_FOR = re.compile(r"\.cpython-(\d)(\d+)-")
+_SUFFIXES = frozenset(suffix.removeprefix(".") for suffix in EXTENSION_SUFFIXES)
+
+
+def load_system_module(
+    module: str, package: str, purpose: str, *, folders: Sequence[str | Path] = FOLDERS
+) -> Any:
+    """Import a top-level module of the system's Python, and nothing else of it.
+
+    `package` is Debian's that brings it, `purpose` what the error says it is for.
+
+    Raises:
+        NotAvailableError: it is not installed, is built for another version of Python, or does not load.
+    """
+    if module in sys.modules:
+        return sys.modules[module]
+    own = find_spec(module)
+    spec = own or _system_spec(module, folders)
+    if spec is None:
+        raise NotAvailableError(
+            f"{purpose} needs the system's Python module {module}, which is not installed",
+            hint=f"on Debian and Raspberry Pi OS: sudo apt install {package}",
+        )
+    versions = _other_versions(spec)
+    if versions:
+        raise NotAvailableError(
+            f"{purpose} needs the system's Python module {module}, which is there for Python"
+            f" {' and '.join(versions)}; this is Python {_VERSION}",
+            hint=f"install simulshot for the system's own: PYTHON=/usr/bin/python{versions[-1]} ./install.sh",
+        )
+    try:
+        return importlib.import_module(module) if own else _load(spec)
+    except (ImportError, OSError) as error:
+        raise NotAvailableError(
+            f"{purpose} needs the system's Python module {module}, which does not load here: {error}",
+            hint=f"on Debian and Raspberry Pi OS: sudo apt install --reinstall {package}",
+        ) from error
+
+
+def _system_spec(module: str, folders: Sequence[str | Path]) -> ModuleSpec | None:
+    found = (PathFinder.find_spec(module, [str(folder)]) for folder in folders)
+    # Without a loader it is a folder that some removed package has left.
+    return next((spec for spec in found if spec is not None and spec.loader is not None), None)
+
+
+def _load(spec: ModuleSpec) -> Any:
+    """Load a module from its place; its submodules are then found by its own path."""
+    module = module_from_spec(spec)
+    assert spec.loader is not None
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[spec.name]
+        raise
+    return module
+
+
+def _other_versions(spec: ModuleSpec) -> list[str]:
+    """The Pythons, oldest first, that a package's compiled parts are for where none is for this one."""
+    compiled = [
+        file.name for folder in spec.submodule_search_locations or () for file in Path(folder).glob("*.so")
+    ]
+    if any(name.partition(".")[2] in _SUFFIXES for name in compiled):
+        return []
+    found = {(int(m[1]), int(m[2])) for name in compiled if (m := _BUILT_FOR.search(name))}
+    return [f"{major}.{minor}" for major, minor in sorted(found)]

@@ -11,6 +11,10 @@ Positive = Annotated[int, Meta(gt=0)]
 
 SIMULATED = "sim"
 """The kind of every simulated camera."""
+MOST_STAMP_NS = 10_000_000_000
+"""No stamp is further from its light, and none less surely known."""
+DELIVERY_NS = 5_000_000
+"""How much later than a frame's readout a driver may stamp it, where nothing is known of it."""
 
 
 class TimestampSource(StrEnum):
@@ -28,6 +32,49 @@ class PhaseControl(StrEnum):
     INJECTION = "injection"
     RESET = "reset"
     NONE = "none"
+
+
+class StampSource(StrEnum):
+    """How it is known how late a camera's stamps are."""
+
+    CONSTRUCTION = "construction"
+    """It is simulated: its stamps are what they are said to be."""
+    DRIVER = "driver"
+    """The driver tells, and can be believed."""
+    PROFILE = "profile"
+    """What is known of cameras of this kind."""
+    MOTION = "motion"
+    """Measured by what moved in its pictures and in others'."""
+    LIGHT = "light"
+    """Measured by a light that blinked."""
+    ASSUMED = "assumed"
+    """Nothing is known but that a picture is stamped after its light, and not long after it is read out."""
+
+
+_OF_THE_STAMP_ITSELF = {StampSource.DRIVER, StampSource.PROFILE, StampSource.MOTION, StampSource.LIGHT}
+
+
+class StampAccuracy(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """How late a camera's stamps are, and how well that is known; times in ns."""
+
+    bias_ns: Annotated[int, Meta(ge=-MOST_STAMP_NS, le=MOST_STAMP_NS)]
+    """The start of the first row's exposure by the stamp and its `TimestampSource`, minus the true start.
+
+    Where the stamp's moment, or what must be taken off it, is not known: the stamp itself minus that start.
+    """
+    uncertainty_ns: Annotated[int, Meta(ge=0, le=MOST_STAMP_NS)]
+    """95 % error of the bias."""
+    source: StampSource
+    exposure_ns: Count | None = None
+    """The exposure that it holds for; None where it holds for any, or that is not known."""
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the stamps add no error at all, as nothing but a simulation can promise."""
+        return self.source is StampSource.CONSTRUCTION and self.uncertainty_ns == 0
+
+
+EXACT_STAMPS = StampAccuracy(bias_ns=0, uncertainty_ns=0, source=StampSource.CONSTRUCTION)
 
 
 class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -52,19 +99,46 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     min_frame_duration_ns: Count | None = None
     max_frame_duration_ns: Count | None = None
     """Shortest and longest time that one frame can last, where the duration of each can be set."""
+    stamp: StampAccuracy | None = None
+    """How late its stamps are; None where nobody has said, see `stamp_accuracy`."""
+
+    @property
+    def stamp_accuracy(self) -> StampAccuracy:
+        """How late its stamps are: what is said, or what must be assumed; a simulated camera's are exact."""
+        if self.stamp is not None:
+            return self.stamp
+        return EXACT_STAMPS if self.kind == SIMULATED else self.assumed_stamp
+
+    @property
+    def assumed_stamp(self) -> StampAccuracy:
+        """What must be assumed of a driver whose claims nobody has tested.
+
+        Between the start of the exposure and the stamp lie at most the exposure, a frame's readout and its
+        delivery; at least nothing. An exposure that is not known may be a whole period, a readout too.
+        """
+        exposure_ns = self.period_ns if self.exposure_ns is None else min(self.exposure_ns, self.period_ns)
+        latest_ns = exposure_ns + self.period_ns + DELIVERY_NS
+        if self._claimed_start_ns(0, self.exposure_ns) is None:
+            latest_ns += self.period_ns
+        half_ns = min(latest_ns // 2, MOST_STAMP_NS)
+        return StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
 
     def exposure_start_ns(self, stamp_ns: int, exposure_ns: int | None) -> int | None:
         """When the exposure of a frame's first row begins, by the clock of the frame's stamp.
 
-        A stamp at the end of the frame is later by the exposure and the readout of all rows but the first.
-        None where the stamp's moment, or what would be taken off it, is not known.
+        A stamp at the end of the frame is later by the exposure and the readout of all rows but the first;
+        what is known of the stamps' bias is taken off. None where the stamp's moment, or what would be taken
+        off it, is not known.
         """
-        if self.timestamp_source is TimestampSource.START_OF_EXPOSURE:
-            return stamp_ns
-        known = self.timestamp_source is TimestampSource.END_OF_FRAME
-        if not known or exposure_ns is None or self.row_time_ns is None:
-            return None
-        return stamp_ns - exposure_ns - (self.height - 1) * self.row_time_ns
+        accuracy, claimed_ns = self.stamp_accuracy, self._claimed_start_ns(stamp_ns, exposure_ns)
+        if claimed_ns is None and accuracy.source in _OF_THE_STAMP_ITSELF:
+            claimed_ns = stamp_ns
+        return None if claimed_ns is None else claimed_ns - accuracy.bias_ns
+
+    def start_offset_ns(self) -> int:
+        """Time from a frame's stamp to the start of its first row's exposure, as well as that is known."""
+        start_ns = self.exposure_start_ns(0, self.exposure_ns)
+        return -self.stamp_accuracy.bias_ns if start_ns is None else start_ns
 
     def mid_exposure_offset_ns(self, height_share: float) -> int | None:
         """Time from a frame's stamp to the middle of a row's exposure; the row at that share of the height.
@@ -75,3 +149,12 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         if start_ns is None or self.exposure_ns is None or self.row_time_ns is None:
             return None
         return start_ns + round(height_share * (self.height - 1)) * self.row_time_ns + self.exposure_ns // 2
+
+    def _claimed_start_ns(self, stamp_ns: int, exposure_ns: int | None) -> int | None:
+        """The start of the first row's exposure by what the driver claims of its stamps."""
+        if self.timestamp_source is TimestampSource.START_OF_EXPOSURE:
+            return stamp_ns
+        known = self.timestamp_source is TimestampSource.END_OF_FRAME
+        if not known or exposure_ns is None or self.row_time_ns is None:
+            return None
+        return stamp_ns - exposure_ns - (self.height - 1) * self.row_time_ns

@@ -29,8 +29,8 @@ streams = socket.create_server(("", {OTHER}))
 print("ready", flush=True)
 while True:
     data, where = datagrams.recvfrom(2048)
-    if len(data) >= 12 and data[2] != 2:
-        datagrams.sendto(data[:2] + bytes((2, 0)) + data[4:12], where)
+    if len(data) >= 12 and data[2] != 3:
+        datagrams.sendto(data[:2] + bytes((3, 0)) + data[4:12], where)
 """
 
 
@@ -48,7 +48,7 @@ BEFORE = (
     Case("before its leader, its address", ("--leader", LEADER), "no leader listens on its port"),
     Case("at an address that nobody has", ("--leader", NOBODY), "no machine answers at"),
     Case("at an address of no network here", ("--leader", ELSEWHERE), "no network that leads to"),
-    Case("on another version", ("--leader", f"{LEADER}:{OTHER}"), "speaks version 2 of the protocol"),
+    Case("on another version", ("--leader", f"{LEADER}:{OTHER}"), "speaks version 3 of the protocol"),
 )
 FOUND = (Case("finds its leader by itself", (), "found a leader at"),)
 WITH_LEADER = (

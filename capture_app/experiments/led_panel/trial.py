@@ -198,6 +198,6 @@ def _find_shot(node: VirtualNode, number: int) -> Shot | None:
     return Shot(
         frame=pick.frame,
         phase_error_ns=leader_ns - (pick.leader_ns - pick.residual_ns),
-        bounded=error_ns <= pick.hard_bound_ns,
+        bounded=pick.hard_bound_ns is not None and error_ns <= pick.hard_bound_ns,
         within_95=error_ns <= pick.uncertainty_ns,
     )

@@ -69,7 +69,9 @@ class CameraSupervisor:
         # A camera that was opened again counts its streams from the start; the engine's count goes on.
         self._streams_before = self._last_stream + 1
         await self._camera.start(self._deliver, on_failure)
-        self._facts = self._camera.facts
+        facts = self._camera.facts
+        # What must be assumed of its stamps is said, too, to the leader and in the session.
+        self._facts = replace(facts, stamp=facts.stamp_accuracy)
 
     async def stop(self) -> None:
         """Stop the stream and let go of the camera."""
@@ -136,7 +138,7 @@ class CameraSupervisor:
                 await self._camera.stop()
                 self._tell_engine(str(reason))
         # A camera that was unplugged forgets its exposure; that makes it no other camera.
-        if replace(self._facts, exposure_ns=before.exposure_ns) != before:
+        if replace(self._facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
             raise CameraError(
                 f"another camera is connected now: {self._facts.model}", hint="start the node again"
             )

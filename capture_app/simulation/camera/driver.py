@@ -33,6 +33,7 @@ OPTIONS = {
     "exposure_ms": "exposure of every frame",
     "ppm": "error of this device's crystal",
     "noise_us": "standard deviation of the timestamps",
+    "stamp_bias_ms": "all timestamps are late by this, and the camera does not know it, as no real one does",
     "outliers": "share of timestamps that are late, 0 to 1",
     "drops": "share of frames that never arrive, 0 to 1",
     "start_ms": "time from the start command to the first frame, without its scatter",
@@ -104,6 +105,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
 _CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
     "exposure_ms": (1e3, lambda ms: {"exposure_ns": round(ms * 1e6)}),
     "noise_us": (1e4, lambda us: {"timestamp_noise_ns": round(us * 1e3)}),
+    "stamp_bias_ms": (100, lambda ms: {"stamp_bias_ns": round(ms * 1e6)}),
     "outliers": (1, lambda share: {"outlier_share": share}),
     "drops": (1, lambda share: {"drop_share": share}),
     "start_ms": (1e4, lambda ms: {"start_latency_ns": (round(ms * 1e6), 0)}),

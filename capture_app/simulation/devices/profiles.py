@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from math import floor
 from typing import Literal
 
+from msgspec import structs
+
 from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
 
@@ -47,6 +49,8 @@ class SensorProfile:
     """Step that the timestamps are given in, after their noise; 0 for ns."""
     timestamps_cut: bool = True
     """Whether timestamps are cut to their step, as a counter's are, or rounded to the nearest one."""
+    stamp_bias_ns: int | None = None
+    """How late all timestamps are, which the camera's facts do not tell; None: they are right, and say so."""
     outlier_share: float = 0.0
     outlier_ns: int = 1_000_000
     """An outlier is late by up to this."""
@@ -211,9 +215,9 @@ def find_profile(name: str) -> SensorProfile:
 def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
     """The facts that a camera of that model reports, for pictures of so many pixels.
 
-    Gain and overhead of its injections are not among them.
+    Gain and overhead of its injections are not among them, nor is how late its timestamps are.
     """
-    return CameraFacts(
+    facts = CameraFacts(
         kind=SIMULATED,
         model=profile.model,
         width=width,
@@ -229,3 +233,4 @@ def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
         min_frame_duration_ns=profile.min_frame_duration_ns,
         max_frame_duration_ns=profile.max_frame_duration_ns,
     )
+    return facts if profile.stamp_bias_ns is None else structs.replace(facts, stamp=facts.assumed_stamp)

@@ -24,7 +24,7 @@ class SensorFrame:
     start_true_ns: int
     """Start of the first row's exposure."""
     timestamp_true_ns: int
-    """The start as stamped: with noise, sometimes an outlier."""
+    """The start as stamped: with noise, sometimes an outlier, and late by the device's bias."""
     readout_end_true_ns: int
     """The last row is read out: no driver can deliver the frame earlier."""
     exposure_ns: int
@@ -149,11 +149,12 @@ class Sensor:
         self._rows += self._length_rows.pop(sequence, profile.frame_length_rows)
         self._late_ns += self._lateness_ns.pop(sequence, 0)
         exposure_ns = rows * profile.row_time_ns
+        late_ns = (profile.stamp_bias_ns or 0) + (late_ns if outlier else 0.0)
         return SensorFrame(
             sequence=sequence,
             stream=self.stream,
             start_true_ns=start_true_ns,
-            timestamp_true_ns=profile.stamp(start_true_ns + round(noise_ns + (late_ns if outlier else 0.0))),
+            timestamp_true_ns=profile.stamp(start_true_ns + round(noise_ns + late_ns)),
             readout_end_true_ns=start_true_ns + exposure_ns + profile.readout_ns,
             exposure_ns=exposure_ns,
             dropped=dropped,

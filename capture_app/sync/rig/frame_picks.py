@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.stamps.frame_stamp import StampError
@@ -98,7 +99,7 @@ class Burst:
 class Pick(Generic[F]):
     """The frame picked for an instant; times in ns, the error bars those of its leader time.
 
-    They are the clock's and, where the driver's timestamps come in coarse steps, those of the stamp on top.
+    They are the clock's and, on top, those of the stamp: of its bias, and of coarse steps that it comes in.
     `outlier_ns` is how far the driver's own stamp lay off the line of its stream's frames; where that is not
     0 the times are the line's.
     """
@@ -108,7 +109,8 @@ class Pick(Generic[F]):
     leader_ns: int
     residual_ns: int
     uncertainty_ns: int
-    hard_bound_ns: int
+    hard_bound_ns: int | None
+    """None where the stamp has none, as that of no real camera."""
     outlier_ns: int
     frame: F
     alignment_offset_ns: int = 0
@@ -153,11 +155,13 @@ def pick_frame(
     period_ns: int,
     *,
     offset_ns: int = 0,
+    accuracy: StampAccuracy = EXACT_STAMPS,
     stamp_error: Callable[[int], StampError] = lambda _: EXACT_STAMP,
 ) -> Pick[F] | Gap:
     """Return the frame nearest to an instant, or why there is none within half a period.
 
-    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the pick tells.
+    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the pick tells; `accuracy`
+    says how well that is known.
     `stamp_error` says how far a timestamp is off its stream's line (a stamp may be late though the frame is
     not), and how well that tells the frame's time.
     """
@@ -167,7 +171,14 @@ def pick_frame(
         return Gap(instant, "the camera gave no frames")
     stamp_ns, frame = nearest
     pick = timed_pick(
-        frame, stamp_ns, time_map, instant, instant_ns, offset_ns=offset_ns, error=stamp_error(stamp_ns)
+        frame,
+        stamp_ns,
+        time_map,
+        instant,
+        instant_ns,
+        offset_ns=offset_ns,
+        accuracy=accuracy,
+        error=stamp_error(stamp_ns),
     )
     if abs(pick.residual_ns) > period_ns // 2:
         late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
@@ -183,18 +194,22 @@ def timed_pick(
     instant_ns: int,
     *,
     offset_ns: int,
+    accuracy: StampAccuracy = EXACT_STAMPS,
     error: StampError,
 ) -> Pick[F]:
     """Return the pick of a frame with its times by a map; `stamp_ns` is as the driver told it."""
     local_ns = stamp_ns - error.outlier_ns + offset_ns
     leader_ns = time_map.leader_from_local(local_ns)
+    bound_ns = round(time_map.hard_bound_at(local_ns) + error.hard_bound_ns) if accuracy.is_exact else None
     return Pick(
         instant,
         local_ns,
         leader_ns,
         residual_ns=leader_ns - instant_ns,
-        uncertainty_ns=round(time_map.uncertainty_at(local_ns) + error.uncertainty_ns),
-        hard_bound_ns=round(time_map.hard_bound_at(local_ns) + error.hard_bound_ns),
+        uncertainty_ns=round(
+            time_map.uncertainty_at(local_ns) + error.uncertainty_ns + accuracy.uncertainty_ns
+        ),
+        hard_bound_ns=bound_ns,
         outlier_ns=error.outlier_ns,
         frame=frame,
         alignment_offset_ns=offset_ns,

@@ -148,6 +148,7 @@ class PendingBursts(Generic[F]):
                     burst.instant_ns(instant),
                     grid.goal.period_ns,
                     offset_ns=grid.offset_ns,
+                    accuracy=grid.stamp,
                     stamp_error=stamp_error,
                 )
                 burst.picked.append(burst.once(picked))
@@ -185,6 +186,7 @@ def _tell(
             pick.instant,
             burst.instant_ns(pick.instant),
             offset_ns=grid.offset_ns,
+            accuracy=grid.stamp,
             error=stamp_error(pick.stamp_ns),
         )
         for pick in burst.picked

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import CameraFacts, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
@@ -25,7 +25,9 @@ class CameraGrid:
 
     goal: Goal
     offset_ns: int
-    """From a frame's timestamp to its aligned moment; 0 where that is not known."""
+    """From a frame's timestamp to its aligned moment, as well as that is known."""
+    stamp: StampAccuracy
+    """How well it is known."""
     why_no_centre: str
     """Why the middle of the exposure is not aligned though it was asked for; empty where it is."""
     meeting_leader_ns: int | None
@@ -34,10 +36,15 @@ class CameraGrid:
     def of_camera(cls, camera: CameraFacts, terms: LeaderTerms) -> "CameraGrid":
         """Return the grid of these terms for a camera."""
         row = terms.align_row
-        known_ns = 0 if row is None else camera.mid_exposure_offset_ns(row)
+        start_ns = camera.start_offset_ns()
+        known_ns = start_ns if row is None else camera.mid_exposure_offset_ns(row)
         problem = "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
         return cls(
-            terms.goal, known_ns or 0, "" if known_ns is not None else problem, terms.meeting_leader_ns
+            terms.goal,
+            start_ns if known_ns is None else known_ns,
+            camera.stamp_accuracy,
+            "" if known_ns is not None else problem,
+            terms.meeting_leader_ns,
         )
 
     @property

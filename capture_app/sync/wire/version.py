@@ -11,7 +11,7 @@ Whoever gets a datagram of another version answers with its own, in no more byte
 import struct
 
 MAGIC = b"sS"
-VERSION = 1
+VERSION = 2
 TOKEN_BYTES = 8
 KIND_VERSION = 0
 _ASKING = 0

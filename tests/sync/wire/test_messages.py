@@ -105,7 +105,7 @@ def test_noise_behind_a_good_header_never_raises_anything_else(data: bytes, kind
 def test_another_version_is_named() -> None:
     data = bytearray(encode(TimeRequest(1, 2, 3)))
     data[2] = 9
-    with pytest.raises(WireError, match="protocol version 9, this is version 1"):
+    with pytest.raises(WireError, match="protocol version 9, this is version 2"):
         decode(bytes(data))
 
 

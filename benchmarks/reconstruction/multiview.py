@@ -1,6 +1,7 @@
 """Accuracy, time and memory of multi-view depth, beside a straightforward sweep and plain SGBM, in one run.
 
-    python -m benchmarks.reconstruction.multiview        the package's studio and a plainer scene, 640x480
+    python -m benchmarks.reconstruction.multiview        four scenes, 640x480: the package's studio, a plainer
+                                                         one, and two rooms with nearly blank walls
     python -m benchmarks.reconstruction.multiview --scene plain --size 1920x1080
     python -m benchmarks.reconstruction.multiview --scene path/to/scene.py --json
     python -m benchmarks.reconstruction.multiview --session sample_sessions/jumper --instants 13
@@ -24,7 +25,7 @@ import numpy as np
 
 from benchmarks.reconstruction.multiview_cloud import cloud_scores, normal_error_deg
 from benchmarks.reconstruction.multiview_plain import sgbm_pairs, simple_sweep
-from benchmarks.reconstruction.multiview_scenes import Condition, Rendered, from_file, plain, studio
+from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered, from_file, plain
 from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
@@ -37,7 +38,7 @@ from reconstruction.multiview.source_views import (
     choose_source_views,
     smallest_group,
 )
-from reconstruction.scores.depth_truth import depth_shares
+from reconstruction.scores.depth_truth import depth_shares, right_depth
 
 Result = dict[str, Any]
 
@@ -104,7 +105,10 @@ METHODS: dict[str, Callable[[dict[str, View], Condition, str, Path], Result]] = 
 
 def _shares(depth: Array, condition: Condition, reference: str) -> Result:
     shares = depth_shares(depth, condition.depth[reference], condition.movers[reference])
-    return {**shares, "coverage": float(np.mean(depth > 0))}
+    truth = condition.depth[reference]
+    given = (depth > 0) & (truth > 0)
+    wrong = float(np.mean(~right_depth(depth, truth)[given])) if given.any() else None
+    return {**shares, "coverage": float(np.mean(depth > 0)), "given_wrong": wrong}
 
 
 def _true_points(view: View, depth: Array) -> Array:
@@ -155,6 +159,7 @@ COLUMNS = {
     "mover_within_2pct": ("movers", ".1%"),
     "static_within_2pct": ("static", ".1%"),
     "coverage": ("covered", ".1%"),
+    "given_wrong": ("of that wrong", ".1%"),
     "median_error_pct": ("median, %", ".2f"),
     "map_s": ("s/map", ".2f"),
     "map_cpu_s": ("cpu", ".2f"),
@@ -178,7 +183,9 @@ def measure_session(session: Path, instants: int | None, conditions: Sequence[st
 def main() -> None:
     """Print a table, or JSON."""
     parser = new_parser(__doc__)
-    parser.add_argument("--scene", action="append", help="studio, plain, or a Python file [default: both]")
+    parser.add_argument(
+        "--scene", action="append", help=f"{', '.join(SCENES)}, or a Python file [default: all]"
+    )
     parser.add_argument("--size", default="640x480", help="of the plain scene")
     parser.add_argument("--method", action="append", choices=list(METHODS), help="[default: all]")
     parser.add_argument("--condition", action="append", choices=["synced", "offset"], help="[default: both]")
@@ -191,14 +198,11 @@ def main() -> None:
         return
     width, height = (int(part) for part in chosen.size.split("x"))
     rows: list[Result] = []
-    for name in chosen.scene or ("studio", "plain"):
-        rendered = (
-            studio()
-            if name == "studio"
-            else plain(width, height)
-            if name == "plain"
-            else from_file(Path(name))
-        )
+    for name in chosen.scene or SCENES:
+        if name == "plain":
+            rendered = plain(width, height)
+        else:
+            rendered = SCENES[name]() if name in SCENES else from_file(Path(name))
         rows += run(rendered, chosen.method or list(METHODS), chosen.condition or ("synced", "offset"))
     print_report({"rows": rows}, lambda report: print_rows(report["rows"], COLUMNS), as_json=chosen.json)
 

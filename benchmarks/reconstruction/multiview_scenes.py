@@ -1,4 +1,4 @@
-"""Scenes with exact truth for the multi-view benchmark: the package's studio, a plainer one, or a file's."""
+"""Scenes with exact truth for the multi-view benchmark: the package's studio, plainer ones, or a file's."""
 
 import importlib.util
 from dataclasses import dataclass, replace
@@ -8,6 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks.reconstruction import blank_scenes
+from capture_app.simulation.rendering import scene
+from capture_app.simulation.rendering.scene import Scene
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 
@@ -34,23 +37,34 @@ class Rendered:
     offset: Condition
 
 
-def studio(at_s: float = 1.37) -> Rendered:
+def studio() -> Rendered:
     """The package's own scene, five of its views, 640x480."""
-    from capture_app.simulation.rendering.scene import load
+    return _rendered(scene.load("studio"), ("cam05", "cam00", "cam06", "cam01", "cam04"), at_s=1.37)
 
-    scene = load("studio")
-    names = ("cam05", "cam00", "cam06", "cam01", "cam04")
-    views = {n: View.from_calibration(scene.calibration().cameras[n], 640, 480) for n in names}
+
+def blank_room() -> Rendered:
+    """A room with nearly blank walls, a ramp, thin rods and leaves, 640x480."""
+    return _rendered(Scene("blank-room", blank_scenes.ROOM), tuple(blank_scenes.ROOM_CAMERAS), at_s=0.62)
+
+
+def blank_attic() -> Rendered:
+    """Leaning blank walls, crossing ramps, thin rods and leaves, from cameras farther apart; 640x480."""
+    return _rendered(Scene("blank-attic", blank_scenes.ATTIC), tuple(blank_scenes.ATTIC_CAMERAS), at_s=0.4)
+
+
+def _rendered(stage: Scene, names: tuple[str, ...], *, at_s: float) -> Rendered:
+    """Views of a scene of the package's renderer at that time, and with `OFFSETS_MS` about it."""
+    views = {n: View.from_calibration(stage.calibration().cameras[n], 640, 480) for n in names}
 
     def shoot(offsets: tuple[int, ...]) -> Condition:
         pictures, depth, movers = {}, {}, {}
         for number, (name, offset_ms) in enumerate(zip(names, offsets, strict=True)):
             start_ns = round(at_s * 1e9) + offset_ms * 1_000_000
-            pictures[name] = scene.render(name, start_ns, 4_000_000, 30_000, seed=number)
-            depth[name], _, movers[name] = scene.ground_truth(name, start_ns, 4_000_000, 30_000)
+            pictures[name] = stage.render(name, start_ns, 4_000_000, 30_000, seed=number)
+            depth[name], _, movers[name] = stage.ground_truth(name, start_ns, 4_000_000, 30_000)
         return Condition(pictures, depth, movers)
 
-    return Rendered("studio", views, shoot((0,) * 5), shoot(OFFSETS_MS))
+    return Rendered(stage.name, views, shoot((0,) * 5), shoot(OFFSETS_MS))
 
 
 def from_file(path: Path) -> Rendered:
@@ -210,3 +224,6 @@ def _cast(
     shape = (view.height, view.width)
     depth = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
     return colours.reshape(*shape, 3), depth.reshape(shape), which.reshape(shape)
+
+
+SCENES = {"studio": studio, "plain": plain, "blank-room": blank_room, "blank-attic": blank_attic}

@@ -17,6 +17,7 @@ from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.rendering.still import SUBPIXELS, StillLayer
 from capture_app.simulation.rendering.view import View, look_at
 from capture_app.simulation.scenes import crossing, held_board, pinwheel, poses, studio
+from capture_app.simulation.scenes.definition import SceneDefinition
 from capture_app.simulation.scenes.meshes import Floats
 
 _DEFINITIONS = {
@@ -37,9 +38,9 @@ _WHITE = 6.0
 class Scene:
     """A room with moving things and the cameras that look at it; what stands still is kept once drawn."""
 
-    def __init__(self, name: str, *, scale: float = 1.0) -> None:
+    def __init__(self, name: str, definition: SceneDefinition, *, scale: float = 1.0) -> None:
         rng = np.random.default_rng(20190516)
-        stage = self._stage = _DEFINITIONS[name]
+        stage = self._stage = definition
         textures = {name: Texture(picture) for name, picture in stage.pictures(rng).items()}
         fixtures = stage.fixtures(rng)
         parts = stage.parts()
@@ -179,7 +180,7 @@ def load(name: str, *, scale: float = 1.0) -> Scene:
 
 @functools.cache
 def _built(name: str, scale: float) -> Scene:
-    return Scene(name, scale=scale)
+    return Scene(name, _DEFINITIONS[name], scale=scale)
 
 
 @functools.cache

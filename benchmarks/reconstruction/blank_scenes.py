@@ -1,0 +1,135 @@
+"""Rooms with nearly blank walls, slanted floors, thin rods, leaves and a child, by the project's renderer."""
+
+import numpy as np
+
+from capture_app.simulation.scenes import furniture, moving_bodies, poses, posters, textures
+from capture_app.simulation.scenes.definition import Point, SceneDefinition
+from capture_app.simulation.scenes.furniture import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
+from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, panel, rod, turn
+from capture_app.simulation.scenes.moving_bodies import Part
+from capture_app.simulation.scenes.textures import Picture
+
+NEARLY_BLANK = 0.004
+"""Deviation of a wall's paint, of 1: below the noise of a picture."""
+WEAK = 0.018
+"""The same of a floor: about the noise."""
+
+ROOM_CAMERAS: dict[str, tuple[Point, Point]] = {
+    "cam0": ((-0.30, -0.02, 0.0), (-0.02, 0.10, 2.9)),
+    "cam1": ((-0.15, 0.05, 0.0), (-0.01, 0.10, 2.9)),
+    "cam2": ((0.0, -0.03, 0.0), (0.0, 0.10, 2.9)),
+    "cam3": ((0.15, 0.03, 0.02), (0.01, 0.10, 2.9)),
+    "cam4": ((0.30, -0.06, 0.02), (0.02, 0.10, 2.9)),
+}
+ATTIC_CAMERAS: dict[str, tuple[Point, Point]] = {
+    "cam0": ((-0.50, -0.10, 0.1), (-0.10, 0.15, 2.8)),
+    "cam1": ((-0.26, -0.30, 0.0), (-0.05, 0.15, 2.8)),
+    "cam2": ((0.02, -0.12, 0.0), (0.0, 0.15, 2.8)),
+    "cam3": ((0.24, -0.28, 0.0), (0.05, 0.15, 2.8)),
+    "cam4": ((0.46, -0.08, 0.1), (0.10, 0.15, 2.8)),
+}
+
+
+def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
+    return moving_bodies.pictures(rng) | {
+        "wall": textures.plain(rng, (700, 900), (226, 220, 208), rough=NEARLY_BLANK),
+        "side": textures.plain(rng, (700, 900), (204, 210, 206), rough=NEARLY_BLANK),
+        "door": textures.plain(rng, (400, 200), (186, 190, 182), rough=NEARLY_BLANK),
+        "cupboard": textures.plain(rng, (300, 300), (150, 172, 176), rough=NEARLY_BLANK),
+        "lino": textures.plain(rng, (1200, 1400), (168, 150, 132), rough=WEAK),
+        "rail": textures.plain(rng, (64, 700), (120, 112, 104), rough=0.05),
+        "steel": textures.plain(rng, (64, 200), (72, 76, 82), rough=0.06),
+        "lamp": textures.plain(rng, (120, 240), (236, 228, 206), rough=NEARLY_BLANK),
+        "pale_wood": textures.wood(rng, (128, 512), (206, 164, 112)),
+        "dark_wood": textures.wood(rng, (128, 512), (96, 62, 42)),
+        "leaf": textures.leaf(rng, (160, 64), (62, 112, 58)),
+        "leaf_light": textures.leaf(rng, (160, 64), (98, 142, 70)),
+        "soil": textures.plain(rng, (64, 64), (66, 48, 36), rough=0.3),
+        "basket": textures.cloth(rng, (120, 260), [(196, 156, 104), (150, 108, 66)], stripe=9, fade=1.6),
+        "boards": textures.planks(rng, (200, 260), (196, 152, 100), width=40, length=200),
+        "mountains": posters.mountains(rng),
+        "shapes": posters.shapes(rng),
+        "harbour": posters.harbour(rng),
+        "words": posters.words(rng),
+        "city": posters.city(rng),
+    }
+
+
+def _ramp(front_m: float, back_m: float, tilt_m: float, texture: str) -> Mesh:
+    """A floor that is so high at its front and back edge (y in m), and higher on its right by the tilt."""
+    across, along = RIGHT - LEFT + 0.4, BACK - FRONT + 0.2
+    return panel(
+        (LEFT - 0.2, front_m, FRONT), (across, -tilt_m, 0), (0, back_m - front_m, along), texture
+    )  # fmt: skip
+
+
+def _rods(rng: np.random.Generator, *, z: float, slant: float, count: int) -> list[Mesh]:
+    """Bars from 6 to 14 mm thick between a rail above and one below."""
+    meshes = []
+    for number in range(count):
+        x = -1.0 + 2.0 * number / (count - 1) + rng.uniform(-0.03, 0.03)
+        top = (x + slant, -0.55, z + 0.1 * np.sin(number))
+        meshes.append(rod((x, 0.8, z), top, rng.uniform(0.003, 0.007), "steel", around=8))
+    return [*meshes, rod((-1.1 + slant, -0.55, z), (1.1 + slant, -0.55, z), 0.012, "dark_wood")]
+
+
+def _room(rng: np.random.Generator) -> list[Part]:
+    high, deep = FLOOR + 0.3 - TOP, BACK - FRONT
+    walls = [
+        panel((LEFT, TOP, BACK), (RIGHT - LEFT, 0, 0), (0, high, 0), "wall"),
+        panel((LEFT, TOP, FRONT), (0, 0, deep), (0, high, 0), "side"),
+        panel((RIGHT, TOP, FRONT), (0, 0, deep), (0, high, 0), "side"),
+    ]
+    walls += box((0.9, 0.05, BACK - 0.01), (0.9, 2.0, 0.05), "door")
+    cupboard = [m.moved((-1.5, 0.55, 3.5), turn(1, 0.5)) for m in box((0, 0, 0), (0.7, 1.0, 0.5), "cupboard")]
+    pictures = [
+        panel((-1.0, -0.95, BACK - 0.012), (0.5, 0, 0), (0, 0.68, 0), "shapes"),
+        panel((-0.25, -0.65, BACK - 0.012), (0.56, 0, 0), (0, 0.4, 0), "city"),
+        panel((LEFT + 0.01, -0.7, 3.0), (0, 0, 0.55), (0, 0.75, 0), "words"),
+    ]
+    lamp = [ellipsoid((0.16, 0.16, 0.16), "lamp").moved((1.75, 0.45, 3.4))]
+    return [
+        Part("floor", [_ramp(1.1, 0.72, 0.12, "lino")]),
+        Part("walls", walls),
+        Part("cupboard", cupboard),
+        Part("pictures", pictures),
+        Part("lamp", lamp),
+        Part("rods", [m.moved((0.65, 0.0, 0.0)) for m in _rods(rng, z=3.0, slant=0.15, count=7)]),
+        Part("plant", [m.moved((0.75, -0.12, 0.2)) for m in furniture.plant(rng)]),
+    ]
+
+
+def _attic(rng: np.random.Generator) -> list[Part]:
+    across, deep = RIGHT - LEFT, BACK - FRONT
+    walls = [
+        # The gable, and two sides of the roof that lean inwards.
+        panel((LEFT, TOP, BACK), (across, 0.0, -0.5), (0, 3.6, 0), "wall"),
+        panel((-0.9, TOP, FRONT), (0.3, 0, deep), (-1.5, 3.4, 0), "side"),
+        panel((1.4, TOP, FRONT), (0, 0, deep), (1.1, 3.4, 0), "side"),
+        *box((0.75, 0.2, 3.75), (0.42, 3.2, 0.35), "cupboard"),
+    ]
+    pictures = [
+        panel((-0.75, -0.72, BACK - 0.2), (0.6, 0, -0.065), (0, 0.44, 0), "harbour"),
+        panel((0.55, -0.45, 3.57), (0.4, 0, 0), (0, 0.55, 0), "mountains"),
+        *box((-0.9, 0.8, 3.1), (0.6, 0.35, 0.45), "boards"),
+    ]
+    return [
+        Part("floor", [_ramp(1.25, 0.6, -0.3, "lino"), _ramp(1.2, 1.0, 0.5, "rail")]),
+        Part("walls", walls),
+        Part("pictures", pictures),
+        Part("rods", [m.moved((-0.35, 0.1, 0.2)) for m in _rods(rng, z=2.7, slant=-0.3, count=9)]),
+        Part("plant", [m.moved((2.75, -0.25, -0.35)) for m in furniture.plant(rng)]),
+    ]
+
+
+def _child() -> dict[str, Part]:
+    return {name: part for name, part in moving_bodies.parts().items() if part.thing == "figure"}
+
+
+ROOM = SceneDefinition(ROOM_CAMERAS, _pictures, _room, _child, poses.jumping_child)
+"""Upright walls, a ramp for a floor, a door, three pictures."""
+ATTIC = SceneDefinition(
+    ATTIC_CAMERAS, _pictures, _attic, _child,
+    lambda seconds: poses.walking_child(seconds, ahead=0.3, prefix=""),
+)  # fmt: skip
+"""Walls that lean, two ramps that cross, a chimney, and cameras that stand wider apart."""

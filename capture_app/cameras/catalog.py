@@ -27,6 +27,7 @@ DRIVERS = {
         "capture_app.simulation.camera.driver", "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]"
     ),
     "v4l2": DriverEntry("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
+    "replay": DriverEntry("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
 }
 """By the kind that a spec begins with. By name, so that what drives simulated cameras may lie above."""
 

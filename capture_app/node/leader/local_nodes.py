@@ -69,7 +69,7 @@ class LocalNodes:
                     return known
                 await self._children[known].process.wait()  # it has the device until then
             if name is None:
-                wished = name_like(Path(parsed.device).name, "camera")
+                wished = name_like(parsed.options.get("camera", Path(parsed.device).name), "camera")
                 name = self._free_name(wished, taken)
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")

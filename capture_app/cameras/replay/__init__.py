@@ -1,0 +1,1 @@
+"""Replay: a session or a video as a live camera."""

@@ -1,0 +1,192 @@
+"""What can be replayed: a camera of a session, a video, a folder of images."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import median
+
+from msgspec.structs import replace
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.cameras.replay.timing import RecordedTiming, timing_of_video
+from capture_app.cameras.v4l2.pictures import JpegPicture
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.manifest import CameraRecord, ImageRecord
+from capture_app.session.format.video_frames import frame_record
+from capture_app.session.importers.embedded_times import has_video_times
+from capture_app.session.importers.sources import JPEG_BEGIN, JPEG_QUALITY, Source, Video
+from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.reader import Session
+
+KIND = "replay"
+USUAL_FPS = 30.0
+SPARSE = 1.5
+"""Instants that lie further apart than so many periods of a camera were picked out of its stream."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSettings:
+    """What was recorded of one frame besides its start; `stamp_error_ns` is what its stamp was off by."""
+
+    exposure_ns: int | None = None
+    gain: float | None = None
+    white_balance: tuple[float, float] | None = None
+    stamp_error_ns: int = 0
+
+
+class Recording(ABC):
+    """One camera's recorded frames."""
+
+    facts: CameraFacts
+    timing: RecordedTiming
+    calibration: CameraCalibration | None = None
+
+    @abstractmethod
+    def picture(self, index: int) -> JpegPicture | None:
+        """The picture of a frame, None where it is broken. May block; raises OSError, BadInputError."""
+
+    def settings(self, index: int) -> FrameSettings:
+        """What was recorded of a frame besides its start."""
+        return FrameSettings()
+
+
+class SessionRecording(Recording):
+    """One camera of a session, with its own period, jitter and drops, in the rig's common time."""
+
+    def __init__(self, session: Session, camera: CameraRecord) -> None:
+        """Raises BadInputError for a camera without pictures, or a broken session."""
+        self._session = session
+        facts, instants_ns = camera.facts, session.stored_manifest.burst.instants_ns
+        lasts_ns = instants_ns[-1] - instants_ns[0]
+        sparse = lasts_ns > SPARSE * facts.period_ns * (len(instants_ns) - 1)
+        if sparse:
+            # One instant a period: a camera that has no frame in most of its periods would be of no use.
+            lasts_ns = (len(instants_ns) - 1) * facts.period_ns
+        placed = [
+            (self._at_ns(image, instants_ns, facts.period_ns if sparse else None), image)
+            for image in _images_of(session, camera.name, with_others=not sparse)
+        ]
+        # Frames far before or after all instants: their number differs by camera, the loop must not.
+        kept = [one for one in placed if -facts.period_ns <= 2 * one[0] < 2 * lasts_ns + facts.period_ns]
+        kept.sort(key=lambda one: one[0])
+        if not kept:
+            raise BadInputError(f"{camera.name} has no picture in {session.folder}")
+        self._images = [image for _, image in kept]
+        self.timing = RecordedTiming(
+            facts.period_ns, lasts_ns + facts.period_ns, tuple(at_ns for at_ns, _ in kept)
+        )
+        movable = facts.phase_control in (PhaseControl.RESET, PhaseControl.FRAME_DURATION)
+        tells_start = all(image.exposure_start_ns is not None for image in self._images)
+        self.facts = replace(
+            facts,
+            kind=KIND,
+            model=f"{facts.model} of {session.name}"[:200],
+            timestamp_source=TimestampSource.START_OF_EXPOSURE if tells_start else TimestampSource.UNKNOWN,
+            phase_control=facts.phase_control if movable else PhaseControl.FRAME_DURATION,
+            min_frame_duration_ns=None,
+            max_frame_duration_ns=None,
+        )
+        calibration = session.calibration()
+        self.calibration = calibration.cameras.get(camera.name) if calibration else None
+
+    def picture(self, index: int) -> JpegPicture | None:
+        """See `Recording.picture`."""
+        return _jpeg(self._session.image_bytes(self._images[index]))
+
+    def settings(self, index: int) -> FrameSettings:
+        """See `Recording.settings`."""
+        image = self._images[index]
+        return FrameSettings(image.exposure_ns, image.gain, image.white_balance, image.outlier_ns)
+
+    @staticmethod
+    def _at_ns(image: ImageRecord, instants_ns: Sequence[int], period_ns: int | None) -> int:
+        """When a frame began, since the first instant; with a period, its instant's number makes its time."""
+        start_ns = image.exposure_start_ns
+        if start_ns is None:
+            start_ns = image.leader_ns - image.alignment_offset_ns
+        if period_ns is None:
+            return start_ns - instants_ns[0]
+        return image.instant * period_ns + start_ns - instants_ns[image.instant]
+
+
+class SourceRecording(Recording):
+    """A video or a folder of images; frames without times of their own are evenly spaced."""
+
+    def __init__(self, source: Source, fps: float | None) -> None:
+        """`fps` goes before what the recording says. Raises BadInputError for what cannot be read."""
+        self._source = source
+        self._frames: Iterator[tuple[int, bytes, tuple[int, int]]] = iter(())
+        self._read: tuple[int, bytes] = (-1, b"")
+        times_ns = _times_ns(source, fps)
+        steps_ns = [after - before for before, after in pairwise(times_ns)]
+        usual_ns = median(steps_ns) if steps_ns else 1e9 / (fps or USUAL_FPS)
+        regular_ns = [step for step in steps_ns if step < SPARSE * usual_ns]
+        # Without the gaps that drops leave; the median alone would be a rounded one.
+        period_ns = round(sum(regular_ns) / len(regular_ns)) if regular_ns else round(usual_ns)
+        if period_ns <= 0:
+            raise BadInputError(f"the times of {source.path} do not ascend", hint="give its rate, as fps=30")
+        self.timing = timing_of_video(times_ns, period_ns)
+        first = next(source.frames([0]), None)
+        if first is None:
+            raise BadInputError(f"{source.path} is not a video that can be decoded")
+        self.facts = CameraFacts(
+            kind=KIND,
+            model=source.path.name[:200],
+            width=first[2][0],
+            height=first[2][1],
+            period_ns=period_ns,
+            timestamp_source=TimestampSource.UNKNOWN,
+            phase_control=PhaseControl.RESET,
+        )
+
+    def picture(self, index: int) -> JpegPicture | None:
+        """See `Recording.picture`; quick only for frames in their order, as a video is decoded."""
+        if index <= self._read[0] or not self._read[1]:
+            self._frames = self._source.frames(range(index, len(self.timing.at_ns)))
+            self._read = (-1, b"")
+        while self._read[0] < index:
+            number, data, _size = next(self._frames, (len(self.timing.at_ns), b"", (0, 0)))
+            self._read = number, data
+        return _jpeg(self._read[1]) if self._read[0] == index else None
+
+
+def _images_of(session: Session, camera: str, *, with_others: bool) -> list[ImageRecord]:
+    """A camera's frames; `with_others`: those of its video that belong to no instant too."""
+    images = [image for image in session.manifest.images if image.camera == camera]
+    if with_others:
+        images += [
+            frame_record(video, frame, 0, frame.leader_ns)
+            for video in session.stored_manifest.videos
+            if video.camera == camera
+            for frame in session.video_frames(video)
+            if frame.instant is None
+        ]
+    return images
+
+
+def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
+    """When each frame was taken, by the recording's own times, else by its rate."""
+    if fps is None:
+        embedded = source.embedded_times()
+        if embedded is not None:
+            return [frame.leader_ns for frame in embedded]
+        if isinstance(source, Video):
+            if has_video_times():
+                return source.use_embedded_times()
+            fps = source.fps
+    rate = fps or USUAL_FPS
+    return [round(number * 1e9 / rate) for number in range(len(source.numbers))]
+
+
+def _jpeg(data: bytes) -> JpegPicture | None:
+    """A picture's bytes as a camera gives them: JPEG as it is, others encoded anew."""
+    if data.startswith(JPEG_BEGIN):
+        return JpegPicture(data)
+    image = decode_image(data, colour=True)
+    if image is None:
+        return None
+    import cv2
+
+    return JpegPicture(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes())

@@ -87,6 +87,8 @@ class SessionRecording(Recording):
             phase_control=facts.phase_control if movable else PhaseControl.FRAME_DURATION,
             min_frame_duration_ns=None,
             max_frame_duration_ns=None,
+            # What was known of the bias is taken off the times; how surely remains.
+            stamp=replace(facts.stamp_accuracy, bias_ns=0) if tells_start else None,
         )
         calibration = session.calibration()
         self.calibration = calibration.cameras.get(camera.name) if calibration else None

@@ -7,8 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from capture_app.camera_facts import PhaseControl
+from capture_app.camera_facts import PhaseControl, StampAccuracy, StampSource
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.cameras.catalog import list_cameras, open_camera
 from capture_app.clock import HostClock, SimulatedClock
@@ -24,9 +25,15 @@ PERIOD_NS = 10_000_000
 ERRORS_NS = (0, 40_000, -30_000, 10_000)
 
 
+MEASURED = StampAccuracy(bias_ns=7_000_000, uncertainty_ns=800_000, source=StampSource.MOTION)
+
+
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
-    """Four instants of two cameras, ten periods apart; `right` is 300 us late and lacks the third."""
+    """Four instants of two cameras, ten periods apart; `right` is 300 us late and lacks the third.
+
+    The stamps of `right` are known to be 7 ms late.
+    """
     writer = SessionWriter.create(tmp_path, "taken")
     instants_ns = tuple(5_000_000_000 + 10 * PERIOD_NS * number for number in range(4))
     for camera, late_ns in (("left", 0), ("right", 300_000)):
@@ -38,11 +45,15 @@ def session(tmp_path: Path) -> Session:
                     instant=number,
                     leader_ns=instant_ns + late_ns + ERRORS_NS[number],
                     residual_ns=late_ns + ERRORS_NS[number],
+                    exposure_start_ns=instant_ns + late_ns + ERRORS_NS[number] if late_ns else None,
                     outlier_ns=500 * number,
                     exposure_ns=1_000_000,
                     gain=2.0,
                 )
-    cameras = [camera_record(name, width=64, height=48, period_ns=PERIOD_NS) for name in ("left", "right")]
+    cameras = [
+        camera_record(name, kind="v4l2", width=64, height=48, period_ns=PERIOD_NS, stamp=stamp)
+        for name, stamp in (("left", None), ("right", MEASURED))
+    ]
     burst = BurstRecord(instants_ns=instants_ns, period_ns=10 * PERIOD_NS)
     return writer.finish(cameras, burst, [], origin="captured")
 
@@ -66,6 +77,7 @@ async def test_a_sparse_session_plays_an_instant_a_period_with_its_own_deviation
     camera = open_camera(spec_of(session), clock=HostClock(), name="right")
     assert (camera.facts.kind, camera.facts.model) == ("replay", "test of taken")
     assert (camera.facts.width, camera.facts.height, camera.facts.period_ns) == (64, 48, PERIOD_NS)
+    assert camera.facts.stamp_accuracy == replace(MEASURED, bias_ns=0), "its times are right but for the rest"
     frames = await frames_of(camera, 7)
     assert frames[0].picture.encode() == jpeg(0, 64, 48)
     pictures = {jpeg(number, 64, 48): number for number in range(4)}
@@ -99,6 +111,7 @@ async def test_it_is_moved_as_asked_in_the_nodes_own_clock(session: Session) -> 
     clock = SimulatedClock(3_600_000_000_000, 20.0)
     camera = open_camera(spec_of(session, "phase=reset"), clock=clock, name="left")
     assert camera.facts.phase_control is PhaseControl.RESET
+    assert camera.facts.stamp_accuracy.source is StampSource.ASSUMED
     frames: list[CapturedFrame] = []
     await camera.start(frames.append, lambda error: None)
     await until(lambda: len(frames) >= 3)

@@ -18,6 +18,7 @@
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-seal   the clock and the trigger with and without seals of datagrams, side by side (root, 5 min)
+# make bench-app   stand-ins for phones with the paper's Android app, five minutes over emulated WiFi (root, 6 min)
 # make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, and 50 kills (30 min, 30 GB; BENCH="--seconds 60 --kills 0")
 # make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
@@ -41,7 +42,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -102,6 +103,9 @@ bench-rig: $(VENV)/.installed
 
 bench-seal: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.sealed_link $(BENCH)
+
+bench-app: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.clock.app_link $(BENCH)
 
 bench-joining: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.joining.first_evening $(BENCH)

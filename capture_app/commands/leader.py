@@ -32,6 +32,11 @@ if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import News
 
+APP_NOTE = (
+    "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose hotspot is"
+    " this machine. Nobody is asked who they are, and anybody in that WiFi can give those phones orders"
+)
+
 
 @click.command(
     epilog=examples(
@@ -76,6 +81,12 @@ if TYPE_CHECKING:
     help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
 )
 @beacons_option
+@click.option(
+    "--android-app",
+    is_flag=True,
+    help="Also lead phones with the apps libsoftwaresync or RecSync. Their protocol has no security. Without"
+    " --fps all cameras take the app's rate and phase.",
+)
 @spool_option
 @open_option
 @click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
@@ -90,6 +101,7 @@ def leader(
     align_row: float,
     max_delay_ms: float,
     reference_broadcast: bool,
+    android_app: bool,
     cameras: tuple[str, ...],
     spool: Path,
     or_free_port: bool,
@@ -101,8 +113,10 @@ def leader(
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
     from capture_app.net.multicast import BEACONS, BeaconSender
+    from capture_app.node.foreign.app_phones import AppPhones
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import news_line
+    from capture_app.sync.foreign.app_messages import GOAL_PHASE_NS, PERIOD_NS
 
     def on_news(news: "News") -> None:
         if line := news_line(news):
@@ -110,18 +124,23 @@ def leader(
         if as_json:
             print_json_line(_event_record(news))
 
+    is_apps_grid = android_app and fps is None
     node = LeaderNode(
         host=host,
         port=port,
         or_free_port=or_free_port,
         sessions=sessions,
-        period_ns=None if fps is None else round(1e9 / fps),
+        period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
+        grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
+        app_phones=AppPhones(host, aligns=is_apps_grid) if android_app else None,
         align_row=align_row if align == "mid-exposure" else None,
         max_delay_ns=round(max_delay_ms * 1e6),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
         on_news=on_news,
         spool=spool,
     )
+    if android_app:
+        talk(APP_NOTE)
     run_until_stopped(_run_leader(node, host, cameras, log, as_json))
 
 

@@ -6,7 +6,7 @@ from textual.containers import Horizontal
 from textual.content import Content
 
 from capture_app.node.wire.status import RigStatus
-from capture_app.text import printable
+from capture_app.text import count, printable
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import ModeRequested
 from capture_app.tui.states import NO_LEADER, WAITING, rig_sign
@@ -99,6 +99,11 @@ class RigLine(Lines):
             return parts
         if status.is_open:
             parts.append(Content.styled("OPEN to anybody", "$warning"))
+        if present := [phone for phone in status.app_phones if phone.state != "lost"]:
+            synced = sum(phone.state == "synced" for phone in present)
+            parts.append(
+                Content.styled(f"{synced} of {count(len(present), 'app phone')} with the time", "$warning")
+            )
         free = status.disk_free_bytes
         if free is not None:
             low = free < 2e9

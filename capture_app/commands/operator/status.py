@@ -93,12 +93,30 @@ def _print_rig(rig: "RigStatus") -> None:
             for row in rows:
                 del row["apart µs"]
         print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
+    if rig.app_phones:
+        print_table(
+            ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"), _phone_rows(rig)
+        )
     for ahead in rig.ahead:
         begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns)).lstrip("+")
         cancel = f"capture-app burst --cancel {ahead.burst}"
         print_line(f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back")
     for path in rig.sessions:
         print_line(f"saved {path}")
+
+
+def _phone_rows(rig: "RigStatus") -> list[tuple[str, ...]]:
+    return [
+        (
+            phone.name,
+            phone.state,
+            _microseconds(phone.uncertainty_ns),
+            _microseconds(phone.hard_bound_ns),
+            "-" if phone.skew_ppm is None else f"{phone.skew_ppm:+.1f}",
+            phone.address,
+        )
+        for phone in rig.app_phones
+    ]
 
 
 def _node_row(node: "NodeStatus") -> dict[str, str]:

@@ -1,7 +1,8 @@
 """One sentence for the whole rig: what keeps it from being ready and what to do, or how accurate it is."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
+from capture_app.host_rate import HostRate
 from capture_app.node.leader.readiness import shortfall
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.leader.wording import off_rate_line
@@ -11,6 +12,8 @@ from capture_app.sync.timekeeping.rate_jury import LEADER, HostAtRate, HostOffRa
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration
 
+REVIEW_EVERY_NS = 1_000_000_000
+"""Between two looks at which clocks run oddly."""
 _GONE = (NodeState.FAILED, NodeState.LOST)
 _ON_THE_WAY = (
     NodeState.JOINING,
@@ -20,6 +23,26 @@ _ON_THE_WAY = (
 )
 """Where several nodes are not ready, the one that waits longest for a person is spoken of."""
 _CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.COARSE, NodeState.READY)
+
+
+class RateReview:
+    """Looks now and then at which clocks run oddly, the leader's host among them."""
+
+    def __init__(self) -> None:
+        self._host_rate, self._jury = HostRate(), RateJury()
+        self._due_ns: int | None = None
+
+    @property
+    def off(self) -> Mapping[str | None, HostOffRate]:
+        """Those that do, by name."""
+        return self._jury.off
+
+    def look(self, views: Callable[[], Sequence[ClientView]], now_ns: int) -> list[HostOffRate | HostAtRate]:
+        """Look where it is time to; return what is news."""
+        if self._due_ns is not None and now_ns < self._due_ns:
+            return []
+        self._due_ns = now_ns + REVIEW_EVERY_NS
+        return review_rates(self._jury, views(), self._host_rate.slewing_ppm(now_ns))
 
 
 def review_rates(

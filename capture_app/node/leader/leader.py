@@ -12,16 +12,16 @@ from msgspec.structs import replace
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError
-from capture_app.host_rate import HostRate
 from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, reachable_host
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_length import first_instant, frames_and_spacing
 from capture_app.node.burst.resumed_bursts import RETURN_NS
+from capture_app.node.foreign.app_phones import AppPhones
 from capture_app.node.keys import KeyDesk
 from capture_app.node.leader.active_bursts import ActiveBursts
-from capture_app.node.leader.advice import review_rates, rig_advice
+from capture_app.node.leader.advice import RateReview, rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
@@ -40,14 +40,11 @@ from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.timekeeping.rate_jury import RateJury
 from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import Trust
 
 SNAPSHOT_EVERY_S = 0.25
-REVIEW_EVERY_NS = 1_000_000_000
-"""Between two looks at which clocks run oddly."""
 
 
 class LeaderNode:
@@ -70,20 +67,23 @@ class LeaderNode:
         return_ns: int = RETURN_NS,
         spool: Path | None = None,
         trust: Trust | None = None,
+        app_phones: AppPhones | None = None,
+        grid_phase_ns: int | None = None,
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
 
         With `or_free_port` it takes another port where `port` is in use.
         With a `spool` folder for their images, operators may have it run nodes on this machine.
         `trust` is whom it lets in, else its user's.
-        `period_ns`, `align_row` and `max_delay_ns` are the engine's, see `LeaderConfig`. With
+        `app_phones` are led, too: started and closed here.
+        `period_ns`, `grid_phase_ns`, `align_row`, `max_delay_ns` are the engine's, see `LeaderConfig`. With
         `beacons` nodes that hear the same multicast packets agree with each other.
         """
         self.sessions = sessions
         self.address = Address(host, port)
         self._or_free_port = or_free_port
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
-        self._beacons = beacons
+        self._beacons, self._app_phones, self._grid_phase_ns = beacons, app_phones, grid_phase_ns
         self._trust = trust or Trust.of_user()
         self._clock: NodeClock = clock or HostClock()
         self.news = NewsLog()
@@ -104,8 +104,7 @@ class LeaderNode:
         self._viewfinders = Viewfinders()
         self._local: LocalNodes | None = None
         self._orders: OperatorOrders
-        self._host_rate, self._jury = HostRate(), RateJury()
-        self._review_due_ns: int | None = None
+        self._rates = RateReview()
 
     async def __aenter__(self) -> Self:
         await self.start()
@@ -121,6 +120,8 @@ class LeaderNode:
         BadInputError where this machine's key cannot be had.
         """
         self._trust.server_context()
+        if self._app_phones is not None:
+            self._app_phones.start(self._clock, self._on_news)
         datagrams, listening = bind_port(self.address.host, self.address.port, or_free=self._or_free_port)
         port = listening.getsockname()[1]
         self.own_address = own_machine_address(self.address.host, listening.family, port)
@@ -131,6 +132,7 @@ class LeaderNode:
             period_ns=self._period_ns,
             align_row=self._align_row,
             max_delay_ns=self._max_delay_ns,
+            grid_phase_ns=self._grid_phase_ns,
             beacons=None if self._beacons is None else self._beacons.group,
         )
         self._engine = Leader(config, random.Random(secrets.randbits(64)))
@@ -170,6 +172,8 @@ class LeaderNode:
         """End the nodes of this machine and close the port; bursts under way are saved with what has come."""
         if self._local is not None:
             await self._local.close()
+        if self._app_phones is not None:
+            await self._app_phones.close()
         self._pump.close()
         if self._beacons is not None:
             self._beacons.close()
@@ -183,7 +187,7 @@ class LeaderNode:
         return RigStatus(
             leader=str(self.address),
             is_open=self.is_open,
-            advice=rig_advice(views, str(self.address), self._jury.off),
+            advice=rig_advice(views, str(self.address), self._rates.off),
             now_ns=now_ns,
             period_ns=None if goal is None else goal.period_ns,
             nodes=node_statuses(
@@ -194,6 +198,7 @@ class LeaderNode:
             ),
             burst=None if self._bursts.newest is None else self._bursts.newest.status,
             ahead=self._bursts.ahead,
+            app_phones=() if self._app_phones is None else self._app_phones.statuses(),
             sessions=tuple(self._bursts.saved),
             sessions_folder=str(self.sessions.absolute()),
             disk_free_bytes=self._room.free_bytes(now_ns),
@@ -267,6 +272,8 @@ class LeaderNode:
             video=request.video,
         )
         self._pump.turn()
+        if self._app_phones is not None:
+            self._app_phones.take_part(session)
         while not session.finished.is_set():
             yield session.status
             with contextlib.suppress(TimeoutError):
@@ -289,7 +296,5 @@ class LeaderNode:
             if isinstance(event, BurstRefused):
                 self._bursts.note_refusal(event)
             self._on_news(event)
-        if self._review_due_ns is None or now_ns >= self._review_due_ns:
-            self._review_due_ns = now_ns + REVIEW_EVERY_NS
-            for news in review_rates(self._jury, self._views(), self._host_rate.slewing_ppm(now_ns)):
-                self._on_news(news)
+        for news in self._rates.look(self._views, now_ns):
+            self._on_news(news)

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from capture_app.node.leader.wording import DiskNews, News, news_line
 from capture_app.node.wire.status import BurstStatus
 from capture_app.node.wire.views import Level, NewsLine
+from capture_app.sync.foreign.app_leader import AppPhoneLost
 from capture_app.sync.rig import events
 from capture_app.sync.timekeeping.rate_jury import HostOffRate
 from capture_app.trust.refusals import DatagramsRefused
 
 KEPT = 500
+_WARNINGS = events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused | AppPhoneLost
 
 
 class NewsLog:
@@ -37,7 +39,7 @@ class NewsLog:
                 whole = news.session is not None and news.received == news.expected
                 self.add(news_line(news), level="info" if whole else "warning")
         elif text := news_line(news):
-            warns = isinstance(news, events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused)
+            warns = isinstance(news, _WARNINGS)
             warns = warns or (isinstance(news, DiskNews) and bool(news.problem))
             self.add(text, camera=news.name, level="warning" if warns else "info")
 

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 from capture_app.net.address import Address
+from capture_app.node.foreign.app_phones import AppNews, AppPhonesTold
 from capture_app.node.wire.status import BurstStatus
+from capture_app.sync.foreign.app_leader import AppPhoneJoined, AppPhoneLost, AppPhoneSynced
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.timekeeping import clock_events
@@ -28,8 +30,17 @@ class TrustNews:
     name: str | None = None
 
 
-News = events.LeaderEvent | HostOffRate | HostAtRate | DiskNews | TrustNews | DatagramsRefused | BurstStatus
-"""What a leader tells about: nodes that come and go, odd clocks, disks, strangers, and bursts."""
+News = (
+    events.LeaderEvent
+    | HostOffRate
+    | HostAtRate
+    | DiskNews
+    | TrustNews
+    | DatagramsRefused
+    | BurstStatus
+    | AppNews
+)
+"""What a leader tells about: nodes and phones that come and go, odd clocks, disks, strangers, and bursts."""
 
 
 def news_line(news: News) -> str:
@@ -51,8 +62,14 @@ def news_line(news: News) -> str:
             return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
         case DiskNews():
             return f"{news.name or 'leader'}: {news.problem or 'its disk can be used again'}"
-        case TrustNews():
+        case TrustNews() | AppPhonesTold():
             return news.text
+        case AppPhoneJoined():
+            return f"phone {news.name} at {news.host} is here with the Android app, which nobody has let in"
+        case AppPhoneSynced():
+            return f"phone {news.name} has the time to {duration(news.uncertainty_ns)}"
+        case AppPhoneLost():
+            return f"lost phone {news.name}: it has gone silent"
         case DatagramsRefused():
             return str(news)
         case events.BurstRefused():

@@ -4,6 +4,7 @@ from msgspec import Struct
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.session.format.manifest import SkippedInstant
+from capture_app.sync.foreign.app_leader import AppPhoneStatus
 from capture_app.sync.wire.messages import Report
 
 LOST_IS_NEWS_NS = 60_000_000_000
@@ -88,6 +89,8 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     now_ns: int
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()
+    app_phones: tuple[AppPhoneStatus, ...] = ()
+    """Phones with libsoftwaresync or RecSync; their pictures stay on them."""
     burst: BurstStatus | None = None
     ahead: tuple[BurstAhead, ...] = ()
     """Bursts that begin much later; they can be cancelled."""

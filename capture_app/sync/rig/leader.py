@@ -49,6 +49,8 @@ class LeaderConfig:
     """A burst that is asked for now may be delayed by so much to reach the best predicted alignment."""
     exchanges_per_s: float = 1000.0
     """Time requests that all clients together may send; with more clients each of them sends fewer."""
+    grid_phase_ns: int | None = None
+    """Instants are so much after whole periods of leader time, and stay so; None: cameras lay the grid."""
     beacons: Group | None = None
     """Where to send beacons, so that clients which hear the same ones agree; None for none."""
 
@@ -61,7 +63,7 @@ class Leader:
 
     def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
         self.config = config
-        self.terms = RigTerms(config.instance, config.period_ns, config.align_row)
+        self.terms = RigTerms(config.instance, config.period_ns, config.align_row, config.grid_phase_ns)
         self.malformed = 0
         self.impostures = 0
         """Messages in the name of another than who sealed them."""
@@ -211,11 +213,10 @@ class Leader:
     ) -> Burst:
         """Order a burst of `frames` instants, every `spacing` periods, on the rig's grid.
 
-        Up to `spare` more follow, for cameras that drop frames, until it is known which are complete; none of
-        one that is `streamed`, whose frames are sent as they come, for a `video` or not. `at_leader_ns` may
-        lie in the past, as far as ring buffers reach; by default it is in half a second, delayed by up to
-        `max_delay_ns` of the configuration. `number` must be a new one, by default the next. Raises what
-        `check_burst` does.
+        Up to `spare` more follow, for cameras that drop frames, until it is known which are complete; none if
+        `streamed`, whose frames are sent as they come, for a `video` or not. `at_leader_ns` may lie in the
+        past, as far as rings reach; by default it is in half a second, delayed by up to `max_delay_ns`.
+        `number` must be a new one, by default the next. Raises what `check_burst` does.
         """
         return self._orders.place(
             self._roster.cameras(),

@@ -28,6 +28,8 @@ class RigTerms:
     period_ns: int | None
     """The rig's, where it was asked for; None where the cameras set it."""
     align_row: float | None
+    grid_phase_ns: int | None = None
+    """Leader time modulo the period at the grid's instants, where that is given: no camera moves it then."""
     shared_goal: SharedGoal | None = None
     upstream: UpstreamMap | None = None
     """Of a relay: from its clock to the root's; clients chain it to their estimates."""
@@ -47,7 +49,9 @@ class RigTerms:
         if self.shared_goal is not None and (self.grid_is_of_cameras or not is_camera):
             return False
         self.grid_is_of_cameras = is_camera or self.period_ns is not None
-        goal = Goal(now_ns, self.period_ns or camera.period_ns)
+        period_ns = self.period_ns or camera.period_ns
+        phase_ns = now_ns if self.grid_phase_ns is None else self.grid_phase_ns
+        goal = Goal(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
         if self.shared_goal is not None and goal.period_ns == self.shared_goal.goal.period_ns:
             return False
         self.shared_goal = SharedGoal(goal)
@@ -122,7 +126,9 @@ class GridReview:
     def update_goal(self, now_ns: int) -> bool:
         """Move the goal to suit the cameras that cannot follow it; whether it has changed."""
         shared, immovable = self._terms.shared_goal, len(self._roster.immovable)
-        if shared is None or self._terms.upstream is not None or self._orders.is_busy(now_ns):
+        if shared is None or self._terms.upstream is not None or self._terms.grid_phase_ns is not None:
+            return False
+        if self._orders.is_busy(now_ns):
             return False
         if immovable > FEW_CAMERAS and now_ns < self._goal_due_ns:
             return False

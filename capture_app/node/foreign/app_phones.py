@@ -1,0 +1,123 @@
+"""Phones with libsoftwaresync or RecSync as they are: their ports, and their part in a leader's bursts."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from capture_app.clock import NodeClock
+from capture_app.errors import NetworkError
+from capture_app.net.server import bind_datagrams
+from capture_app.net.udp import Pump
+from capture_app.sync.foreign.app_leader import AppEvent, AppLeader, AppPhoneStatus
+from capture_app.sync.foreign.app_messages import CALL_PORT, TIME_PORT
+from capture_app.sync.rig.frame_picks import Burst
+from capture_app.text import count
+
+LOOK_EVERY_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class AppPhonesTold:
+    """Phones were told to take pictures, or a video."""
+
+    text: str
+    name: str | None = None
+
+
+AppNews = AppEvent | AppPhonesTold
+
+
+class Take(Protocol):
+    """A burst under way."""
+
+    @property
+    def burst(self) -> Burst:
+        """As it is ordered now: a recording ends earlier than it was first ordered."""
+
+    @property
+    def finished(self) -> asyncio.Event:
+        """Set when it is over."""
+
+
+class AppPhones:
+    """Leads phones with the app, while it is started."""
+
+    def __init__(self, host: str, *, aligns: bool) -> None:
+        """Listen on `host`. With `aligns` phones are told to align, as the rig's grid is the app's."""
+        self._host = host
+        self._engine = AppLeader(aligns=aligns)
+        self._pumps: list[Pump] = []
+        self._recordings: set[asyncio.Task[None]] = set()
+        self._now_ns: Callable[[], int]
+        self._on_news: Callable[[AppNews], None]
+
+    def start(self, clock: NodeClock, on_news: Callable[[AppNews], None]) -> None:
+        """Listen on the app's two ports. Raises NetworkError where they are in use."""
+        self._now_ns, self._on_news = clock.now_ns, on_news
+        hint = "the app knows no other port: end the other program that uses it"
+        calls = bind_datagrams(self._host, CALL_PORT, hint=hint)
+        try:
+            times = bind_datagrams(self._host, TIME_PORT, hint=hint)
+        except NetworkError:
+            calls.close()
+            raise
+        time_pump = Pump(self._engine.times, clock, lambda: None)
+        call_pump = Pump(self._engine.calls, clock, lambda: self._after_call(time_pump))
+        self._pumps = [call_pump, time_pump]
+        time_pump.start(times)
+        call_pump.start(calls)
+
+    async def close(self) -> None:
+        """End the recordings of phones, and close both ports."""
+        for task in tuple(self._recordings):
+            task.cancel()
+        await asyncio.gather(*self._recordings, return_exceptions=True)
+        for pump in self._pumps:
+            pump.close()
+
+    def statuses(self) -> tuple[AppPhoneStatus, ...]:
+        """The phones that are or were here lately."""
+        return self._engine.statuses(self._now_ns())
+
+    def take_part(self, take: Take) -> None:
+        """Have the phones that are here take their pictures of a burst, or their videos."""
+        if not (phones := len(self._engine.present())):
+            return
+        burst = take.burst
+        if burst.video:
+            task = asyncio.create_task(self._record(take))
+            self._recordings.add(task)
+            task.add_done_callback(self._recordings.discard)
+            text = f"{count(phones, 'phone')} with the app told to record, if they have RecSync"
+        else:
+            taken = self._engine.order_stills(burst.instants_ns, burst.period_ns, self._now_ns())
+            which = f"{len(taken)} of {count(burst.frames, 'instant')}"
+            text = (
+                f"{count(phones, 'phone')} with the app told to take {which}: one each half a second at most"
+            )
+        self._turn()
+        self._on_news(AppPhonesTold(f"{text}; what they take stays on them (capture-app sessions import)"))
+
+    async def _record(self, take: Take) -> None:
+        self._engine.start_recording()
+        self._turn()
+        try:
+            while not take.finished.is_set() and self._now_ns() <= take.burst.instants_ns[-1]:
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(LOOK_EVERY_S):
+                        await take.finished.wait()
+        finally:
+            self._engine.stop_recording()
+            self._turn()
+
+    def _turn(self) -> None:
+        for pump in self._pumps:
+            pump.turn()
+
+    def _after_call(self, time_pump: Pump) -> None:
+        while (event := self._engine.next_event()) is not None:
+            self._on_news(event)
+            # A new phone is to be asked from now on.
+            time_pump.turn()

@@ -28,6 +28,7 @@ COMMANDS = {
     "rig": "Start, list and stop rigs that run in the background of this machine.",
     "leader": "Run a leader: nodes join it, and it takes and saves bursts.",
     "node": "Run one camera and join a leader.",
+    "phones": "Let phones be cameras: a page that they open by a QR code.",
     "relay": "Connect nodes that cannot reach the leader themselves.",
     "doctor": "Look this machine over: network, clock, disks, cameras, and what repairs them.",
     "trust": "List the machines that this one knows; let others in.",

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,12 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 class Browser:
     """One page of a headless Chromium, driven over its debugging pipe (JSON ended by NUL)."""
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile: Path, *flags: str, within: Sequence[str] = ()) -> None:
+        """`flags` are added to the browser's; `within` is a command that runs another, as in a namespace."""
         read, its_write = os.pipe()
         its_read, write = os.pipe()
         command = [
+            *within,
             "bash",
             "-c",
             f'exec "$@" 3<&{its_read} 4>&{its_write}',
@@ -32,6 +35,7 @@ class Browser:
             "--disable-component-update",
             "--disable-sync",
             f"--user-data-dir={profile}",
+            *flags,
             "--remote-debugging-pipe",
         ]
         self._process = subprocess.Popen(
@@ -136,6 +140,13 @@ class Browser:
         steps = (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end))
         for kind, (x, y) in steps:
             self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def kill(self) -> None:
+        """End it at once, as a system does that needs its memory."""
+        self._process.kill()
+        self._process.wait()
+        self._reader.close()
+        self._writer.close()
 
     def close(self) -> None:
         try:

@@ -58,6 +58,17 @@ class CapturedFrame:
     white_balance: tuple[float, float] | None = None
     """Red and blue gains over green."""
     truth: GroundTruth | None = None
+    clock_uncertainty_ns: int = 0
+    """95 % error of the timestamp's way into the node's clock, where the device stamps by one of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceClock:
+    """How well the clock that a device stamps by is known in the host's; times in ns."""
+
+    uncertainty_ns: int
+    """95 %."""
+    hard_bound_ns: int
 
 
 OnFrame = Callable[[CapturedFrame], None]
@@ -75,6 +86,11 @@ class Camera(ABC):
     @property
     def calibration(self) -> CameraCalibration | None:
         """Intrinsics and pose where they are known by construction, as those of a rendered view are."""
+        return None
+
+    @property
+    def device_clock(self) -> DeviceClock | None:
+        """The clock that the device itself stamps by against the host's; None where that is the host's."""
         return None
 
     @abstractmethod
@@ -110,6 +126,11 @@ class ReclockedCamera(Camera):
     def calibration(self) -> CameraCalibration | None:
         """That of the camera behind it."""
         return self._camera.calibration
+
+    @property
+    def device_clock(self) -> DeviceClock | None:
+        """That of the camera behind it."""
+        return self._camera.device_clock
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start the camera behind it. Raises what that camera raises."""

@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from capture_app.cli import COMMANDS, run
-from capture_app.commands.node import choose_leader, find_leader, node
+from capture_app.commands.leader_search import choose_leader, find_leader
+from capture_app.commands.node import node
 from capture_app.errors import ExitCode, NetworkError
 from capture_app.net.address import Address
 from capture_app.net.discovery.search import ReachableLeader
@@ -166,7 +167,7 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     # Whatever leader this machine has at the usual port is not asked.
-    monkeypatch.setattr(sys.modules["capture_app.commands.node"], "DEFAULT_PORT", 1)
+    monkeypatch.setattr(sys.modules["capture_app.commands.leader_search"], "DEFAULT_PORT", 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         own = Address("127.0.0.1", sock.getsockname()[1])

@@ -26,8 +26,10 @@ from capture_app.node.camera.records import (
     camera_record,
     camera_report,
     event_line,
+    event_words,
     missing_images,
     true_clock,
+    with_device_clock,
 )
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.node.camera.viewfinder import Viewfinder
@@ -39,12 +41,11 @@ from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import JsonValue, KeyRequest
 from capture_app.node.wire.views import NodeDetail
-from capture_app.sync.rig import events, node_message
+from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual, StepRefused
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
@@ -198,6 +199,13 @@ class CameraNode:
             self._pump.close()
             self._beacons.close()
 
+    @property
+    def standing(self) -> tuple[NodeState | None, str]:
+        """How far it is, None before it has begun, and why it is not further in plain words."""
+        if self._last_state is None:
+            return None, ""
+        return self._last_state, self._engine.report(self._clock.now_ns()).message
+
     def _receive_broadcast(self, data: bytes, now_ns: int) -> None:
         message = data if self._sealed is None else self._sealed.open_broadcast(data)
         if message is not None:
@@ -246,7 +254,7 @@ class CameraNode:
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
         if isinstance(event, events.BurstPicked):
-            self._upload(event)
+            self._upload(with_device_clock(event))
             return
         if isinstance(event, events.BurstCancelled):
             self._uploader.cancel_burst(event.leader, event.burst)
@@ -261,16 +269,8 @@ class CameraNode:
                 self._talk(f"joined {leader}")
         line = {"local_ns": now_ns, **event_line(event)}
         self._events.append(line)
-        if isinstance(event, events.LeaderLost | events.JoinRefused | events.AlignmentFailed):
-            self._talk(f"{line['event']}: {event.reason}")
-        if isinstance(event, events.StrangeTrigger):
-            self._talk(f"refused a trigger for burst {event.burst}: it is not of the leader that is followed")
-        if isinstance(event, ClockRateUnusual):
-            self._talk(node_message.fast_clock(event.fast_ppm))
-        elif isinstance(event, StepRefused):
-            self._talk(node_message.step_refused(event.times))
-        elif isinstance(event, ClockRateChanged):
-            self._talk(node_message.RATE_CHANGED)
+        if words := event_words(event):
+            self._talk(words)
 
     def _upload(self, ready: events.BurstPicked[CapturedFrame]) -> None:
         assert self._tolerance_ns is not None
@@ -281,7 +281,9 @@ class CameraNode:
             )
             return
         camera, corrections = self._camera, self._engine.aligner.corrections
-        record = camera_record(self.name, camera.facts, ready, corrections, self._tolerance_ns)
+        record = camera_record(
+            self.name, camera.facts, ready, corrections, self._tolerance_ns, camera.device_clock
+        )
         truth = true_clock(self._clock, camera.facts)
         report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
         self._events.clear()

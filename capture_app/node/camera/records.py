@@ -1,26 +1,34 @@
 """A node's clock, phase and events as the manifest, the report and the event log record them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 
 from capture_app.camera_facts import SIMULATED, CameraFacts
+from capture_app.cameras.base import CapturedFrame, DeviceClock
 from capture_app.clock import NodeClock, SimulatedClock
 from capture_app.node.wire.messages import CameraReport, JsonValue
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
-from capture_app.sync.rig import events
+from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.frame_picks import DROPPED, Gap
 from capture_app.sync.timekeeping import clock_events
 
 
 def camera_record(
-    name: str, facts: CameraFacts, ready: events.BurstPicked[Any], corrections: int, tolerance_ns: int
+    name: str,
+    facts: CameraFacts,
+    ready: events.BurstPicked[Any],
+    corrections: int,
+    tolerance_ns: int,
+    device: DeviceClock | None = None,
 ) -> CameraRecord:
     """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
 
-    `tolerance_ns` is how near to the rig's grid the phase was to be held.
+    `tolerance_ns` is how near to the rig's grid the phase was to be held; `device` is the camera's own clock,
+    where it stamps by one.
     """
     time_map, phase = ready.time_map, ready.phase
     correction = time_map.correction
@@ -37,6 +45,8 @@ def camera_record(
             samples=time_map.samples,
             reference_correction_ns=None if correction is None else correction.reference_correction_ns,
             relative_uncertainty_ns=None if correction is None else round(correction.relative_uncertainty_ns),
+            device_uncertainty_ns=None if device is None else device.uncertainty_ns,
+            device_hard_bound_ns=None if device is None else device.hard_bound_ns,
         ),
         phase=None
         if phase is None
@@ -49,6 +59,15 @@ def camera_record(
             tolerance_ns=tolerance_ns,
         ),
     )
+
+
+def with_device_clock(picked: events.BurstPicked[CapturedFrame]) -> events.BurstPicked[CapturedFrame]:
+    """Add to the error of each pick that of the clock which its device stamps by."""
+    picks = tuple(
+        replace(pick, uncertainty_ns=pick.uncertainty_ns + pick.frame.clock_uncertainty_ns)
+        for pick in picked.picks
+    )
+    return replace(picked, picks=picks)
 
 
 def camera_report(
@@ -123,3 +142,19 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
         case events.AlignmentFailed():
             return {"event": "alignment-failed", "reason": event.reason}
     return {"event": type(event).__name__}
+
+
+def event_words(event: events.ClientEvent[Any]) -> str:
+    """Return what a user should hear of an event; empty where nothing."""
+    match event:
+        case events.LeaderLost() | events.JoinRefused() | events.AlignmentFailed():
+            return f"{event_line(event)['event']}: {event.reason}"
+        case events.StrangeTrigger():
+            return f"refused a trigger for burst {event.burst}: it is not of the leader that is followed"
+        case clock_events.ClockRateUnusual():
+            return node_message.fast_clock(event.fast_ppm)
+        case clock_events.StepRefused():
+            return node_message.step_refused(event.times)
+        case clock_events.ClockRateChanged():
+            return node_message.RATE_CHANGED
+    return ""

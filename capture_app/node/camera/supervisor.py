@@ -6,7 +6,7 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.session.format.calibration import CameraCalibration
@@ -54,6 +54,11 @@ class CameraSupervisor:
     def calibration(self) -> CameraCalibration | None:
         """The camera's own calibration, where it is known."""
         return self._camera.calibration
+
+    @property
+    def device_clock(self) -> DeviceClock | None:
+        """The clock that the camera stamps by, where that is one of its own."""
+        return self._camera.device_clock
 
     async def start(self) -> None:
         """Open the camera and start its stream. Raises what the camera raises."""

@@ -44,6 +44,10 @@ class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     """The part of the offset that comes from agreeing with cameras that hear the same packets."""
     relative_uncertainty_ns: Count | None = None
     """95 % error against the clocks of those cameras."""
+    device_uncertainty_ns: Count | None = None
+    """95 % error of the clock that the camera itself stamps by, as a phone does, against its node's."""
+    device_hard_bound_ns: Count | None = None
+    """The most that it can be."""
 
     def leader_from_local(self, local_ns: int) -> int:
         """Leader time in ns of a local time in ns."""

@@ -1,0 +1,153 @@
+"""`capture-app phones`: a page by which phones are cameras of a rig, and the QR code that opens it."""
+
+import asyncio
+import socket
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.joining import make_known, pairing_options
+from capture_app.commands.leader_search import find_leader
+from capture_app.commands.options import leaders_option, open_option, run_until_stopped, spool_option
+from capture_app.errors import NetworkError
+from capture_app.net.address import ANY_HOST, Address, reachable_host
+from capture_app.terminal import json_option, log_line, print_json_line, talk
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.phones.admission import Admission
+
+DEFAULT_PORT = 47011
+LOOK_EVERY_S = 0.5
+
+
+@click.command(epilog=examples("capture-app phones", "capture-app phones --leader 192.168.1.20"))
+@leaders_option
+@click.option(
+    "--host",
+    default="0.0.0.0",  # noqa: S104 - phones are other machines
+    help="Address that the page listens on.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    show_default=f"{DEFAULT_PORT}, or a free one",
+    metavar="PORT",
+    help="TCP port of the page; 0 chooses a free one.",
+)
+@click.option(
+    "--certificate",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    metavar="FILE",
+    show_default="one that is made here, of which browsers warn once",
+    help="Certificate of this machine's name with its key, in PEM.",
+)
+@spool_option
+@pairing_options
+@open_option
+@click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
+@json_option
+def phones(
+    leaders: tuple[Address, ...],
+    host: str,
+    port: int | None,
+    certificate: Path | None,
+    spool: Path,
+    pin: str | None,
+    code: str | None,
+    until_eof: bool,
+    as_json: bool,
+) -> None:
+    """Let phones be cameras: scan the QR code, allow the camera, done. Runs until Ctrl-C.
+
+    The code is good for one phone and ten minutes; then the next one is shown. The phone's browser warns of a
+    certificate that it does not know: the page's fingerprint is shown beside the code.
+    """
+    leaders = leaders or (find_leader(),)
+    make_known(leaders, pin, code)
+    run_until_stopped(_run(leaders, host, port, certificate, spool, as_json), until_eof=until_eof)
+
+
+async def _run(
+    leaders: tuple[Address, ...],
+    host: str,
+    port: int | None,
+    certificate_file: Path | None,
+    spool: Path,
+    as_json: bool,
+) -> None:
+    from platformdirs import user_data_path
+
+    from capture_app.phones.admission import Admission
+    from capture_app.phones.certificate import load_certificate, own_certificate
+    from capture_app.phones.gateway import PhoneGateway
+    from capture_app.phones.phone_nodes import PhoneNodes
+
+    listening = _listen(host, port)
+    shown = reachable_host(host, listening.family) if host in ANY_HOST else host
+    where = Address(shown, listening.getsockname()[1])
+    if certificate_file is None:
+        folder = user_data_path("simulshot", appauthor=False) / "trust"
+        certificate = own_certificate(folder, (shown, socket.gethostname()), datetime.now(UTC))
+    else:
+        certificate = load_certificate(certificate_file)
+    admission = Admission(time.monotonic)
+    nodes = PhoneNodes(leaders, spool, log_line)
+    gateway = PhoneGateway(admission, nodes.add)
+    await gateway.start(listening, certificate.server_context())
+    try:
+        await _keep_inviting(f"https://{where}/", certificate.fingerprint, admission, as_json)
+    finally:
+        await gateway.stop()
+        await nodes.close()
+
+
+async def _keep_inviting(page: str, fingerprint: str, admission: "Admission", as_json: bool) -> None:
+    """Show the code of the next phone, whenever it is another one."""
+    shown = ""
+    while True:
+        secret = admission.secret
+        if secret != shown:
+            shown = secret
+            url = f"{page}#{secret}"
+            if as_json:
+                print_json_line(
+                    {
+                        "event": "invitation",
+                        "url": url,
+                        "fingerprint": fingerprint,
+                        "good_for_s": admission.good_for_s,
+                    }
+                )
+            else:
+                _show(url, fingerprint)
+        await asyncio.sleep(LOOK_EVERY_S)
+
+
+def _show(url: str, fingerprint: str) -> None:
+    if sys.stderr.isatty():
+        import segno
+
+        segno.make(url, error="l", boost_error=False, micro=False).terminal(sys.stderr, compact=True)
+    talk(f"a phone becomes a camera by this address, one phone, within ten minutes: {url}")
+    talk("its browser warns of the certificate, once; if you doubt the network, compare its SHA-256:")
+    talk(f"  {fingerprint}")
+
+
+def _listen(host: str, port: int | None) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    tries = (DEFAULT_PORT, 0) if port is None else (port,)
+    for number in tries:
+        try:
+            return socket.create_server((host, number), family=family)
+        except OSError as error:
+            if number == tries[-1]:
+                raise NetworkError(
+                    f"cannot listen on {Address(host, number)}: {error.strerror}",
+                    hint="choose another with --host and --port; --port 0 takes a free one",
+                ) from error
+    raise AssertionError

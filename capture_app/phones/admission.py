@@ -1,0 +1,111 @@
+"""Which phones are let in: by a secret that is good once, and then by the key that the phone made itself."""
+
+import hashlib
+import re
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from capture_app.errors import UnknownMachineError
+from capture_app.names import name_like
+
+SECRET_BYTES = 16
+GOOD_FOR_S = 600.0
+TICKET_S = 30.0
+"""Between a phone's admission and its stream."""
+MOST_PHONES = 64
+_KEY = re.compile(r"[0-9a-f]{32}")
+
+
+@dataclass(frozen=True, slots=True)
+class Admitted:
+    """A phone that was let in."""
+
+    name: str
+    """Of its camera in the rig; the same whenever it comes back."""
+    key: str
+    """Digest of the key that it proves itself by."""
+
+
+class Admission:
+    """Keeps one invitation open, and remembers for as long as it lives who came by one."""
+
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        """`now_s` is a monotonic clock."""
+        self._now_s = now_s
+        self._secret, self._until_s = "", 0.0
+        self._spent: dict[str, str] = {}
+        """Digests of the secrets that phones came by, and of those phones' keys."""
+        self._phones: dict[str, Admitted] = {}
+        self._tickets: dict[str, tuple[Admitted, float]] = {}
+
+    @property
+    def secret(self) -> str:
+        """The secret of the next phone; another one when it was used, or has been shown for long enough."""
+        if not self._secret or self._now_s() >= self._until_s:
+            self._renew()
+        return self._secret
+
+    @property
+    def good_for_s(self) -> int:
+        """How long the present secret is good."""
+        return max(0, round(self._until_s - self._now_s()))
+
+    def admit(self, secret: str, key: str, wish: str) -> Admitted:
+        """Let a phone in by a secret, or by the key that it came with before.
+
+        `wish` is what its user would call it. Raises UnknownMachineError with words for that user.
+        """
+        if not _KEY.fullmatch(key):
+            raise UnknownMachineError("This page is not of this leader: scan the code that it shows.")
+        digest, offered = _digest(key), _digest(secret)
+        if digest in self._phones:
+            # It may have been told another secret meanwhile, which stays good for the next phone.
+            return self._phones[digest]
+        if not secret:
+            raise UnknownMachineError(
+                "This phone is not known here yet: scan the code that the leader shows."
+            )
+        if offered in self._spent:
+            raise UnknownMachineError(
+                "This code has let another phone in: each is good once. Scan the one that is shown now."
+            )
+        if not secrets.compare_digest(offered, _digest(self.secret)):
+            raise UnknownMachineError(
+                "This code is not good any more: scan the one that the leader shows now."
+            )
+        if len(self._phones) >= MOST_PHONES:
+            raise UnknownMachineError(f"{MOST_PHONES} phones are here already.")
+        admitted = self._phones[digest] = Admitted(self._free_name(wish), digest)
+        self._spent[offered] = digest
+        self._renew()
+        return admitted
+
+    def ticket(self, admitted: Admitted) -> str:
+        """Return what opens one stream of that phone, soon."""
+        now_s = self._now_s()
+        self._tickets = {text: held for text, held in self._tickets.items() if held[1] > now_s}
+        ticket = secrets.token_urlsafe(SECRET_BYTES)
+        self._tickets[ticket] = admitted, now_s + TICKET_S
+        return ticket
+
+    def redeem(self, ticket: str) -> Admitted | None:
+        """Return whose stream a ticket opens; None for one that is not good, or not any more."""
+        admitted, until_s = self._tickets.pop(ticket, (None, 0.0))
+        return admitted if self._now_s() < until_s else None
+
+    def _renew(self) -> None:
+        self._secret, self._until_s = secrets.token_urlsafe(SECRET_BYTES), self._now_s() + GOOD_FOR_S
+
+    def _free_name(self, wish: str) -> str:
+        wished = name_like(wish.strip()[:40], "phone")
+        taken = {phone.name for phone in self._phones.values()}
+        number, name = 1, wished
+        while name in taken:
+            number += 1
+            name = f"{wished}-{number}"
+        return name
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode(errors="replace")).hexdigest()

@@ -1,0 +1,118 @@
+"""A phone as a camera: its frames as they are told, restarts aimed by its own clock, pictures left on it."""
+
+import asyncio
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from capture_app.camera_facts import CameraFacts
+from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock, OnFailure, OnFrame
+from capture_app.errors import CameraError
+from capture_app.phones.frame_times import TimedFrame
+from capture_app.phones.phone import PATIENCE_S, Phone
+from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_JPEG_START = b"\xff\xd8\xff"
+_SLACK_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class PhonePicture:
+    """A picture that lies on its phone until somebody wants it."""
+
+    phone: Phone
+    page: str
+    id: int
+    loop: asyncio.AbstractEventLoop
+
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes here."""
+        return 1
+
+    def encode(self) -> bytes:
+        """Return the phone's own JPEG. Raises CameraError where it does not come."""
+        return self._fetch(None)
+
+    def reduced(self, width: int) -> "NDArray[np.uint8]":
+        """Return the picture as the phone made it smaller, BGR uint8 (H, W, 3).
+
+        Raises CameraError where it does not come, ValueError where it cannot be decoded.
+        """
+        import cv2
+        import numpy as np
+
+        picture = cv2.imdecode(np.frombuffer(self._fetch(width), np.uint8), cv2.IMREAD_COLOR)
+        if picture is None:
+            raise ValueError("the phone's JPEG cannot be decoded")
+        return np.asarray(picture, np.uint8)
+
+    def _fetch(self, width: int | None) -> bytes:
+        coming = asyncio.run_coroutine_threadsafe(self.phone.fetch(self.page, self.id, width), self.loop)
+        try:
+            data = coming.result(PATIENCE_S + _SLACK_S)
+        except TimeoutError as error:
+            coming.cancel()
+            raise CameraError(f"{self.phone.name} did not bring it") from error
+        if not data.startswith(_JPEG_START):
+            raise CameraError(f"{self.phone.name} sent no JPEG")
+        return data
+
+
+class PhoneCamera(Camera):
+    """The camera of a phone that is here; its stamps are in the gateway's monotonic clock."""
+
+    def __init__(self, phone: Phone) -> None:
+        """Take a phone's camera. Raises CameraError while it does not stream."""
+        self._phone = phone
+        self._facts = phone.facts
+        self._page = phone.page
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do."""
+        return self._facts
+
+    @property
+    def device_clock(self) -> DeviceClock | None:
+        """The clock of the phone's browser against the gateway's."""
+        return self._phone.clock.accuracy
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Hand on the frames of the stream that is running. Raises CameraError where it is not any more."""
+        loop, clock, page = asyncio.get_running_loop(), self._phone.clock, self._phone.page
+        if self._phone.facts != self._facts or page != self._page:
+            raise CameraError(f"{self._phone.name} has come back as another camera")
+
+        def deliver(frame: TimedFrame) -> None:
+            on_frame(
+                CapturedFrame(
+                    sequence=frame.sequence,
+                    stream=frame.stream,
+                    timestamp_ns=clock.gateway_ns(frame.page_us),
+                    picture=PhonePicture(self._phone, page, frame.id, loop),
+                    clock_uncertainty_ns=clock.uncertainty_ns(frame.page_us),
+                )
+            )
+
+        def fail(why: str) -> None:
+            self._phone.unwatch()
+            on_failure(CameraError(f"{self._phone.name}: {why}"))
+
+        self._phone.watch(deliver, fail)
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Start the stream anew at a moment; one that is over becomes whole periods later.
+
+        Raises CameraError for any other command, or while the phone is not here.
+        """
+        if not isinstance(command, RestartStream):
+            raise CameraError("a phone in a browser cannot change the length of single frames")
+        await self._phone.restart(command.delay_ns)
+
+    async def stop(self) -> None:
+        """Hand on no more frames; the phone's camera goes on. Calling it twice is harmless."""
+        self._phone.unwatch()

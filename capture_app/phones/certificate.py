@@ -1,0 +1,145 @@
+"""The certificate of the phones' page: of a kind that browsers take, made once and kept."""
+
+import contextlib
+import datetime
+import hashlib
+import ipaddress
+import os
+import secrets
+import socket
+import ssl
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture_app.errors import BadInputError, DiskError
+
+FILE = "phones.pem"
+LASTS = datetime.timedelta(days=800)
+"""Apple's browsers take none that lasts longer than 825 days."""
+RENEWED_BEFORE = datetime.timedelta(days=30)
+_DAY = datetime.timedelta(days=1)
+
+
+@dataclass(frozen=True, slots=True)
+class PageCertificate:
+    """A key and its certificate in one file (PEM)."""
+
+    file: Path
+    fingerprint: str
+    """SHA-256 of the certificate, as browsers show it."""
+
+    def server_context(self) -> ssl.SSLContext:
+        """Return TLS for the page. Raises BadInputError where the file holds no key that fits."""
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.minimum_version = ssl.TLSVersion.TLSv1_2
+        try:
+            context.load_cert_chain(self.file)
+        except (OSError, ssl.SSLError) as error:
+            raise _unusable(self.file) from error
+        return context
+
+
+def load_certificate(file: Path) -> PageCertificate:
+    """Return a certificate of the user's own. Raises BadInputError where the file holds none with its key."""
+    try:
+        text = file.read_text("ascii")
+        der = ssl.PEM_cert_to_DER_cert(text[text.index("-----BEGIN CERT") :].split("-----END CERT")[0] + _END)
+    except (OSError, ValueError) as error:
+        raise _unusable(file) from error
+    certificate = PageCertificate(file, _fingerprint(der))
+    certificate.server_context()
+    return certificate
+
+
+def own_certificate(folder: Path, hosts: Iterable[str], now: datetime.datetime) -> PageCertificate:
+    """Return the certificate that is kept in a folder; made anew where there is none or it ends soon.
+
+    It stays the same as long as it can: a phone's user who has accepted it is not asked again.
+    Raises DiskError where it cannot be kept.
+    """
+    path = folder / FILE
+    try:
+        if not _is_good(path, now):
+            _keep(path, _new_pem(hosts, now))
+        return load_certificate(path)
+    except OSError as error:
+        raise DiskError(
+            f"cannot keep the certificate of the phones' page in {folder}: {error.strerror or error}",
+            hint="set XDG_DATA_HOME to a folder that can be written",
+        ) from error
+
+
+_END = "-----END CERTIFICATE-----\n"
+
+
+def _unusable(file: Path) -> BadInputError:
+    return BadInputError(
+        f"{file} holds no certificate with its key",
+        hint="both in one file, in PEM, the key without a password",
+    )
+
+
+def _fingerprint(der: bytes) -> str:
+    return hashlib.sha256(der).digest().hex(":").upper()
+
+
+def _is_good(path: Path, now: datetime.datetime) -> bool:
+    from cryptography import x509
+
+    try:
+        certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        load_certificate(path)
+    except (OSError, ValueError, BadInputError):
+        return False
+    return certificate.not_valid_before_utc <= now < certificate.not_valid_after_utc - RENEWED_BEFORE
+
+
+def _keep(path: Path, pem: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(pem)
+            file.flush()
+            os.fsync(handle)
+        part.replace(path)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            part.unlink()
+
+
+def _new_pem(hosts: Iterable[str], now: datetime.datetime) -> bytes:
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+    # Browsers know no Ed25519, which the keys of machines are.
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name(
+        [x509.NameAttribute(NameOID.COMMON_NAME, f"simulshot phones {socket.gethostname()}"[:64])]
+    )
+    names = [_general_name(host) for host in dict.fromkeys((*hosts, "localhost", "127.0.0.1"))]
+    certificate = (
+        x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+        .not_valid_before(now - _DAY)
+        .not_valid_after(now + LASTS)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    return key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    ) + certificate.public_bytes(serialization.Encoding.PEM)
+
+
+def _general_name(host: str):  # type: ignore[no-untyped-def]
+    from cryptography import x509
+
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)

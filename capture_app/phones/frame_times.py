@@ -1,0 +1,99 @@
+"""When a phone's frames were, by its page's clock: media times are even, but begin anywhere."""
+
+from collections import deque
+from dataclasses import dataclass
+from statistics import median
+
+from capture_app.phones.wire import FrameTold
+
+BLOCK_US, BLOCKS = 3e6, 10
+HELD_FRAMES = 8
+"""A stream's first frames wait for so many, whose least delay tells where its media times begin."""
+RATE_FRAMES, RATE_SHARE = 20, 0.05
+"""So many frames tell whether a browser keeps the rate that it says, to within this share."""
+USUAL_RATE = 30.0
+
+
+class ArrivalAnchor:
+    """Where media times stand on the page's clock: the least delay of the last half minute, in us.
+
+    That is the moment of a frame's arrival in the browser where all went quickly; how long the camera and the
+    phone took until then is not known here, and is part of the bias of the camera's stamps.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
+        """Begin of a block and the least offset of it."""
+
+    def add(self, media_us: float, seen_us: float) -> None:
+        """Take in a frame that was seen at a time of the page's clock."""
+        offset_us = seen_us - media_us
+        if not self._blocks or seen_us - self._blocks[-1][0] >= BLOCK_US:
+            self._blocks.append((seen_us, offset_us))
+        elif offset_us < self._blocks[-1][1]:
+            self._blocks[-1] = self._blocks[-1][0], offset_us
+
+    @property
+    def offset_us(self) -> float:
+        """The page's time minus the media time of one and the same frame."""
+        return min(offset_us for _, offset_us in self._blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class TimedFrame:
+    """A frame with its number in its stream, gaps counted, and its time by the page's clock in us."""
+
+    id: int
+    stream: int
+    sequence: int
+    page_us: float
+
+
+class FrameTimes:
+    """Turns what a page tells of its frames into numbered, timed frames, one stream after the other."""
+
+    def __init__(self, rate: float) -> None:
+        """`rate` in frames a second is as the browser sets it; 0 where it does not say."""
+        self._rate = rate
+        self._stream: int | None = None
+        self._anchor = ArrivalAnchor()
+        self._held: list[FrameTold] = []
+        self._holding = True
+        self._sequence, self._last_us = 0, 0.0
+        self._steps_us: list[float] = []
+        self.period_ns: int | None = None
+        """Of the camera, as it keeps it; None while too few frames have come."""
+
+    def add(self, told: FrameTold) -> list[TimedFrame]:
+        """Take in a frame; return those that can be told now, none while a stream begins."""
+        begins = told.stream != self._stream
+        if begins:
+            self._stream, self._anchor = told.stream, ArrivalAnchor()
+            self._held, self._holding, self._sequence = [], True, 0
+        self._anchor.add(told.media_us, told.capture_us or told.arrived_us)
+        if self.period_ns is None:
+            self._measure_rate(told, begins)
+        if not self._holding:
+            return [self._timed(told, first=False)]
+        self._held.append(told)
+        if self.period_ns is None or len(self._held) < HELD_FRAMES:
+            return []
+        self._holding = False
+        return [self._timed(frame, first=n == 0) for n, frame in enumerate(self._held)]
+
+    def _measure_rate(self, told: FrameTold, begins: bool) -> None:
+        if not begins:
+            self._steps_us.append(told.media_us - self._held[-1].media_us)
+        if len(self._steps_us) >= RATE_FRAMES:
+            step_us = median(self._steps_us)
+            rate = self._rate or USUAL_RATE
+            if step_us <= 0 or abs(step_us * rate / 1e6 - 1) > RATE_SHARE:
+                rate = max(1.0, round(1e6 / step_us)) if step_us > 0 else rate
+            self.period_ns = round(1e9 / rate)
+
+    def _timed(self, told: FrameTold, *, first: bool) -> TimedFrame:
+        assert self.period_ns is not None
+        if not first:
+            self._sequence += max(1, round((told.media_us - self._last_us) * 1000 / self.period_ns))
+        self._last_us = told.media_us
+        return TimedFrame(told.id, told.stream, self._sequence, told.media_us + self._anchor.offset_us)

@@ -1,0 +1,178 @@
+"""The web server that phones open: the page, their admission, and one link for each."""
+
+import asyncio
+import socket
+import ssl
+import time
+from collections.abc import Callable
+from http import HTTPStatus
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+from aiohttp import WSMsgType, web
+from aiohttp.typedefs import Handler
+from msgspec import Struct
+
+from capture_app.errors import UnknownMachineError
+from capture_app.phones import wire
+from capture_app.phones.admission import Admission, Admitted
+from capture_app.phones.door import Door
+from capture_app.phones.phone import Phone
+
+PAGE = Path(__file__).parent / "page"
+PARTS = {
+    "": ("index.html", "text/html"),
+    "page.css": ("page.css", "text/css"),
+    **{name: (name, "text/javascript") for name in ("requirements.js", "page.js", "link.js", "camera.js")},
+}
+HEARTBEAT_S = 5.0
+HELLO_S = 10.0
+LEFT = 1000
+"""How a page closes its link when its user ends it."""
+
+
+class JoinRequest(Struct, frozen=True):
+    """A phone asks to be let in."""
+
+    secret: str
+    key: str
+    name: str = ""
+
+
+class PhoneGateway:
+    """Serves the page and its links; what becomes of a phone's frames is up to `on_phone`."""
+
+    def __init__(self, admission: Admission, on_phone: Callable[[Phone], None]) -> None:
+        """`on_phone` is told of each phone when its page is connected for the first time."""
+        self._admission = admission
+        self._on_phone = on_phone
+        self._phones: dict[str, Phone] = {}
+        self._door: Door | None = None
+        self._links: set[web.WebSocketResponse] = set()
+        self._runner: web.AppRunner | None = None
+
+    async def start(self, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
+        """Serve on a socket that listens, until `stop`."""
+        app = web.Application(middlewares=[_guard], client_max_size=4096)
+        for part in PARTS:
+            app.router.add_get(f"/{part}", _send_part)
+        app.router.add_post("/join", self._join)
+        app.router.add_get("/link/{ticket}", self._link)
+        self._runner = web.AppRunner(app, access_log=None, keepalive_timeout=5.0)
+        await self._runner.setup()
+        assert self._runner.server is not None
+        self._door = Door(self._runner.server)
+        await self._door.open(listening, tls)
+
+    async def stop(self) -> None:
+        """Tell all pages, and close."""
+        for link in tuple(self._links):
+            await link.close(code=1001, message=b"The leader has ended. This page waits for it.")
+        if self._door is not None:
+            await self._door.close()
+        if self._runner is not None:
+            await self._runner.cleanup()
+
+    async def _join(self, request: web.Request) -> web.Response:
+        try:
+            asked = msgspec.json.decode(await request.read(), type=JoinRequest)
+        except ValueError:
+            return _answer(HTTPStatus.BAD_REQUEST, words="This page is not of this leader: load it again.")
+        try:
+            admitted = self._admission.admit(asked.secret, asked.key, asked.name)
+        except UnknownMachineError as error:
+            return _answer(HTTPStatus.FORBIDDEN, words=str(error))
+        return _answer(HTTPStatus.OK, name=admitted.name, ticket=self._admission.ticket(admitted))
+
+    async def _link(self, request: web.Request) -> web.StreamResponse:
+        admitted = self._admission.redeem(request.match_info["ticket"])
+        if admitted is None:
+            raise web.HTTPForbidden(text="this link was not asked for")
+        socket_ = web.WebSocketResponse(
+            compress=False, max_msg_size=wire.MAX_PICTURE_BYTES, heartbeat=HEARTBEAT_S
+        )
+        await socket_.prepare(request)
+        if self._door is not None:
+            self._door.trust(request.transport)
+        self._links.add(socket_)
+        try:
+            await self._serve(socket_, admitted)
+        except ValueError:
+            await socket_.close(code=1003, message=b"This page is of another version: load it again.")
+        finally:
+            self._links.discard(socket_)
+        return socket_
+
+    async def _serve(self, link: web.WebSocketResponse, admitted: Admitted) -> None:
+        hello = wire.decode_text(await link.receive_str(timeout=HELLO_S))
+        if not isinstance(hello, wire.Hello):
+            raise ValueError("a page begins with its hello")
+
+        async def send(message: str | bytes) -> None:
+            if not link.closed:
+                await (link.send_str(message) if isinstance(message, str) else link.send_bytes(message))
+
+        phone = self._phones.get(admitted.key)
+        is_new = phone is None
+        if phone is None:
+            phone = self._phones[admitted.key] = Phone(admitted.name, time.monotonic_ns)
+        phone.link_opened(send, hello)
+        if is_new:
+            self._on_phone(phone)
+        try:
+            async for message in link:
+                received_ns = time.monotonic_ns()
+                if message.type is WSMsgType.BINARY:
+                    told = wire.decode_binary(message.data)
+                    if isinstance(told, wire.Ping):
+                        phone.clock.note_pong(told, received_ns, time.monotonic_ns())
+                        await link.send_bytes(wire.pong(told.number))
+                    phone.take_binary(told, received_ns)
+                elif message.type is WSMsgType.TEXT:
+                    said = wire.decode_text(message.data)
+                    if isinstance(said, wire.Hello):
+                        raise ValueError("a second hello")
+                    phone.take_text(said)
+        finally:
+            phone.link_closed(send, by_user=link.close_code == LEFT)
+
+
+async def _send_part(request: web.Request) -> web.Response:
+    name, kind = PARTS[request.path.lstrip("/")]
+    text = await asyncio.to_thread((PAGE / name).read_text, "utf-8")
+    return web.Response(text=text, content_type=kind)
+
+
+def _answer(status: HTTPStatus, **body: str) -> web.Response:
+    return web.json_response(body, status=status)
+
+
+@web.middleware
+async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Refuse pages of others, and give our own what makes clocks precise and keeps other sites out."""
+    origin = request.headers.get("Origin")
+    if origin is not None and urlsplit(origin).netloc != request.host:
+        raise web.HTTPForbidden(text="this is for its own page only")
+    response = await handler(request)
+    if not response.prepared:
+        response.headers.update(_HEADERS)
+        # Older browsers do not count a WebSocket of the page's own host to 'self'.
+        response.headers["Content-Security-Policy"] = f"{_POLICY}; connect-src 'self' wss://{request.host}"
+    return response
+
+
+_POLICY = (
+    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src data:;"
+    " media-src 'self' blob: mediastream:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    # A page that no other can reach into is given precise timers.
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Embedder-Policy": "require-corp",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(self), screen-wake-lock=(self), microphone=(), geolocation=()",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}

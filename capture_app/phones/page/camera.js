@@ -1,0 +1,105 @@
+// Frames in, their times out; the pictures stay here, as JPEGs, until they are asked for.
+"use strict";
+const QUALITY = 0.9, PREVIEW_QUALITY = 0.6, WAITING = 6;
+const KEPT_MS = 5000, KEPT_WHILE_ASKED_MS = 30000, ASKED_MS = 10000;
+const KEPT_BYTES = (navigator.deviceMemory || 4) <= 2 ? 64e6 : 160e6;
+let link = null, stream = 0, next = 0, waiting = 0, bytes = 0, askedMs = -Infinity, trial = null, canvas = null;
+const ring = new Map();
+const now_us = () => performance.now() * 1000;
+
+// The stream that is read: frames as they come, by the browser's own reader.
+async function read(readable, own) {
+  const reader = readable.getReader();
+  for (;;) {
+    const {value: frame, done} = await reader.read();
+    const arrived_us = now_us();
+    if (done) return;
+    if (own !== stream) {
+      frame.close();
+      reader.cancel();
+      return;
+    }
+    let told = null;
+    try {
+      told = frame.metadata ? frame.metadata().captureTime : null;
+    } catch { told = null; }
+    take(frame, frame.displayWidth, frame.displayHeight, {
+      media_us: frame.timestamp, arrived_us, capture_us: told ? told * 1000 : null, origin_ms: performance.timeOrigin,
+    });
+    frame.close();
+  }
+}
+
+function take(image, width, height, times) {
+  if (trial) trial.frames++;
+  if (waiting >= WAITING) {
+    // It counts as a frame that was dropped: nobody is promised a picture that is never made.
+    if (trial) trial.skipped++;
+    judge(width, height);
+    return;
+  }
+  const id = next++, own = stream;
+  if (!canvas || canvas.width !== width || canvas.height !== height) canvas = new OffscreenCanvas(width, height);
+  canvas.getContext("2d", {alpha: false}).drawImage(image, 0, 0);
+  waiting++;
+  const entry = {at_ms: performance.now(), size: 0, jpeg: null, width, height};
+  entry.jpeg = canvas.convertToBlob({type: "image/jpeg", quality: QUALITY}).then(
+    blob => {
+      if (ring.get(id) === entry) bytes += entry.size = blob.size;
+      return blob;
+    }, () => null).finally(() => { waiting--; });
+  ring.set(id, entry);
+  thin();
+  judge(width, height);
+  if (link && !trial) link.postMessage({type: "frame", id, stream: own, ...times});
+}
+
+// Whether this phone keeps up with pictures of this size, before anybody counts on it.
+function judge(width, height) {
+  if (!trial || trial.frames < 30) return;
+  postMessage({type: "trial", width, height, ...trial});
+  trial = null;
+}
+
+function thin() {
+  const kept_ms = performance.now() - askedMs < ASKED_MS ? KEPT_WHILE_ASKED_MS : KEPT_MS;
+  for (const [id, entry] of ring) {
+    if (performance.now() - entry.at_ms < kept_ms && bytes < KEPT_BYTES) return;
+    ring.delete(id);
+    bytes -= entry.size;
+  }
+}
+
+async function answer(message) {
+  const entry = ring.get(message.id);
+  let blob = entry ? await entry.jpeg : null;
+  if (message.type === "picture") askedMs = performance.now();
+  else if (blob && message.width < entry.width) {
+    const height = Math.max(1, Math.round(entry.height * message.width / entry.width));
+    const small = await createImageBitmap(blob, {resizeWidth: message.width, resizeHeight: height});
+    const drawn = new OffscreenCanvas(message.width, height);
+    drawn.getContext("2d", {alpha: false}).drawImage(small, 0, 0);
+    small.close();
+    blob = await drawn.convertToBlob({type: "image/jpeg", quality: PREVIEW_QUALITY});
+  }
+  const data = blob ? await blob.arrayBuffer() : new ArrayBuffer(0);
+  link.postMessage({type: message.type, id: message.id, bytes: data}, [data]);
+}
+
+onmessage = event => {
+  const message = event.data;
+  if (message.link) {
+    link = message.link;
+    link.onmessage = asked => answer(asked.data).catch(() => {
+      link.postMessage({type: asked.data.type, id: asked.data.id, bytes: new ArrayBuffer(0)});
+    });
+  } else if (message.begin) {
+    stream = message.begin;
+    trial = message.trial ? {frames: 0, skipped: 0} : null;
+    if (message.readable) read(message.readable, stream);
+  } else if (message.end) stream = 0;
+  else if (message.bitmap) {
+    if (message.stream === stream) take(message.bitmap, message.bitmap.width, message.bitmap.height, message.times);
+    message.bitmap.close();
+  }
+};

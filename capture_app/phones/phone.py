@@ -1,0 +1,214 @@
+"""One phone, however often its page comes and goes: its clock, its frames, the pictures it is asked for."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
+from capture_app.errors import CameraError
+from capture_app.phones import wire
+from capture_app.phones.frame_times import FrameTimes, TimedFrame
+from capture_app.phones.phone_clock import PhoneClock
+
+_log = logging.getLogger(__name__)
+
+KIND = "phone"
+PATIENCE_S = 15.0
+"""So long a picture is waited for, over a link that comes back, too."""
+DELIVERY_NS = 100_000_000
+"""A frame reaches a page at most so long after it is read out; assumed, as no browser tells."""
+NEVER = "its page is not open: open it on the phone again"
+STARTING = "its camera is starting, or its clock is being measured"
+Send = Callable[[str | bytes], Awaitable[None]]
+OnFrame = Callable[[TimedFrame], None]
+
+
+class Phone:
+    """A phone that was let in; `link_opened` and `link_closed` tell of its page's connection."""
+
+    def __init__(self, name: str, now_ns: Callable[[], int]) -> None:
+        """`now_ns` is the gateway's monotonic clock."""
+        self.name = name
+        self.came = asyncio.Event()
+        """Set while its camera streams and its clock is known."""
+        self.gone = asyncio.Event()
+        """Set while no page of it is connected."""
+        self.gone.set()
+        self.back = asyncio.Event()
+        """Set while one is."""
+        self.said_goodbye = False
+        """Whether its user ended it."""
+        self._now_ns = now_ns
+        self._send: Send | None = None
+        self._needs_state = False
+        self._page = ""
+        self._hello: wire.Hello
+        self._clock: PhoneClock | None = None
+        self._opened: wire.Opened | None = None
+        self._why_away = NEVER
+        self._times = FrameTimes(0.0)
+        self._pictures: dict[tuple[str, int, bool], asyncio.Future[bytes]] = {}
+        self._on_frame: OnFrame | None = None
+        self._on_away: Callable[[str], None] | None = None
+
+    @property
+    def clock(self) -> PhoneClock:
+        """Its page's clock, known once it has come."""
+        assert self._clock is not None
+        return self._clock
+
+    @property
+    def clock_words(self) -> str:
+        """How well its clock is known, for its user."""
+        if self._clock is None or (accuracy := self._clock.accuracy) is None:
+            return "being measured"
+        return f"known to ±{accuracy.uncertainty_ns / 1e6:.2f} ms"
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What its camera is. Raises CameraError while it does not stream."""
+        opened, period_ns = self._opened, self._times.period_ns
+        if opened is None or period_ns is None or self._clock is None or not self._clock.is_known:
+            raise CameraError(f"{self.name}: {self._why_away if opened is None else STARTING}")
+        # Stamps are arrivals where all goes quickly: after the exposure, the readout and the way to the page.
+        half_ns = (2 * period_ns + DELIVERY_NS) // 2
+        return CameraFacts(
+            kind=KIND,
+            model=(opened.label or browser_name(self._hello.user_agent))[:200],
+            width=opened.width,
+            height=opened.height,
+            pixel_format="JPEG",
+            period_ns=period_ns,
+            timestamp_source=TimestampSource.UNKNOWN,
+            phase_control=PhaseControl.RESET,
+            stamp=StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED),
+        )
+
+    # The camera's side
+
+    def watch(self, on_frame: OnFrame, on_away: Callable[[str], None]) -> None:
+        """Hand on all frames from now on, and once that no more will come."""
+        self._on_frame, self._on_away = on_frame, on_away
+
+    def unwatch(self) -> None:
+        """Hand on nothing more."""
+        self._on_frame = self._on_away = None
+
+    async def restart(self, delay_ns: int) -> None:
+        """Let the phone start its camera anew in so long. Raises CameraError where it is not here."""
+        at_us = self.clock.page_us(self._now_ns() + delay_ns)
+        if self._send is None or self._opened is None:
+            raise CameraError(f"{self.name}: {self._why_away}")
+        await self._send(wire.restart_request(at_us))
+
+    async def tell(self, message: str) -> None:
+        """Let its page show something; nothing where none is connected."""
+        if self._send is not None:
+            await self._send(message)
+
+    def take_wish_for_state(self) -> bool:
+        """Whether a page has come that knows nothing yet; asked once for each."""
+        wished, self._needs_state = self._needs_state, False
+        return wished
+
+    @property
+    def page(self) -> str:
+        """The load of its page, whose frames the phone keeps."""
+        return self._page
+
+    async def fetch(self, page: str, number: int, width: int | None = None) -> bytes:
+        """Return a frame's JPEG, or with a width a small one, waiting for a link that is broken.
+
+        Raises CameraError where the phone has it no more, or does not bring it.
+        """
+        key = page, number, width is not None
+        picture = self._pictures.get(key)
+        if picture is None:
+            picture = self._pictures[key] = asyncio.get_running_loop().create_future()
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                while not picture.done():
+                    await self.back.wait()
+                    if page != self._page:
+                        raise CameraError(f"{self.name} has it no more: its page was loaded again")
+                    if self._send is not None:
+                        await self._send(wire.picture_request(number, width))
+                    closed = asyncio.ensure_future(self.gone.wait())
+                    await asyncio.wait((picture, closed), return_when=asyncio.FIRST_COMPLETED)
+                    closed.cancel()
+        except TimeoutError:
+            raise CameraError(f"{self.name} did not bring it in {PATIENCE_S:g} s") from None
+        finally:
+            self._pictures.pop(key, None)
+        if not picture.result():
+            raise CameraError(f"{self.name} has it no more: it took too long to ask for it")
+        return picture.result()
+
+    # The link's side
+
+    def link_opened(self, send: Send, hello: wire.Hello) -> None:
+        """A page of this phone is connected; what it was asked for and has not brought is asked for again."""
+        self._send, self._hello, self.said_goodbye = send, hello, False
+        if hello.page != self._page or self._clock is None:
+            # Another load of the page has another zero of its clock.
+            self._page, self._clock = hello.page, PhoneClock(hello.resolution_us)
+        self.gone.clear()
+        self.back.set()
+        self._needs_state = True
+
+    def link_closed(self, send: Send, *, by_user: bool) -> None:
+        """The connection is closed; that of a page that another has replaced is nothing."""
+        if self._send is not send:
+            return
+        self._send, self.said_goodbye = None, by_user
+        self.back.clear()
+        self.gone.set()
+        self._stand_still(NEVER)
+
+    def take_text(self, message: wire.Opened | wire.Away) -> None:
+        """Take in what the page says of its camera."""
+        if isinstance(message, wire.Away):
+            self._stand_still(message.why)
+            return
+        if self._opened != message:
+            self._times = FrameTimes(message.frame_rate)
+        self._opened = message
+
+    def take_binary(self, message: wire.Ping | wire.FrameTold | wire.PictureBytes, received_ns: int) -> None:
+        """Take in a ping that has been answered, a frame, or a picture."""
+        match message:
+            case wire.Ping():
+                self.clock.note_ping(message, received_ns)
+            case wire.PictureBytes():
+                picture = self._pictures.get((self._page, message.id, message.is_preview))
+                if picture is not None and not picture.done():
+                    picture.set_result(message.data)
+            case wire.FrameTold() if self._opened is not None:
+                timed = self._times.add(message)
+                if self._times.period_ns is not None and self.clock.is_known:
+                    self.came.set()
+                for frame in timed:
+                    if self._on_frame is not None and self.clock.is_known:
+                        self._on_frame(frame)
+
+    def _stand_still(self, why: str) -> None:
+        self.came.clear()
+        self._opened, self._why_away = None, why
+        if self._on_away is not None:
+            self._on_away(why)
+
+
+def browser_name(user_agent: str) -> str:
+    """Return what a browser is, in a word or two, from what it says of itself."""
+    for sign, name in (
+        ("Firefox/", "Firefox"),
+        ("Edg", "Edge"),
+        ("Chrome/", "Chrome"),
+        ("Safari/", "Safari"),
+    ):
+        if sign in user_agent:
+            for device in ("iPhone", "iPad", "Android", "Linux", "Windows", "Macintosh"):
+                if device in user_agent:
+                    return f"{name} on {device}"
+            return name
+    return "browser"

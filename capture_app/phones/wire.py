@@ -1,0 +1,159 @@
+"""What a phone's page and the gateway say to each other over their WebSocket.
+
+Text is JSON; binary messages, whose integers and floats are little-endian, begin with a byte of their kind:
+
+1 ping      u32 number, u32 number of the ping whose answer came last (all ones: none), f64 when that came,
+            f64 now; answered by u8 1 and its number
+2 frame     u32 id, u32 stream, f64 media time, f64 arrival, f64 capture time (NaN: the browser does not tell)
+3 picture   u32 id, the JPEG; empty where the phone has it no more
+4 preview   the same
+
+Times are in us: media times have a zero of their own for each stream, others are of the link worker's clock.
+"""
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+PING, FRAME, PICTURE, PREVIEW = 1, 2, 3, 4
+_PING = struct.Struct("<BIIdd")
+_PONG = struct.Struct("<BI")
+_FRAME = struct.Struct("<BIIddd")
+_PICTURE = struct.Struct("<BI")
+_NONE = 0xFFFFFFFF
+MAX_PICTURE_BYTES = 16 << 20
+_LONGEST_US = 2.0**53
+
+Words = Annotated[str, Meta(max_length=300)]
+Pixels = Annotated[int, Meta(gt=0, le=16384)]
+
+
+class FromPage(Struct, frozen=True, kw_only=True, tag_field="type"):
+    """What a page says in JSON."""
+
+
+class Hello(FromPage, frozen=True, kw_only=True, tag="hello"):
+    """The first words of a link."""
+
+    page: Words
+    """Of this load of the page: pictures of another are gone."""
+    user_agent: Annotated[str, Meta(max_length=1000)] = ""
+    resolution_us: Annotated[float, Meta(ge=0.0, le=1e6)]
+    """The step of the browser's clock."""
+    reader: Words = ""
+    """How the page gets frames: processor, or video where they are copied as they are shown."""
+    isolated: bool = False
+
+
+class Opened(FromPage, frozen=True, kw_only=True, tag="opened"):
+    """The phone's camera streams."""
+
+    width: Pixels
+    height: Pixels
+    frame_rate: Annotated[float, Meta(ge=0.0, le=1000.0)] = 0.0
+    """As the browser sets it; 0 where it does not say."""
+    label: Words = ""
+
+
+class Away(FromPage, frozen=True, kw_only=True, tag="away"):
+    """The camera stands still until it is opened again."""
+
+    why: Words
+
+
+@dataclass(frozen=True, slots=True)
+class Ping:
+    """A clock request; `answered` is the number of the ping whose answer came last, with the time it came."""
+
+    number: int
+    answered: int | None
+    received_us: float
+    now_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTold:
+    """A frame of the phone's; times in us."""
+
+    id: int
+    stream: int
+    media_us: float
+    arrived_us: float
+    capture_us: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class PictureBytes:
+    """A frame's JPEG, or a small one; no bytes where it is gone."""
+
+    id: int
+    is_preview: bool
+    data: bytes
+
+
+_DECODER = msgspec.json.Decoder(Hello | Opened | Away)
+
+
+def decode_text(text: str) -> Hello | Opened | Away:
+    """Read what a page says in JSON. Raises ValueError."""
+    message: Hello | Opened | Away = _DECODER.decode(text)
+    return message
+
+
+def decode_binary(data: bytes) -> Ping | FrameTold | PictureBytes:
+    """Read a binary message of a page. Raises ValueError."""
+    kind = data[0] if data else 0
+    try:
+        if kind == PING:
+            _, number, answered, received_us, now_us = _PING.unpack(data)
+            _check_times(received_us, now_us)
+            return Ping(number, None if answered == _NONE else answered, received_us, now_us)
+        if kind == FRAME:
+            _, number, stream, media_us, arrived_us, capture_us = _FRAME.unpack(data)
+            told = None if math.isnan(capture_us) else capture_us
+            _check_times(media_us, arrived_us, told or 0.0)
+            return FrameTold(number, stream, media_us, arrived_us, told)
+        if kind in (PICTURE, PREVIEW):
+            _, number = _PICTURE.unpack_from(data)
+            return PictureBytes(number, kind == PREVIEW, data[_PICTURE.size :])
+    except struct.error as error:
+        raise ValueError(f"a message of kind {kind} with {len(data)} bytes") from error
+    raise ValueError(f"no kind of message is {kind}")
+
+
+def pong(number: int) -> bytes:
+    """Return the answer to a ping."""
+    return _PONG.pack(PING, number)
+
+
+def picture_request(number: int, width: int | None = None) -> str:
+    """Return the request for a frame's picture, or with a width in pixels for a small one."""
+    if width is None:
+        return msgspec.json.encode({"type": "picture", "id": number}).decode()
+    return msgspec.json.encode({"type": "preview", "id": number, "width": width}).decode()
+
+
+def restart_request(at_us: float) -> str:
+    """Return the request to stop the camera and start it at that time of the link worker's clock."""
+    return msgspec.json.encode({"type": "restart", "at_us": at_us}).decode()
+
+
+def state_message(name: str, state: str, words: str, clock: str) -> str:
+    """Return what the page shows of its camera."""
+    return msgspec.json.encode(
+        {"type": "state", "name": name, "state": state, "words": words, "clock": clock}
+    ).decode()
+
+
+def farewell(words: str) -> str:
+    """Return the message after which the page stops."""
+    return msgspec.json.encode({"type": "bye", "words": words}).decode()
+
+
+def _check_times(*times_us: float) -> None:
+    if not all(abs(time_us) < _LONGEST_US for time_us in times_us):
+        raise ValueError("a time that no clock shows")

@@ -1,0 +1,182 @@
+"""Phones that come, take part, go and come back, over real TLS and sockets, without a browser."""
+
+import asyncio
+import datetime
+import socket
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+
+from capture_app.camera_facts import StampSource
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.phones.admission import Admission
+from capture_app.phones.certificate import own_certificate
+from capture_app.phones.gateway import PhoneGateway
+from capture_app.phones.phone_nodes import PhoneNodes
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from capture_app.sync.wire.messages import NodeState
+from tests.phones.stand_in import JPEG, StandInPhone
+from tests.waiting import until
+
+
+@dataclass
+class Place:
+    """A leader and the gateway of its phones."""
+
+    leader: LeaderNode
+    admission: Admission
+    base: str
+    said: list[str]
+    phones: list[StandInPhone] = field(default_factory=list)
+
+    @property
+    def url(self) -> str:
+        return f"{self.base}#{self.admission.secret}"
+
+    async def phone(self, **options: Any) -> StandInPhone:
+        phone = StandInPhone(self.url, **options)
+        await phone.open()
+        self.phones.append(phone)
+        return phone
+
+    def state(self, name: str) -> NodeState | None:
+        return next((node.state for node in self.leader.status().nodes if node.name == name), None)
+
+
+@pytest.fixture
+async def place(tmp_path: Path) -> AsyncIterator[Place]:
+    said: list[str] = []
+    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as leader:
+        admission = Admission(time.monotonic)
+        nodes = PhoneNodes((leader.own_address,), tmp_path / "spool", said.append)
+        gateway = PhoneGateway(admission, nodes.add)
+        listening = socket.create_server(("127.0.0.1", 0))
+        certificate = own_certificate(tmp_path, (), datetime.datetime.now(datetime.UTC))
+        await gateway.start(listening, certificate.server_context())
+        place = Place(leader, admission, f"https://127.0.0.1:{listening.getsockname()[1]}/", said)
+        try:
+            yield place
+        finally:
+            for phone in place.phones:
+                await phone.vanish()
+            await gateway.stop()
+            await nodes.close()
+
+
+async def ready(place: Place, *names: str) -> None:
+    await until(lambda: all(place.state(name) in (NodeState.READY, NodeState.COARSE) for name in names))
+
+
+async def burst(place: Place, frames: int) -> Session:
+    request = BurstRequest(frames=frames, wait_ready_s=300.0)
+    told = [status async for status in place.leader.take_burst(request)]
+    assert told[-1].session, told[-1].message
+    return Session.open(Path(told[-1].session))
+
+
+async def test_phones_join_align_take_a_burst_vanish_and_come_back(place: Place) -> None:
+    phone = await place.phone()
+    assert await phone.join() == "left"
+    await phone.open_camera()
+    other = await place.phone(name="right", zero_us=9e9, phase_us=23_000.0)
+    assert await other.join() == "right"
+    await other.open_camera()
+    await ready(place, "left", "right")
+    assert phone.restarts or other.restarts, "they were 16 ms apart"
+
+    session = await burst(place, 3)
+    assert verify(session) == []
+    assert len(session.manifest.images) == 6
+    for camera in session.manifest.cameras:
+        assert camera.facts.kind == "phone"
+        assert camera.facts.stamp_accuracy.source is StampSource.ASSUMED
+        assert camera.clock is not None
+        assert camera.clock.device_uncertainty_ns is not None
+        assert 0 < camera.clock.device_uncertainty_ns <= (camera.clock.device_hard_bound_ns or 0)
+    for image in session.manifest.images:
+        assert session.image_bytes(image) == JPEG
+        assert (image.uncertainty_ns or 0) > session.camera(image.camera).facts.stamp_accuracy.uncertainty_ns
+
+    await phone.vanish()
+    await until(lambda: place.state("left") is NodeState.FAILED)
+    again = await place.phone(key=phone.key)
+    again.secret = ""
+    assert await again.join() == "left"
+    await again.open_camera()
+    await ready(place, "left", "right")
+    assert len((await burst(place, 2)).manifest.images) == 4
+    await until(lambda: "ready" in again.states or "coarse" in again.states)
+
+
+async def test_a_page_in_the_background_is_told_and_comes_back(place: Place) -> None:
+    phone = await place.phone()
+    await phone.join()
+    await phone.open_camera()
+    await until(lambda: place.state("left") not in (None, NodeState.FAILED))
+    await phone.say(type="away", why="its page is in the background")
+    await until(lambda: place.state("left") is NodeState.FAILED)
+    assert any("in the background" in line for line in place.said)
+    await phone.open_camera()
+    await until(lambda: place.state("left") not in (NodeState.FAILED, NodeState.LOST))
+
+
+async def test_who_has_no_secret_gets_nothing(place: Place) -> None:
+    stranger = await place.phone()
+    assert (await stranger.ask(secret="guess"))[0] == 403
+    status, body = await stranger.ask(secret="")
+    assert status == 403
+    assert "scan the code" in body["words"]
+    async with aiohttp.ClientSession() as session:
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+            await session.ws_connect(f"{place.base}link/guess", ssl=False)
+        other = {"Origin": "https://elsewhere.example"}
+        async with session.get(place.base, headers=other, ssl=False) as answer:
+            assert answer.status == 403
+        async with session.post(f"{place.base}join", data=b"x" * 5000, ssl=False) as answer:
+            assert answer.status == 413
+        async with session.post(f"{place.base}join", data=b"[]", ssl=False) as answer:
+            assert answer.status == 400
+
+
+async def test_a_phone_that_talks_nonsense_is_cut_off_alone(place: Place) -> None:
+    good = await place.phone()
+    assert await good.join() == "left"
+    await good.open_camera()
+    bad = await place.phone(name="bad")
+    await bad.join()
+    await bad.say(type="order", what="stop")
+    await until(lambda: bad.is_cut_off)
+    await until(lambda: place.state("left") not in (None, NodeState.FAILED))
+
+
+async def test_the_page_is_isolated_and_runs_its_own_scripts_only(place: Place) -> None:
+    async with aiohttp.ClientSession() as session:
+        for part, kind in (("", "text/html"), ("link.js", "text/javascript"), ("page.css", "text/css")):
+            async with session.get(place.base + part, ssl=False) as answer:
+                assert answer.status == 200
+                assert answer.content_type == kind
+                assert answer.headers["Cross-Origin-Opener-Policy"] == "same-origin"
+                assert answer.headers["Cross-Origin-Embedder-Policy"] == "require-corp"
+                assert "default-src 'none'; script-src 'self';" in answer.headers["Content-Security-Policy"]
+        async with session.get(f"{place.base}../pyproject.toml", ssl=False) as answer:
+            assert answer.status == 404
+
+
+async def test_two_phones_by_one_code_are_one_and_a_refusal(place: Place) -> None:
+    first = await place.phone()
+    second = await place.phone()
+    assert first.secret == second.secret
+    assert await first.join() == "left"
+    status, body = await second.ask()
+    assert status == 403
+    assert "has let another phone in" in body["words"]
+    second.secret = place.admission.secret
+    assert await second.join() == "left-2"
+    await asyncio.sleep(0)

@@ -18,6 +18,8 @@ from capture_app.commands.options import (
     host_option,
     open_option,
     port_option,
+    rpicam_options,
+    rpicam_sync,
     run_until_stopped,
     sessions_option,
     spool_option,
@@ -87,6 +89,7 @@ APP_NOTE = (
     help="Also lead phones with the apps libsoftwaresync or RecSync. Their protocol has no security. Without"
     " --fps all cameras take the app's rate and phase.",
 )
+@rpicam_options
 @spool_option
 @open_option
 @click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
@@ -102,6 +105,8 @@ def leader(
     max_delay_ms: float,
     reference_broadcast: bool,
     android_app: bool,
+    rpicam_hosts: tuple[str, ...],
+    rpicam_shutter_us: float,
     cameras: tuple[str, ...],
     spool: Path,
     or_free_port: bool,
@@ -114,6 +119,7 @@ def leader(
     """
     from capture_app.net.multicast import BEACONS, BeaconSender
     from capture_app.node.foreign.app_phones import AppPhones
+    from capture_app.node.foreign.guests import Guests
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import news_line
     from capture_app.sync.foreign.app_messages import GOAL_PHASE_NS, PERIOD_NS
@@ -132,7 +138,10 @@ def leader(
         sessions=sessions,
         period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
         grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
-        app_phones=AppPhones(host, aligns=is_apps_grid) if android_app else None,
+        guests=Guests(
+            AppPhones(host, aligns=is_apps_grid) if android_app else None,
+            rpicam_sync(rpicam_hosts, rpicam_shutter_us),
+        ),
         align_row=align_row if align == "mid-exposure" else None,
         max_delay_ns=round(max_delay_ms * 1e6),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,

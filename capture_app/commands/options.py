@@ -8,7 +8,7 @@ import socket
 import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from platformdirs import user_state_path
@@ -17,6 +17,9 @@ from capture_app.errors import BadInputError
 from capture_app.names import check_name, name_like
 from capture_app.net.address import DEFAULT_PORT, Address, parse_address
 from capture_app.trust.trust import OPEN_VARIABLE
+
+if TYPE_CHECKING:
+    from capture_app.node.foreign.rpicam_sync import RpicamSync
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -161,6 +164,37 @@ beacons_option = click.option(
     default=False,
     help="Send multicast beacons, which reduce the clock differences between nodes of one access point.",
 )
+
+
+def rpicam_options(command: F) -> F:
+    """Give a command the options --rpicam-sync and --rpicam-shutter-us."""
+    shutter = click.option(
+        "--rpicam-shutter-us",
+        type=click.FloatRange(0.0, 1e6),
+        default=0.0,
+        metavar="US",
+        help="With --rpicam-sync: the --shutter of those Pis, whose frames are stamped at its end.",
+    )
+    hosts = click.option(
+        "--rpicam-sync",
+        "rpicam_hosts",
+        multiple=True,
+        metavar="HOST|all",
+        help="Let rpicam-apps with --sync client follow the rig, on that host or on all of this network. They"
+        " take this machine's wall clock for theirs, and anybody's word for it.",
+    )
+    return hosts(shutter(command))
+
+
+def rpicam_sync(hosts: tuple[str, ...], shutter_us: float) -> "RpicamSync | None":
+    """Make what the options ask for. Raises BadInputError for a host that has no IPv4 address."""
+    from capture_app.node.foreign.rpicam_sync import RpicamSync
+
+    try:
+        found = [socket.gethostbyname(host) for host in hosts if host != "all"]
+    except (OSError, UnicodeError) as error:
+        raise BadInputError(f"--rpicam-sync: no IPv4 address: {error}", hint="a host, or all") from None
+    return RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000)) if hosts else None
 
 
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:

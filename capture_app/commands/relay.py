@@ -15,6 +15,8 @@ from capture_app.commands.options import (
     name_option,
     open_option,
     port_option,
+    rpicam_options,
+    rpicam_sync,
     run_until_stopped,
 )
 from capture_app.net.address import Address
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 @port_option
 @clock_option
 @beacons_option
+@rpicam_options
 @pairing_options
 @open_option
 @json_option
@@ -42,6 +45,8 @@ def relay(
     port: int,
     clock_text: str,
     reference_broadcast: bool,
+    rpicam_hosts: tuple[str, ...],
+    rpicam_shutter_us: float,
     pin: str | None,
     code: str | None,
     as_json: bool,
@@ -63,6 +68,7 @@ def relay(
         port=port,
         clock=parse_clock(clock_text, node=name),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
+        rpicam=rpicam_sync(rpicam_hosts, rpicam_shutter_us),
         talk=lambda line: log_line(f"{name}: {line}"),
     )
     run_until_stopped(_run_relay(node, host, parents, as_json))

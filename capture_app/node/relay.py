@@ -16,6 +16,7 @@ from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import refusal_of
+from capture_app.node.foreign.rpicam_sync import RpicamSync, SharedGrid
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyDesk, KeyRequester
 from capture_app.node.leader.advice import rig_advice
@@ -65,10 +66,11 @@ class RelayNode:
         beacons: BeaconSender | None = None,
         talk: Callable[[str], None] | None = None,
         trust: Trust | None = None,
+        rpicam: RpicamSync | None = None,
     ) -> None:
         """`parents` are leaders or relays of one rig, asked in turn, the best one first.
 
-        `trust` is whom it lets in and follows, else its user's.
+        `trust` is whom it lets in and follows, else its user's. `rpicam` gets the rig's grid.
 
         With `beacons` nodes that hear this relay's packets together agree with each other.
         """
@@ -78,7 +80,7 @@ class RelayNode:
         """Further addresses of this machine that nodes may join it at."""
         self._parents = parents
         self._clock: NodeClock = clock or HostClock()
-        self._beacons = beacons
+        self._beacons, self._rpicam = beacons, rpicam
         self._trust = trust or Trust.of_user()
         self._talk = talk or (lambda _: None)
         self._desk = PairingDesk(self._trust, lambda line: self._talk(line))
@@ -138,6 +140,8 @@ class RelayNode:
         self._pump = Pump(sealed or self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
+        if self._rpicam is not None:
+            self._rpicam.start(self._clock, self._grid)
         watch = JoinWatch(self._parents, self._talk)
         self._tasks.append(asyncio.create_task(watch.run(self._engine.follower.time)))
         if sealed is not None:
@@ -151,6 +155,8 @@ class RelayNode:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._rpicam is not None:
+            await self._rpicam.close()
         self._talk = lambda _: None
         self._engine.leave()
         self._pump.turn()
@@ -175,6 +181,11 @@ class RelayNode:
             period_ns=None if leader.goal is None else leader.goal.period_ns,
             nodes=node_statuses(views),
         )
+
+    def _grid(self) -> SharedGrid | None:
+        """The root's grid, as well as this relay knows the root's time."""
+        goal, time_map = self._engine.leader.goal, self._engine.follower.time_map
+        return None if goal is None or time_map is None else SharedGrid(goal, time_map)
 
     # Streams
 

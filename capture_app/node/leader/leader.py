@@ -18,7 +18,7 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_length import first_instant, frames_and_spacing
 from capture_app.node.burst.resumed_bursts import RETURN_NS
-from capture_app.node.foreign.app_phones import AppPhones
+from capture_app.node.foreign.guests import Guests
 from capture_app.node.keys import KeyDesk
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.advice import RateReview, rig_advice
@@ -67,7 +67,7 @@ class LeaderNode:
         return_ns: int = RETURN_NS,
         spool: Path | None = None,
         trust: Trust | None = None,
-        app_phones: AppPhones | None = None,
+        guests: Guests | None = None,
         grid_phase_ns: int | None = None,
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
@@ -75,7 +75,7 @@ class LeaderNode:
         With `or_free_port` it takes another port where `port` is in use.
         With a `spool` folder for their images, operators may have it run nodes on this machine.
         `trust` is whom it lets in, else its user's.
-        `app_phones` are led, too: started and closed here.
+        `guests` are led, too: started and closed here.
         `period_ns`, `grid_phase_ns`, `align_row`, `max_delay_ns` are the engine's, see `LeaderConfig`. With
         `beacons` nodes that hear the same multicast packets agree with each other.
         """
@@ -83,7 +83,7 @@ class LeaderNode:
         self.address = Address(host, port)
         self._or_free_port = or_free_port
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
-        self._beacons, self._app_phones, self._grid_phase_ns = beacons, app_phones, grid_phase_ns
+        self._beacons, self._guests, self._grid_phase_ns = beacons, guests or Guests(), grid_phase_ns
         self._trust = trust or Trust.of_user()
         self._clock: NodeClock = clock or HostClock()
         self.news = NewsLog()
@@ -120,8 +120,7 @@ class LeaderNode:
         BadInputError where this machine's key cannot be had.
         """
         self._trust.server_context()
-        if self._app_phones is not None:
-            self._app_phones.start(self._clock, self._on_news)
+        self._guests.start(self._clock, self._on_news, lambda: self._engine.goal)
         datagrams, listening = bind_port(self.address.host, self.address.port, or_free=self._or_free_port)
         port = listening.getsockname()[1]
         self.own_address = own_machine_address(self.address.host, listening.family, port)
@@ -172,8 +171,7 @@ class LeaderNode:
         """End the nodes of this machine and close the port; bursts under way are saved with what has come."""
         if self._local is not None:
             await self._local.close()
-        if self._app_phones is not None:
-            await self._app_phones.close()
+        await self._guests.close()
         self._pump.close()
         if self._beacons is not None:
             self._beacons.close()
@@ -198,7 +196,7 @@ class LeaderNode:
             ),
             burst=None if self._bursts.newest is None else self._bursts.newest.status,
             ahead=self._bursts.ahead,
-            app_phones=() if self._app_phones is None else self._app_phones.statuses(),
+            app_phones=self._guests.app_phones(),
             sessions=tuple(self._bursts.saved),
             sessions_folder=str(self.sessions.absolute()),
             disk_free_bytes=self._room.free_bytes(now_ns),
@@ -272,8 +270,7 @@ class LeaderNode:
             video=request.video,
         )
         self._pump.turn()
-        if self._app_phones is not None:
-            self._app_phones.take_part(session)
+        self._guests.take_part(session)
         while not session.finished.is_set():
             yield session.status
             with contextlib.suppress(TimeoutError):

@@ -8,9 +8,11 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
+from capture_app.session.format.ground_truth import TIMES
 from capture_app.session.format.manifest import MANIFEST, session_schema_text
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
+from tests.session.conftest import edit_manifest
 
 Capture = pytest.CaptureFixture[str]
 
@@ -49,8 +51,31 @@ def test_show(session: Session, capsys: Capture) -> None:
     out = capsys.readouterr().out
     for words in ("3 instants", "2 cameras", "5 images, 1 missing", "13 µs apart", "the node left", "250 µs"):
         assert words in out
+    # The truth of one camera alone does not say how far apart the two are.
+    assert "ground truth" not in out
     assert run(["sessions", "show", str(session.folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["manifest"]["name"] == "small"
+
+
+def test_show_says_how_far_apart_the_images_are_in_truth(session: Session, capsys: Capture) -> None:
+    path = session.folder / TIMES
+    truth = json.loads(path.read_text())
+    left = truth["images"][0]
+    truth["images"].append({**left, "camera": "right", "true_ns": left["true_ns"] + 5_000})
+    path.write_text(json.dumps(truth))
+    assert run(["sessions", "show", str(session.folder)]) == 0
+    assert (
+        "by the ground truth they are 5.0 µs apart at the median, 5.0 µs at most" in capsys.readouterr().out
+    )
+
+
+def test_show_says_whose_stamps_nobody_has_measured(session: Session, capsys: Capture) -> None:
+    stamp = {"bias_ns": 21_000_000, "uncertainty_ns": 20_000, "source": "assumed"}
+    edit_manifest(session, lambda manifest: manifest["cameras"][0]["facts"].update(stamp=stamp))
+    assert run(["sessions", "show", str(session.folder)]) == 0
+    out = capsys.readouterr().out
+    assert "how late the stamps of left are, to ±20 µs, nobody has measured" in out
+    assert "left stamps its frames 21 ms ±20 µs late, assumed" in out
 
 
 def test_verify(session: Session, tmp_path: Path, capsys: Capture) -> None:

@@ -88,7 +88,7 @@ def test_displacement_is_the_distance_that_things_move_meanwhile() -> None:
     words = describe_displacement(sync_record(CAMERAS, BURST, images, []), 2000.0)
     assert "2000 px/s" in words
     assert "0.50 px between cameras at most" in words
-    assert "0.90 px with the clock error included" in words
+    assert "0.90 px with the error of their times included" in words
     assert "4.50 px" in words
     unsure = [replace(one, uncertainty_ns=None) for one in images]
     assert "not known" in describe_displacement(sync_record(CAMERAS, BURST, unsure, []))

@@ -114,6 +114,12 @@ def repeat(manifest: dict[str, Any], time: str) -> None:
     manifest["images"][2][time] = manifest["images"][0][time]
 
 
+def late_stamps(uncertainty_ns: int) -> Callable[[dict[str, Any]], None]:
+    """Say of the first camera that its stamps are not exact."""
+    stamp = {"bias_ns": 0, "uncertainty_ns": uncertainty_ns, "source": "assumed"}
+    return lambda manifest: manifest["cameras"][0]["facts"].update(stamp=stamp)
+
+
 TRUTH = "ground_truth/left/000000.npz"
 AGAIN = {"camera": "left", "instant": 0, "reason": "?"}
 LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
@@ -146,6 +152,8 @@ LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
     },
     ProblemKind.CONTRADICTORY: {
         "other size": (replace_first(jpeg(0, 20, 12)), "20x12 pixels"),
+        "surer than its stamps": (claim(late_stamps(21_000_000)), "its camera's stamps alone have 21000000"),
+        "bound without one": (claim(late_stamps(10_000)), "its camera's stamps have none"),
         "residual": (first(residual_ns=4_001), "residual_ns is 4001"),
         "local time": (first(local_ns=1), "clock record"),
         "exposure start": (first(exposure_start_ns=1_000_004_001), "exposure_start_ns is 1000004001"),

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 def status(leader: Address, watch: bool, as_json: bool) -> None:
     """Show the nodes of a running leader, those of its relays included: state, clock, phase, drops.
 
-    "clock bound" is the largest possible clock error, that of the relays included. "apart", with reference
-    broadcast, is the uncertainty (95 %) between nodes that receive the same beacons.
+    "clock bound" is the largest possible clock error, that of the relays included. "stamps" is how well it is
+    known (95 %) how late a camera stamps its frames; those of simulated ones are exact. "apart", with
+    reference broadcast, is the uncertainty (95 %) between nodes that receive the same beacons.
 
     With --watch a line follows for all that happens; with --json an object a line, and a new status whenever
     it has changed, at most ten a second.
@@ -92,6 +93,9 @@ def _print_rig(rig: "RigStatus") -> None:
         if all(node.relative_uncertainty_ns is None for node in rig.nodes):
             for row in rows:
                 del row["apart µs"]
+        if all(_stamp_error_ns(node) is None for node in rig.nodes):
+            for row in rows:
+                del row["stamps µs"]
         print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
     if rig.app_phones:
         print_table(
@@ -124,6 +128,7 @@ def _node_row(node: "NodeStatus") -> dict[str, str]:
         "node": "  " * (node.depth - 1) + node.name,
         "state": str(node.state),
         "clock bound µs": _microseconds(node.hard_bound_ns),
+        "stamps µs": _microseconds(_stamp_error_ns(node)),
         "apart µs": _microseconds(node.relative_uncertainty_ns),
         "round trip µs": _microseconds(node.round_trip_ns),
         "phase error µs": _microseconds(node.phase_error_ns),
@@ -131,6 +136,14 @@ def _node_row(node: "NodeStatus") -> dict[str, str]:
         "camera": node.camera.model,
         "message": node.message,
     }
+
+
+def _stamp_error_ns(node: "NodeStatus") -> int | None:
+    """How well it is known how late a node's stamps are; None where they are exact, or it has no camera."""
+    from capture_app.sync.wire.messages import WITHOUT_CAMERA
+
+    stamp = node.camera.stamp_accuracy
+    return None if node.camera.kind in WITHOUT_CAMERA or stamp.is_exact else stamp.uncertainty_ns
 
 
 def _microseconds(time_ns: int | None) -> str:

@@ -83,6 +83,8 @@ def show_take(done: "BurstStatus", as_json: bool) -> dict[str, Any]:
         print_line(done.session)
         if verdict is not None:
             talk(f"{verdict.headline}; spread {verdict.spread}")
+            if verdict.stamps:
+                talk(verdict.stamps)
     return {**asdict(done), "verdict": verdict}
 
 

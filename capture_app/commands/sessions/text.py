@@ -8,6 +8,7 @@ from capture_app.session.format.common_times import REFERENCE, CameraTimes, Comm
 from capture_app.session.format.manifest import CameraRecord, Manifest
 from capture_app.session.reading.reader import Session, SessionSummary
 from capture_app.session.reading.skipped_instants import skipped_text
+from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels
 from capture_app.terminal import print_line, print_table
 from capture_app.text import count, duration
@@ -47,6 +48,10 @@ def print_session(session: Session) -> None:
     print_line("\n".join([*lines, ""]))
     head = ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped")
     print_table(head, [_camera_row(manifest, camera) for camera in manifest.cameras])
+    for camera in manifest.cameras:
+        stamp = camera.facts.stamp
+        if stamp is not None and not stamp.is_exact:
+            print_line(f"{camera.name} stamps its frames {describe_stamp(stamp)}")
     if manifest.missing:
         print_line("\nmissing:")
         for gone in manifest.missing[:12]:
@@ -69,7 +74,10 @@ def _describe_spread(session: Session) -> list[str]:
     if not spreads:
         return []
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
-    lines = [f"{by}images of one instant are {_describe_spreads(spreads)}", judge(manifest).sentence]
+    verdict = judge(manifest)
+    lines = [f"{by}images of one instant are {_describe_spreads(spreads)}", verdict.sentence]
+    if verdict.stamps:
+        lines.append(verdict.stamps)
     if true_spreads := _true_spreads(session):
         cost = pixels(max(true_spreads), PX_PER_S)
         lines.append(f"by the ground truth they are {_describe_spreads(true_spreads)}: {cost}")
@@ -111,10 +119,15 @@ def _describe_spreads(spreads_ns: Sequence[int]) -> str:
 def _true_spreads(session: Session) -> list[int]:
     """For each instant, how far apart in ns its images truly are; empty where nobody knows."""
     truth = session.true_times()
+    if truth is None or not {camera.name for camera in session.manifest.cameras} <= {
+        image.camera for image in truth.images
+    }:
+        # Of a rig of simulated and of real cameras it is not known how far apart they are.
+        return []
     times_ns = defaultdict[int, list[int]](list)
-    for image in truth.images if truth else ():
+    for image in truth.images:
         times_ns[image.instant].append(image.true_ns)
-    return [max(of) - min(of) for of in times_ns.values()]
+    return [max(of) - min(of) for of in times_ns.values() if len(of) > 1]
 
 
 def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from capture_app.node.leader.readiness import shortfall
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.leader.wording import off_rate_line
 from capture_app.node.wire.status import LOST_IS_NEWS_NS
+from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.timekeeping.rate_jury import LEADER, HostAtRate, HostOffRate, RateJury
 from capture_app.sync.wire.messages import NodeState
@@ -75,6 +76,11 @@ def rig_advice(
         return f"no camera is here: start one with capture-app node --leader {leader} --camera SPEC"
     bars_ns = [view.report.uncertainty_ns for view in cameras if view.report.uncertainty_ns is not None]
     sure = f", clocks sure to ±{duration(max(bars_ns))} (95 %)" if bars_ns else ""
+    facts = {view.name: view.camera for view in cameras}
+    if unsure := unmeasured_stamps(facts):
+        sure += f"; {unsure}"
+    elif stamps_ns := max(one.stamp_accuracy.uncertainty_ns for one in facts.values()):
+        sure += f", stamps to ±{duration(stamps_ns)}"
     return f"{count(len(cameras), 'camera')} ready{sure}"
 
 

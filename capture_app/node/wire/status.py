@@ -5,7 +5,7 @@ from msgspec import Struct
 from capture_app.camera_facts import CameraFacts
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.foreign.app_leader import AppPhoneStatus
-from capture_app.sync.wire.messages import Report
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, Report
 
 LOST_IS_NEWS_NS = 60_000_000_000
 """That a camera is lost is said of the whole rig so long after its last message; its own line goes on to."""
@@ -32,6 +32,14 @@ class NodeStatus(Report, frozen=True, kw_only=True):
     """Room in the node's spool."""
     on_leader: bool = False
     """It is a process of the leader's, which an operator can remove."""
+
+    @property
+    def time_error_ns(self) -> int | None:
+        """95 % error of its frames' times: its clock's, and that of its stamps; None where not known."""
+        clock_ns = self.uncertainty_ns if self.uncertainty_ns is not None else self.hard_bound_ns
+        if clock_ns is None or self.camera.kind in WITHOUT_CAMERA:
+            return clock_ns
+        return clock_ns + self.camera.stamp_accuracy.uncertainty_ns
 
 
 class CameraTransfer(Struct, frozen=True, kw_only=True):

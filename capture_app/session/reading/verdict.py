@@ -6,6 +6,7 @@ from msgspec import Struct
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.format.manifest import Manifest, SyncRecord
+from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.session.reading.synchronization import computed_sync
 from capture_app.text import count, duration
 
@@ -14,7 +15,7 @@ PX_PER_S = 1000.0
 
 
 class Grade(StrEnum):
-    """How far something of `PX_PER_S` is displaced between the cameras, the clocks' error included."""
+    """How far something of `PX_PER_S` is displaced between the cameras, the error of their times included."""
 
     EXCELLENT = "excellent"
     """Less than a tenth of a pixel."""
@@ -51,13 +52,15 @@ class Verdict(Struct, frozen=True, kw_only=True):
     spread_error_ns: int | None = None
     """The spread is surer than this, 95 %: twice the error of the worst image's time."""
     motion_px_per_s: float | None = None
-    """Something slower than this is displaced by less than a pixel, the clocks' error included."""
+    """Something slower than this is displaced by less than a pixel, the error of the times included."""
     images: int = 0
     expected: int = 0
     dropped: int = 0
     """Of the missing images, those that a camera dropped."""
     substituted: int = 0
     late: int = 0
+    stamps: str = ""
+    """Whose stamps nobody has measured, and what does; empty where that is no part of the error."""
 
     @property
     def spread(self) -> str:
@@ -97,6 +100,7 @@ def judge(manifest: Manifest) -> Verdict:
         dropped=sync.dropped,
         substituted=sync.substituted,
         late=sync.late,
+        stamps=_stamps(manifest),
     )
 
 
@@ -117,7 +121,7 @@ def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
     if sync.uncertainty_ns is None:
         return f"{cost}, if the times are right: their uncertainty is not known"
     sure_ns = worst_ns + 2 * sync.uncertainty_ns
-    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clock error included"
+    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the error of their times included"
     if sync.hard_bound_ns is not None:
         text += f" (95 %; never more than {pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
     return text
@@ -148,6 +152,12 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
         )
     speed = float(f"{motion:.2g}")
     return f"{grade}: within a pixel for motion up to {speed:,.0f} px/s"
+
+
+def _stamps(manifest: Manifest) -> str:
+    # What was recorded before anybody asked, or elsewhere, has no error bar that it could be a part of.
+    told = {camera.name: camera.facts for camera in manifest.cameras if camera.facts.stamp is not None}
+    return unmeasured_stamps(told)
 
 
 def _completeness(manifest: Manifest, sync: SyncRecord) -> str:

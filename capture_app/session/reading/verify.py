@@ -163,6 +163,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     if record.exposure_start_ns not in (None, start_ns):
         what = f"exposure_start_ns is {record.exposure_start_ns}; by leader_ns it is {start_ns}"
         yield _contradiction(record.path, what)
+    yield from _stamp(session, record, camera)
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     if tolerance_ns is not None and record.late != camera.is_late(record.residual_ns):
         said = "late" if record.late else "not late"
@@ -172,13 +173,30 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     if clock is None or record.local_ns is None:
         return
     error_ns = record.leader_ns - clock.leader_from_local(record.local_ns)
-    uncertainty_ns = clock.uncertainty_ns if record.uncertainty_ns is None else record.uncertainty_ns
+    uncertainty_ns = clock.uncertainty_ns
+    if record.uncertainty_ns is not None:
+        # How late the stamps are is another matter than how clocks are converted.
+        stamp_ns = 0 if camera.facts.stamp is None else camera.facts.stamp.uncertainty_ns
+        uncertainty_ns = max(0, record.uncertainty_ns - stamp_ns)
     instants_ns, allowed_ns = session.manifest.burst.instants_ns, uncertainty_ns + _ROUNDING_NS
     if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
     if abs(error_ns) > allowed_ns:
         what = f"leader_ns differs by {error_ns} ns from local_ns converted by the clock record"
         yield _contradiction(record.path, what)
+
+
+def _stamp(session: Session, record: ImageRecord, camera: CameraRecord) -> Iterator[Problem]:
+    """Check that an image's errors have room for what is not known of its camera's stamps."""
+    stamp = camera.facts.stamp
+    if stamp is None or camera.clock is None or session.manifest.burst.common_times is not None:
+        return
+    if record.uncertainty_ns is not None and record.uncertainty_ns < stamp.uncertainty_ns:
+        stated_ns, least_ns = record.uncertainty_ns, stamp.uncertainty_ns
+        what = f"uncertainty_ns is {stated_ns}; its camera's stamps alone have {least_ns}"
+        yield _contradiction(record.path, what)
+    if record.hard_bound_ns is not None and not stamp.is_exact:
+        yield _contradiction(record.path, "has a hard bound; its camera's stamps have none")
 
 
 def _journal(session: Session) -> Iterator[Problem]:

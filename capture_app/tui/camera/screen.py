@@ -13,6 +13,8 @@ from textual.content import Content
 from capture_app.errors import SimulshotError
 from capture_app.node.wire.status import NodeStatus
 from capture_app.node.wire.views import NodeDetail
+from capture_app.session.reading.stamp_words import describe_stamp
+from capture_app.sync.wire.messages import WITHOUT_CAMERA
 from capture_app.text import NO_VALUE, clock_offset, count, duration, printable
 from capture_app.tui.camera.histogram import histogram_rows, histogram_title
 from capture_app.tui.camera.wedge_plot import wedge_rows, wedge_title
@@ -178,6 +180,8 @@ class CameraScreen(Dialog[None]):
         ]
         facts = node.camera
         third = [f"{printable(facts.model)} {facts.width}x{facts.height}"]
+        if facts.kind not in WITHOUT_CAMERA and not facts.stamp_accuracy.is_exact:
+            third.append(f"stamps {describe_stamp(facts.stamp_accuracy)}")
         if node.exposure_ns:
             third.append(f"exposure {duration(node.exposure_ns)}")
         if node.gain is not None:

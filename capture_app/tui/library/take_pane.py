@@ -73,6 +73,8 @@ class TakePane(Vertical):
             if not low:
                 sentence = f"{verdict.spread} apart: {printable(verdict.sentence)}"
                 lines += Content.styled(sentence, "$foreground-muted").wrap(width)
+                if verdict.stamps:
+                    lines += Content.styled(printable(verdict.stamps), "$warning").wrap(width)
         if card.note:
             note = Content.assemble(("note  ", "$foreground-muted"), printable(card.note))
             lines += [note.truncate(width, ellipsis=True)] if low else note.wrap(width)

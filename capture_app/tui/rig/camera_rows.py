@@ -27,7 +27,7 @@ NAME = Column("camera", 12)
 COLUMNS = (
     Column("state", 13),
     Column("phase", 8),
-    Column("clock", 8),
+    Column("error", 8),
     Column("fps", 5),
     Column("drops", 6),
     Column("exposure", 9, 100),
@@ -55,7 +55,7 @@ def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, 
     cells = {
         "state": _state(node),
         "phase": _styled(_phase(node), "" if gone else _phase_style(node, axis)),
-        "clock": _styled(_clock(node)),
+        "error": _styled(_time_error(node)),
         "fps": _styled(NO_VALUE if node.fps is None else f"{node.fps:.3g}"),
         "drops": _styled(str(node.drops), "$warning" if node.drops else ""),
         "exposure": _styled(_exposure(node)),
@@ -107,8 +107,8 @@ def tall_rows(
         Content.assemble(
             ("  phase ", "$foreground-muted"),
             _fit_content(_styled(_phase(node), "" if gone else _phase_style(node, axis)), 8, left=True),
-            ("  clock ", "$foreground-muted"),
-            _clock(node),
+            ("  error ", "$foreground-muted"),
+            _time_error(node),
         )
     )
     drops = (count(node.drops, "drop"), "$warning" if node.drops else "")
@@ -180,9 +180,8 @@ def _phase_style(node: NodeStatus, axis: PhaseAxis) -> str:
     return "$success" if abs(node.phase_error_ns) <= (node.tolerance_ns or axis.tolerance_ns) else "$warning"
 
 
-def _clock(node: NodeStatus) -> str:
-    error = node.uncertainty_ns if node.uncertainty_ns is not None else node.hard_bound_ns
-    return NO_VALUE if error is None else f"±{duration(error)}"
+def _time_error(node: NodeStatus) -> str:
+    return NO_VALUE if node.time_error_ns is None else f"±{duration(node.time_error_ns)}"
 
 
 def _exposure(node: NodeStatus) -> str:

@@ -96,6 +96,8 @@ def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
         sign = GRADES[verdict.grade]
         lines.append(Content.styled(f"{sign.glyph} {verdict.headline}", sign.style))
         lines.append(Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold")))
+        if verdict.stamps:
+            lines.append(Content.styled(printable(verdict.stamps), "$warning"))
         if wide:
             lines.append(Content.styled(verdict.sentence, "$foreground-muted"))
             lines.append(Content.styled(GRADE_LIMITS, "$foreground-muted"))

@@ -1,8 +1,12 @@
 """The one sentence for a whole rig: what keeps it from being ready, and what to do."""
 
+from msgspec.structs import replace
+
+from capture_app.camera_facts import StampAccuracy, StampSource
 from capture_app.node.leader.advice import rig_advice
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import NodeState, Report
+from capture_app.text import duration
 from tests.facts import make_facts
 
 LEADER = "10.0.0.1:47010"
@@ -44,3 +48,18 @@ def test_a_lost_camera_is_news_for_a_minute() -> None:
     late = ClientView(lost.name, lost.address, lost.camera, lost.report, 61_000_000_000)
     assert rig_advice([view("a"), lost], LEADER) == "b is lost: it left"
     assert rig_advice([view("a"), late], LEADER) == "1 camera ready, clocks sure to ±41 µs (95 %)"
+
+
+def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
+    webcam = make_facts(kind="v4l2", exposure_ns=4_000_000)
+    unsure = ClientView("web", ("10.0.0.3", 5), webcam, view("web").report, 0)
+    said = rig_advice([view("a"), unsure], LEADER)
+    half = duration(webcam.assumed_stamp.uncertainty_ns)
+    assert said == (
+        f"2 cameras ready, clocks sure to ±41 µs (95 %); how late the stamps of web are, to ±{half},"
+        " nobody has measured: capture-app cameras calibrate-time does"
+    )
+    stamp = StampAccuracy(bias_ns=15_000_000, uncertainty_ns=300_000, source=StampSource.MOTION)
+    measured = ClientView("web", ("10.0.0.3", 5), replace(webcam, stamp=stamp), unsure.report, 0)
+    said = rig_advice([view("a"), measured], LEADER)
+    assert said == "2 cameras ready, clocks sure to ±41 µs (95 %), stamps to ±300 µs"

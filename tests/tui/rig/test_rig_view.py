@@ -36,7 +36,7 @@ async def test_five_cameras_fit_a_small_terminal_with_everything_essential() -> 
         scroll = app.screen.query_one("#cameras-scroll")
         assert scroll.max_scroll_y == 0
         shown = text(app, ROWS)
-        for words in ("phase −45 µs", "clock ±9.0 µs", "30 fps", "1/100 s", "3 drops"):
+        for words in ("phase −45 µs", "error ±9.0 µs", "30 fps", "1/100 s", "3 drops"):
             assert words in shown
 
 

@@ -1,0 +1,41 @@
+"""What is said of how late cameras' stamps are, to who looks at a rig or at a session."""
+
+from collections.abc import Mapping
+
+from capture_app.camera_facts import CameraFacts, StampAccuracy, StampSource
+from capture_app.text import count, duration
+
+UNMEASURED = (StampSource.ASSUMED, StampSource.PROFILE)
+REMEDY = "capture-app cameras calibrate-time"
+"""What measures it."""
+_SOURCES = {
+    StampSource.CONSTRUCTION: "by construction",
+    StampSource.DRIVER: "by its driver",
+    StampSource.PROFILE: "by what is known of its kind",
+    StampSource.MOTION: "measured by motion",
+    StampSource.LIGHT: "measured by light",
+    StampSource.ASSUMED: "assumed",
+}
+
+
+def describe_stamp(stamp: StampAccuracy) -> str:
+    """Say how late a camera's stamps are: 21 ms ±21 ms late, assumed."""
+    late = f"{duration(abs(stamp.bias_ns))} ±{duration(stamp.uncertainty_ns)}"
+    return f"{late} {'late' if stamp.bias_ns >= 0 else 'early'}, {_SOURCES[stamp.source]}"
+
+
+def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:
+    """Say whose stamps nobody has measured, and what does; empty where all are known."""
+    unsure = {
+        name: camera.stamp_accuracy.uncertainty_ns
+        for name, camera in cameras.items()
+        if camera.stamp_accuracy.source in UNMEASURED
+    }
+    if not unsure:
+        return ""
+    worst = max(unsure, key=lambda name: unsure[name])
+    others = f" and of {count(len(unsure) - 1, 'more camera')}" if len(unsure) > 1 else ""
+    return (
+        f"how late the stamps of {worst}{others} are, to ±{duration(unsure[worst])},"
+        f" nobody has measured: {REMEDY} does"
+    )

@@ -5,13 +5,17 @@ import numpy as np
 from reconstruction.common.geometry import Array
 
 BAND = 120
+JUMP_GREY = 8
+"""Grey levels from one pixel to the next that halve the price of a jump."""
+MIN_JUMP = 1.5
+"""Least price of a jump, in small steps."""
 
 
 def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
     """Sum over 8 paths of the costs with smoothness, int16 like the costs (height x depths x width, uint8).
 
     `small` is the price of a step by one depth, `large` of any other step, less where `grey` (float32
-    height x width) changes from one pixel to the next.
+    height x width) changes from one pixel to the next. Paths that slant go on along the picture's border.
     """
     total = np.zeros(costs.shape, np.int16)
     for way in (1, -1):
@@ -30,32 +34,39 @@ def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
 
 
 def _sweep(costs: Array, total: Array, grey: Array, small: int, large: int, shifts: tuple[int, ...]) -> None:
-    rows = len(costs)
+    """Add the paths from the first row to the last that move by each of `shifts` columns a row."""
+    width = costs.shape[2]
+    # Beside the border lies its own last column, again.
+    columns = [np.clip(np.arange(width) - shift, 0, width - 1) for shift in shifts]
+    jumps = [_jump_prices(grey[1:], grey[:-1, column], small, large) for column in columns]
     before = [costs[0].astype(np.int16) for _ in shifts]
-    for _ in shifts:
-        total[0] += costs[0]
-    least = np.empty_like(before[0])
-    for row in range(1, rows):
-        cost, line = costs[row], grey[row]
+    for path in before:
+        total[0] += path
+    least, last = np.empty_like(before[0]), np.empty_like(before[0])
+    for row in range(1, len(costs)):
+        cost = costs[row].astype(np.int16)
         for i, shift in enumerate(shifts):
-            last, shade = before[i], grey[row - 1]
-            if shift:
-                last = np.empty_like(least)
-                shade = np.roll(shade, shift)
-                if shift > 0:
-                    last[:, 1:], last[:, 0] = before[i][:, :-1], before[i][:, 0]
-                else:
-                    last[:, :-1], last[:, -1] = before[i][:, 1:], before[i][:, -1]
-            lowest = last.min(0)
-            last -= lowest
-            jump = np.maximum(large / (1 + np.abs(line - shade) / 8), 1.5 * small).astype(np.int16)
-            np.minimum(last, jump, out=least)
-            last += small
+            path = before[i]
+            if shift > 0:
+                last[:, 1:], last[:, 0] = path[:, :-1], path[:, 0]
+            elif shift < 0:
+                last[:, :-1], last[:, -1] = path[:, 1:], path[:, -1]
+            else:
+                path, last = last, path
+            last -= last.min(0)
+            np.minimum(last, jumps[i][row - 1], out=least)
+            last += np.int16(small)
             np.minimum(least[1:], last[:-1], out=least[1:])
             np.minimum(least[:-1], last[1:], out=least[:-1])
             least += cost
             total[row] += least
-            before[i], least = least, (before[i] if shift else last)
+            before[i], least = least, path
+
+
+def _jump_prices(here: Array, before: Array, small: int, large: int) -> Array:
+    """The price of a jump between pixels of these grey levels (float32), int16."""
+    price = np.float32(large) / (1 + np.abs(here - before) / np.float32(JUMP_GREY))
+    return np.asarray(np.maximum(price, np.float32(MIN_JUMP * small)).astype(np.int16))
 
 
 def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
@@ -65,16 +76,19 @@ def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
     """
     height, count, width = total.shape
     numbers = np.arange(count, dtype=np.int32)[:, None]
+    columns = np.arange(width)
     place, own = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     for row in range(height):
-        line = total[row]
+        line = total[row].reshape(-1)
         # Cost and number in one integer: the least of these is far quicker than argmin across rows.
-        least = ((line.astype(np.int32) << 9) | numbers).min(0) & 511
-        inner = np.clip(least, 1, count - 2)[None]
-        before, here, after = (
-            np.take_along_axis(line, inner + k, 0)[0].astype(np.float32) for k in (-1, 0, 1)
-        )
+        keyed = total[row].astype(np.int32)
+        keyed <<= 9
+        keyed |= numbers
+        least = keyed.min(0) & 511
+        inner = np.clip(least, 1, count - 2)
+        at = inner * width + columns
+        before, here, after = (line[at + k * width].astype(np.float32) for k in (-1, 0, 1))
         part = 0.5 * (before - after) / np.maximum(before - 2 * here + after, 1.0)
-        place[row] = inner[0] + np.clip(part, -0.5, 0.5)
-        own[row] = np.take_along_axis(costs[row], least[None], 0)[0]
+        place[row] = inner + np.clip(part, -0.5, 0.5)
+        own[row] = costs[row].reshape(-1)[least * width + columns]
     return place, own

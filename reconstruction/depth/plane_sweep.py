@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs
 from reconstruction.depth.edge_moves import move_edges
 from reconstruction.depth.plane_fitting import fit_planes
-from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
 
 WORST_COST = 255
 """Matching cost where the pictures have nothing in common."""

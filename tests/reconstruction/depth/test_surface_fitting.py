@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
+from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs, mean_of_lowest
 from reconstruction.depth.edge_moves import move_edges
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
-from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from tests.reconstruction.depth.small_views import FOCAL, HEIGHT, PAINT, WIDTH, photo_of, view_at
 
 

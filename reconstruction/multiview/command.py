@@ -1,79 +1,17 @@
 """Depth of every camera of an instant, one cloud of points of them all, and a mesh."""
 
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
-from capture_app.text import pretty_json
 from reconstruction.calibration.adoption import adopt_kept_calibration
-from reconstruction.common.drawing import colour_depth, display_range
-from reconstruction.common.geometry import View
-from reconstruction.common.image_files import write_image
-from reconstruction.common.memory_budget import memory_budget
-from reconstruction.common.native_libraries import library_versions, require_reconstruction
-from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
-from reconstruction.depth.mesh import MeshModel, build_mesh
-from reconstruction.depth.sweep_matcher import ViewDepth
-from reconstruction.depth.view_overlap import refuse_views, seen_points
-from reconstruction.multiview.input_images import InputImage, load_input_images, undistort_nearest
-from reconstruction.multiview.matcher import (
-    Matcher,
-    choose_matcher,
-    image_colours,
-    image_views,
-    match_cameras,
-)
-from reconstruction.multiview.result import MultiviewResult, ViewResult
-from reconstruction.multiview.source_views import (
-    choose_reference_view,
-    choose_source_views,
-    smallest_group,
-)
-from reconstruction.scores.depth_truth import depth_shares
+from reconstruction.common.native_libraries import require_reconstruction
+from reconstruction.multiview.instant_model import FUSED, RESULT, MultiviewOptions, model_instant
+from reconstruction.multiview.matcher import choose_matcher
+from reconstruction.multiview.result import MultiviewResult
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.picture_checksums import picture_checks
 
-RESULT = "multiview.json"
-OURS = {RESULT, "depth", "workspace", "fused.ply", "fused.ply.vis", "cloud.ply", "mesh.ply", "turntable.png"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class MultiviewOptions:
-    """What to make: `offsets_ms` are one for each camera in the session's order, or none."""
-
-    instant: int = 0
-    offsets_ms: tuple[float, ...] = ()
-    matcher: Matcher = Matcher.AUTO
-    mesh: bool = True
-    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
-
-
-@dataclass
-class _Stopwatch:
-    """Wall seconds of the stages."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
-    last: float = field(default_factory=time.perf_counter)
-
-    def end_stage(self, name: str) -> None:
-        """Record the time since the last call as this stage's."""
-        now = time.perf_counter()
-        self.seconds[name] = round(now - self.last, 3)
-        self.last = now
-
-    def total(self) -> float:
-        """Seconds since the start."""
-        return round(time.perf_counter() - self.started, 3)
+OURS = {RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
 
 
 def multiview(
@@ -90,128 +28,7 @@ def multiview(
         require_reconstruction("open3d", "making a mesh")
     output = OutputFolder(out, replaces_only(OURS))
     matcher = choose_matcher(options.matcher)
-    stopwatch = _Stopwatch()
     dataset = Dataset.open(session, options.time_shifts_ms)
     adopt_kept_calibration(dataset)
-    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
-    images, left_out, calibration, unit = load_input_images(dataset, instants)
-
-    def announce(text: str) -> None:
-        if progress is not None:
-            progress.total = len(images) + (3 if options.mesh else 2)
-            progress.step(text)
-
-    announce("how near and how far the scene is")
-    calibrated = {camera: image.calibrated for camera, image in images.items()}
-    scene = find_coarse_scene(calibrated)
-    sources = find_sources({c: calibrated[c].view for c in scene.points}, scene)
-    left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
-    images = {camera: image for camera, image in images.items() if sources.get(camera)}
-    stopwatch.end_stage("range")
     with output:
-        part = output.folder
-        workspace = part / "workspace"
-        found = match_cameras(matcher, workspace, images, sources, scene.reach, announce)
-        if matcher.gpu is None:
-            write_workspace(workspace, image_views(images), image_colours(images), found)
-        stopwatch.end_stage("matching")
-        announce("joining the maps to a cloud")
-        fused = fuse_depth_maps(workspace, part / "fused.ply", smallest_group(sources))
-        stopwatch.end_stage("fusion")
-        (part / "depth").mkdir()
-        views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
-        stopwatch.end_stage("judging")
-        model = MeshModel(fused, 0, ())
-        if options.mesh:
-            announce("cloud, mesh and pictures")
-            model = _build_model(part, images)
-            stopwatch.end_stage("mesh")
-        reference = choose_reference_view(image_views(images), scene.points)
-        main = next(view for view in views if view.camera == reference)
-        result = MultiviewResult(
-            session=dataset.name,
-            instant=options.instant,
-            offsets_ms=options.offsets_ms,
-            time_shifts_ms=dict(options.time_shifts_ms),
-            matcher=matcher.name,
-            matcher_note=matcher.note,
-            calibration=calibration,
-            unit=unit,
-            reference=reference,
-            coverage=main.coverage,
-            within_2pct=main.within_2pct,
-            mover_within_2pct=main.mover_within_2pct,
-            static_within_2pct=main.static_within_2pct,
-            median_error_pct=main.median_error_pct,
-            nearest=min(scene.reach[camera][0] for camera in images),
-            farthest=max(scene.reach[camera][1] for camera in images),
-            views=views,
-            left_out=left_out,
-            fused_points=fused,
-            cloud_points=model.points,
-            mesh_triangles=model.triangles,
-            files=("fused.ply", *model.files, "workspace", RESULT),
-            seconds=stopwatch.total(),
-            seconds_of=stopwatch.seconds,
-            memory_notes=memory_budget().notes,
-            changed_pictures=picture_checks().changed,
-            versions=library_versions(),
-        )
-        write_atomic(part / RESULT, pretty_json(result))
-    return result
-
-
-def find_sources(views: Mapping[str, View], scene: CoarseScene) -> dict[str, tuple[str, ...]]:
-    """The source views of each camera.
-
-    Raises:
-        BadInputError: no two cameras see the scene from fit directions.
-    """
-    sources = choose_source_views(views, scene.points)
-    if not any(sources.values()):
-        raise refuse_views(views, scene.points)
-    return sources
-
-
-def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: CoarseScene) -> str:
-    """Why a camera has no sources."""
-    if camera not in scene.points:
-        return "nothing in its picture could be matched in another camera's"
-    inside = {
-        other: seen_points(images[camera].view, images[other].view, scene.points[camera])
-        for other in images
-        if other != camera
-    }
-    best = max(inside, key=lambda other: float(inside[other][0].mean()))
-    there, angles = inside[best]
-    return (
-        f"no other camera is fit to measure its depth with: {best} sees most of the same, "
-        f"{100 * there.mean():.0f} %, from {float(np.median(angles)):.1f} degrees aside"
-    )
-
-
-def _build_model(part: Path, images: Mapping[str, InputImage]) -> MeshModel:
-    return build_mesh(part / "fused.ply", part, list(image_views(images).values()))
-
-
-def write_view(
-    dataset: Dataset, image: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
-) -> ViewResult:
-    """Write a camera's depth, normals and picture into `part`/depth, and judge them."""
-    name = f"depth/{image.camera}"
-    np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
-    write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
-    shares: dict[str, float | None] = {}
-    truth = dataset.ground_truth(image.camera, image.instant)
-    if truth is not None:
-        movers = undistort_nearest(image.view, truth[1].astype(np.uint8)) > 0
-        shares = depth_shares(found.depth, undistort_nearest(image.view, truth[0]), movers)
-    return ViewResult(
-        camera=image.camera,
-        instant=image.instant,
-        sources=tuple(sources),
-        coverage=round(float(np.mean(found.depth > 0)), 4),
-        depth=f"{name}.npz",
-        picture=f"{name}.png",
-        **shares,
-    )
+        return model_instant(dataset, matcher, options, output.folder, progress)

@@ -23,6 +23,18 @@ class ViewResult(Struct, frozen=True, kw_only=True):
     """Median of the relative errors of the depths that there are, percent."""
 
 
+class CloudScore(Struct, frozen=True, kw_only=True):
+    """What moves in a cloud against the true surfaces: within 1 cm is right, and found."""
+
+    points: int
+    precision: float | None
+    """Share of its points that lie on a true surface; None of a few points."""
+    recall: float
+    """Share of the surfaces that at least two cameras see which the cloud has."""
+    f_score: float
+    """Their harmonic mean."""
+
+
 class MultiviewResult(Struct, frozen=True, kw_only=True):
     """Depth of all cameras of an instant; the first shares are those of the reference camera."""
 
@@ -43,6 +55,8 @@ class MultiviewResult(Struct, frozen=True, kw_only=True):
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
     median_error_pct: float | None = None
+    movers_1cm: CloudScore | None = None
+    """None where nothing moves, or the truth is not known in metres."""
     nearest: float
     farthest: float
     views: tuple[ViewResult, ...]
@@ -60,4 +74,46 @@ class MultiviewResult(Struct, frozen=True, kw_only=True):
     """What the memory budget changed."""
     changed_pictures: tuple[str, ...] = ()
     """Files whose bytes are not those that were saved."""
+    versions: dict[str, str] = {}
+
+
+class SequenceInstant(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One instant of a sequence; `reason` says why it has no cloud."""
+
+    instant: int
+    leader_ns: int
+    cloud: str = ""
+    points: int = 0
+    reference: str = ""
+    coverage: float | None = None
+    within_2pct: float | None = None
+    mover_within_2pct: float | None = None
+    movers_1cm: CloudScore | None = None
+    left_out: dict[str, str] = {}
+    """Cameras without depth, and why."""
+    seconds: float = 0.0
+    reason: str = ""
+
+
+class SequenceResult(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The clouds of many instants; shares are medians over the instants that have them."""
+
+    session: str
+    condition: str
+    matcher: str
+    calibration: str
+    unit: str
+    instants: tuple[SequenceInstant, ...]
+    clouds: int
+    kept: int = 0
+    """Clouds that an earlier run had made, which was stopped."""
+    mover_f_score_1cm: float | None = None
+    mover_within_2pct: float | None = None
+    within_2pct: float | None = None
+    masks: bool = False
+    files: tuple[str, ...]
+    seconds: float
+    """Of this run."""
+    memory_notes: tuple[str, ...] = ()
+    changed_pictures: tuple[str, ...] = ()
     versions: dict[str, str] = {}

@@ -20,8 +20,10 @@ class MoverMasks(Struct, frozen=True, kw_only=True):
     moving: dict[str, float]
 
 
-def write_masks(dataset: Dataset, out: Path) -> MoverMasks:
+def write_masks(dataset: Dataset, out: Path, progress: Progress | None = None) -> MoverMasks:
     """Write OUT/<camera>/<instant>.png for every image, white where something moves and a little around it.
+
+    `progress` gets a step for each camera.
 
     Raises:
         NotApplicableError: a camera has fewer than two images to compare.
@@ -35,7 +37,7 @@ def write_masks(dataset: Dataset, out: Path) -> MoverMasks:
             hint="take a burst of several instants",
         )
     shares: dict[str, float] = {}
-    progress = Progress(len(dataset.cameras))
+    progress = progress or Progress(len(dataset.cameras))
     with OutputFolder(out, replaces_nothing) as output:
         for camera in dataset.cameras:
             progress.step(camera)

@@ -1,6 +1,8 @@
 """Rerun's own .rrd: images and cameras on a timeline of the leader's clock. Needs rerun-sdk."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from capture_app.session.exporters.common.exported_burst import ExportedBurst, E
 from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.poses import centre_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
+from capture_app.session.format.calibration import CameraCalibration
 
 _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first pixel begins at (0, 0)
 
@@ -23,23 +26,33 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     stream = rerun.RecordingStream("simulshot", recording_id=burst.name, send_properties=False)
     stream.save(folder / file)
     if burst.session.calibration() is not None:
-        for name, camera in burst.calibration("Rerun").cameras.items():
-            pose = rerun.Transform3D(translation=centre_of(camera), mat3x3=rotation_of(camera).T)
-            pinhole = rerun.Pinhole(
-                image_from_camera=matrix_of(camera) + _HALF_PIXEL,
-                resolution=[camera.width, camera.height],
-                camera_xyz=rerun.ViewCoordinates.RDF,
-            )
-            stream.log(f"rig/{name}", pose, pinhole, static=True)
+        log_cameras(rerun, stream, burst.calibration("Rerun").cameras)
     frames: list[Frame] = []
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     for image in sorted(images, key=lambda image: (image.leader_ns, image.camera)):
         data, kind = jpeg_or_png(burst, image)
-        stream.set_time("leader", duration=np.timedelta64(image.leader_ns, "ns"))
-        stream.set_time("instant", sequence=image.instant)
+        set_times(stream, image.leader_ns, image.instant)
         stream.log(f"rig/{image.camera}", rerun.EncodedImage(contents=data, media_type=f"image/{kind}"))
         frames.append(Frame(image.camera, image.instant, file, len(frames), image))
     stream.flush()
     stream.disconnect()
     write_frames(burst, folder, frames)
     return []
+
+
+def log_cameras(rerun: Any, stream: Any, cameras: Mapping[str, CameraCalibration]) -> None:
+    """Log where the cameras are, and how wide they look."""
+    for name, camera in cameras.items():
+        pose = rerun.Transform3D(translation=centre_of(camera), mat3x3=rotation_of(camera).T)
+        pinhole = rerun.Pinhole(
+            image_from_camera=matrix_of(camera) + _HALF_PIXEL,
+            resolution=[camera.width, camera.height],
+            camera_xyz=rerun.ViewCoordinates.RDF,
+        )
+        stream.log(f"rig/{name}", pose, pinhole, static=True)
+
+
+def set_times(stream: Any, leader_ns: int, instant: int) -> None:
+    """What is logged from now on is of this moment on both timelines."""
+    stream.set_time("leader", duration=np.timedelta64(leader_ns, "ns"))
+    stream.set_time("instant", sequence=instant)

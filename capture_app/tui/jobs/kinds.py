@@ -69,6 +69,15 @@ MULTIVIEW = JobKind(
     "--instant 0 --no-mesh",
     result="multiview.json",
 )
+CLOUDS = JobKind(
+    "clouds",
+    "Clouds of all instants",
+    "a cloud of each, and masks of what moves",
+    RECONSTRUCT,
+    ("multiview",),
+    result="sequence.json",
+    fixed=("--instants", "all"),
+)
 STITCH = JobKind(
     "stitch",
     "Panorama",
@@ -124,6 +133,6 @@ EXPORTS: Mapping[str, JobKind] = {
     )
     for name, what in FORMATS.items()
 }
-STUDIES = (COMPARE, MULTIVIEW, STITCH, DOSE, PANEL)
+STUDIES = (COMPARE, MULTIVIEW, STITCH, DOSE, CLOUDS, PANEL)
 """The jobs whose results can be looked at."""
 KINDS: Mapping[str, JobKind] = {kind.name: kind for kind in (*STUDIES, VERIFY, REPAIR, *EXPORTS.values())}

@@ -35,6 +35,10 @@ def moves(found: Mapping[str, Any]) -> bool:
 
 
 def _of_multiview(found: Mapping[str, Any]) -> str:
+    if "clouds" in found:
+        score = found.get("mover_f_score_1cm")
+        truth = "" if score is None else f"; what moves has F {score:.2f} at 1 cm"
+        return f"{count(found['clouds'], 'cloud')} of {count(len(found['instants']), 'instant')}{truth}"
     maps = count(len(found["views"]), "depth map")
     right = found.get("within_2pct")
     truth = (

@@ -12,7 +12,7 @@ from capture_app.session.format.checks import inside
 from capture_app.text import count
 from capture_app.tui.drawing.line_parts import filled_cells
 from capture_app.tui.jobs.job import Job
-from capture_app.tui.jobs.kinds import COMPARE, DOSE, MULTIVIEW, PANEL, STITCH
+from capture_app.tui.jobs.kinds import CLOUDS, COMPARE, DOSE, MULTIVIEW, PANEL, STITCH
 from capture_app.tui.jobs.outcome import moves, outcome, percent
 from capture_app.tui.jobs.panel_result import panel_remarks, panel_tables
 
@@ -178,6 +178,26 @@ def _multiview(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyRes
     )
 
 
+def _clouds(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
+    every = found["instants"]
+    without = [one for one in every if not one.get("cloud")]
+    rows = tuple(
+        (str(one["instant"]), f"{one['points']:,}", percent(one.get("mover_within_2pct")))
+        for one in every
+        if one.get("cloud")
+    )
+    columns = ("points", "what moves, within 2 % of the truth")
+    return StudyResult(
+        verdict,
+        (),
+        (ResultTable("Clouds by instant", ("", ""), columns, rows),),
+        (
+            *(f"instant {one['instant']} has no cloud: {one['reason']}" for one in without),
+            *(f"in {folder}: {name}" for name in found["files"] if name in ("clouds", "movers")),
+        ),
+    )
+
+
 def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
     measure = found["measure"]
     still = measure.replace("mover_", "static_")
@@ -216,6 +236,7 @@ _READERS = {
     COMPARE.name: _comparison,
     STITCH.name: _panorama,
     MULTIVIEW.name: _multiview,
+    CLOUDS.name: _clouds,
     DOSE.name: _dose,
     PANEL.name: _panel,
 }

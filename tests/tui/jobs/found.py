@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from capture_app.tui.jobs.job import Job, JobState
-from capture_app.tui.jobs.kinds import COMPARE, DOSE, KINDS, MULTIVIEW, PANEL, STITCH
+from capture_app.tui.jobs.kinds import CLOUDS, COMPARE, DOSE, KINDS, MULTIVIEW, PANEL, STITCH
 from capture_app.tui.jobs.records import default_out, save_record
 
 VERDICT = (
@@ -145,6 +145,24 @@ def add_depth(root: Path, session: str) -> Job:
         "files": ["fused.ply", "depth.npz"],
     }
     (job.out / "multiview.json").write_text(json.dumps(found))
+    return job
+
+
+def add_clouds(root: Path, session: str) -> Job:
+    """Clouds of two instants, of which one failed."""
+    job = add_job(root, CLOUDS.name, session)
+    assert job.out is not None
+    job.out.mkdir(parents=True)
+    found = {
+        "clouds": 1,
+        "mover_f_score_1cm": 0.878,
+        "instants": [
+            {"instant": 0, "cloud": "clouds/000000.ply", "points": 28650, "mover_within_2pct": 0.98},
+            {"instant": 1, "reason": "no camera has a picture"},
+        ],
+        "files": ["clouds", "instants", "movers", "plan.json", "sequence.json"],
+    }
+    (job.out / "sequence.json").write_text(json.dumps(found))
     return job
 
 

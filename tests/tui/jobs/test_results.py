@@ -6,7 +6,15 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.tui.jobs.results import read_result
-from tests.tui.jobs.found import VERDICT, add_comparison, add_depth, add_dose, add_panel, add_panorama
+from tests.tui.jobs.found import (
+    VERDICT,
+    add_clouds,
+    add_comparison,
+    add_depth,
+    add_dose,
+    add_panel,
+    add_panorama,
+)
 
 
 def test_a_comparison(tmp_path: Path) -> None:
@@ -27,6 +35,13 @@ def test_a_panorama(tmp_path: Path) -> None:
     assert result.pictures[0].offset_words == "every second camera 67 ms late"
     assert result.tables[0].rows == (("cam00 and cam01", "1.7 px", "11.8 px"),)
     assert result.remarks == ("cam02 is left out: it shows nothing that the others show",)
+
+
+def test_clouds_of_every_instant(tmp_path: Path) -> None:
+    result = read_result(add_clouds(tmp_path, "take"))
+    assert result.verdict == "1 cloud of 2 instants; what moves has F 0.88 at 1 cm"
+    assert result.tables[0].rows == (("0", "28,650", "98 %"),)
+    assert result.remarks[0] == "instant 1 has no cloud: no camera has a picture"
 
 
 def test_a_dose(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from capture_app.commands.options import (
 )
 from capture_app.errors import NotAvailableError
 from capture_app.net.address import Address
+from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
 from capture_app.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.usage import examples
 
@@ -52,14 +53,14 @@ if TYPE_CHECKING:
 @click.option(
     "--ring-s",
     type=FiniteRange(0.1, 600.0),
-    default=3.0,
+    default=RING_NS / 1e9,
     metavar="S",
     help="How far back its frames are kept, for bursts that begin in the past.",
 )
 @click.option(
     "--ring-mb",
     type=FiniteRange(1.0, 1_000_000.0),
-    default=256.0,
+    default=RING_BYTES / 1e6,
     metavar="MB",
     help="The most memory for these, and as much for frames that are not on a disk yet.",
 )
@@ -151,9 +152,9 @@ def camera_node(
     leaders: Sequence[Address],
     clock: NodeClock,
     spool: Path,
-    tolerance_us: float | None = None,
-    ring_s: float = 3.0,
-    ring_mb: float = 256.0,
+    tolerance_us: float | None,
+    ring_s: float,
+    ring_mb: float,
 ) -> "CameraNode":
     """Make the node of one camera, which talks on stderr; the camera is opened when it runs."""
     from capture_app.cameras.catalog import open_camera

@@ -22,7 +22,8 @@ def rates(*fps: int) -> tuple[v4l2.FrameInterval, ...]:
 class FakeDevice(VideoDevice):
     """A driver with the kernel's rules for buffers; tests deliver its frames."""
 
-    def __init__(self, flags: int = START_OF_EXPOSURE) -> None:
+    def __init__(self, flags: int = START_OF_EXPOSURE, driver: str = "fake") -> None:
+        self.driver = driver
         self.path = "/dev/video0"
         self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.flags = flags
@@ -57,7 +58,9 @@ class FakeDevice(VideoDevice):
         self.fd = -1
 
     def capability(self) -> v4l2.Capability:
-        return v4l2.Capability("fake", "Fake camera", "usb-1", v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING)
+        return v4l2.Capability(
+            self.driver, "Fake camera", "usb-1", v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
+        )
 
     def control(self, control: int) -> int | None:
         return self.controls.get(control)

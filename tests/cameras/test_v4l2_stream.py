@@ -64,6 +64,16 @@ async def test_frames_carry_the_drivers_stamp_number_and_bytes(bench):
     assert (frames[0].exposure_ns, frames[0].gain) == (15_700_000, 4.0)
 
 
+@pytest.mark.parametrize(("driver", "source"), [("uvcvideo", "profile"), ("cafe_ccic", "assumed")])
+async def test_no_driver_is_believed_what_its_stamps_are(driver, source):
+    """The exposure of 15.7 ms, a frame and 5 ms may lie between the light and the arrival of its bytes."""
+    bench = await started(FakeDevice(driver=driver))
+    stamp = bench.camera.facts.stamp_accuracy
+    assert stamp.source == source
+    assert stamp.bias_ns == stamp.uncertainty_ns == (15_700_000 + PERIOD_NS + 5_000_000) // 2
+    await bench.camera.stop()
+
+
 async def test_info_says_what_the_device_can_do(bench):
     facts = bench.camera.facts
     assert (facts.kind, facts.model, facts.pixel_format) == ("v4l2", "Fake camera", "MJPG")

@@ -168,18 +168,22 @@ def test_the_cameras_were_aligned_by_restarts_to_within_2_ms(rig: Rig) -> None:
     assert [camera.name for camera in session.manifest.cameras] == ["left", "right"]
     for camera in session.manifest.cameras:
         assert camera.facts.timestamp_source == "start-of-exposure"
+        assert camera.facts.stamp is not None
+        assert camera.facts.stamp.source == "profile"
         assert camera.phase is not None
         assert camera.facts.phase_control == "reset"
     assert_aligned(session, rig)
     for image in session.manifest.images:
-        assert image.hard_bound_ns is not None
-        assert image.hard_bound_ns < TOLERANCE_NS
+        # How late uvcvideo's stamps are nobody has measured, and no clock can tell.
+        assert image.hard_bound_ns is None
+        assert image.uncertainty_ns is not None
+        assert image.uncertainty_ns > 10_000_000
 
 
 def test_the_nodes_clocks_are_one_and_were_found_to_be(rig: Rig) -> None:
     for camera in rig.session().manifest.cameras:
         assert camera.clock is not None
-        assert abs(camera.clock.offset_ns) <= camera.clock.hard_bound_ns
+        assert abs(camera.clock.offset_ns) <= camera.clock.hard_bound_ns < TOLERANCE_NS
 
 
 def test_the_cameras_own_jpegs_were_saved_untouched(rig: Rig, camera_vm: Path) -> None:

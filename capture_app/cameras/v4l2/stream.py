@@ -1,7 +1,8 @@
 """The stream of a V4L2 camera: driver timestamps, sequence numbers, restarts, unplugging.
 
 Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are kept as stamped: `facts` say which
-moment of a frame they mean. With uvcvideo that is the arrival of a frame's first bytes.
+moment of a frame the driver claims that they mean, and how late they are. uvcvideo claims the start of the
+exposure, and stamps the arrival of a frame's first bytes.
 """
 
 import asyncio
@@ -13,7 +14,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from msgspec import structs
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, StampSource, TimestampSource
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.v4l2 import exposure
 from capture_app.cameras.v4l2 import layout as v4l2
@@ -31,6 +34,7 @@ _BUFFER_BYTES = 64 << 20
 _BUFFER_COUNTS = 4, 24
 _FOREIGN_CLOCK_NS = 60_000_000_000
 """A stamp this far from now is not of this process's monotonic clock."""
+_UVC = "uvcvideo"
 _SOURCES = {
     v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
     v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
@@ -58,9 +62,10 @@ class V4L2Camera(Camera):
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         shortest_ns, longest_ns = exposure.exposure_limits_ns(device)
-        self._facts = CameraFacts(
+        capability = device.capability()
+        facts = CameraFacts(
             kind="v4l2",
-            model=device.capability().card,
+            model=capability.card,
             width=layout.width,
             height=layout.height,
             pixel_format=layout.fourcc,
@@ -71,6 +76,8 @@ class V4L2Camera(Camera):
             min_exposure_ns=shortest_ns,
             max_exposure_ns=longest_ns,
         )
+        late = structs.replace(facts.assumed_stamp, source=StampSource.PROFILE)
+        self._facts = structs.replace(facts, stamp=late) if capability.driver == _UVC else facts
         self._auto_priority = exposure.keep_rate_constant(device)
 
     @property

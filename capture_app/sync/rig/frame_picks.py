@@ -15,7 +15,7 @@ EXACT_STAMP = StampError()
 
 
 RING_NS = 3_000_000_000
-RING_BYTES = 256 << 20
+RING_BYTES = 256_000_000
 
 
 class RingBuffer(Generic[F]):

@@ -28,6 +28,7 @@ DRIVERS = {
     ),
     "v4l2": DriverEntry("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
     "replay": DriverEntry("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
+    "libcamera": DriverEntry("capture_app.cameras.libcamera.driver", "libcamera:ID[,key=value…]"),
 }
 """By the kind that a spec begins with. By name, so that what drives simulated cameras may lie above."""
 

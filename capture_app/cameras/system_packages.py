@@ -61,6 +61,11 @@ def load_system_module(
         ) from error
 
 
+def is_installed(module: str, *, folders: Sequence[str | Path] = FOLDERS) -> bool:
+    """Whether the system's Python has the module, for whichever version."""
+    return module in sys.modules or (find_spec(module) or _system_spec(module, folders)) is not None
+
+
 def _system_spec(module: str, folders: Sequence[str | Path]) -> ModuleSpec | None:
     found = (PathFinder.find_spec(module, [str(folder)]) for folder in folders)
     # Without a loader it is a folder that some removed package has left.

@@ -1,0 +1,1 @@
+"""Cameras of libcamera, those of the Raspberry Pi first, by the system's own Python bindings."""

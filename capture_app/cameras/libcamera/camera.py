@@ -1,0 +1,267 @@
+"""A camera of libcamera: its start, single frames made longer or shorter, restarts.
+
+Before a stream is given away, its first two seconds show what the driver does not say: the row time, from the
+frame durations that come back for those asked for; and where exposure settles, which is then held.
+"""
+
+import asyncio
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any
+
+from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.libcamera.controls import CameraControls, first_exposure, held_exposure
+from capture_app.cameras.libcamera.facts import (
+    KIND,
+    facts_as_configured,
+    with_exposure,
+    with_period_of,
+    with_rows,
+)
+from capture_app.cameras.libcamera.library import Library
+from capture_app.cameras.libcamera.mode import Wishes, configure
+from capture_app.cameras.libcamera.row_time import ASKED, durations_to_ask_us, find_row_time_us
+from capture_app.cameras.libcamera.stamp_clock import StampClock
+from capture_app.cameras.libcamera.stream import FinishedFrame, RequestStream
+from capture_app.errors import CameraError
+from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
+
+SILENT_S = 5.0
+"""A stream without a frame for so long, or for so many periods, has failed."""
+SILENT_PERIODS = 30
+IN_EFFECT_FRAMES = 6
+"""What is set is in effect so many frames after the requests that are queued already, at the latest."""
+UNSETTLED_FRAMES = 3
+"""The first frames after a start may be told wrongly."""
+PERIOD_FRAMES = 15
+INSIDE_ROW = 0.25
+"""A duration is asked for by so many rows more than whole ones: a driver may cut or round it."""
+
+
+class LibcameraCamera(Camera):
+    """A camera of libcamera; `driver.open_camera` makes one."""
+
+    def __init__(
+        self,
+        library: Library,
+        device: str,
+        wishes: Wishes,
+        *,
+        clock: StampClock | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        """Take a camera and configure it. Raises CameraError if it is missing, busy, or has no such mode."""
+        self._library, self._wishes = library, wishes
+        self._clock = clock or StampClock()
+        self._executor = executor or ThreadPoolExecutor(max_workers=1, thread_name_prefix=KIND)
+        camera = library.camera(device)
+        self.id: str = camera.id
+        self._command_lock = asyncio.Lock()
+        self._closing = threading.Event()
+        self._listening = False
+        self._streams = 0
+        self._last_frame_ns = 0
+        self._first_frames: list[FinishedFrame] = []
+        self._first_frames_wanted: tuple[int, asyncio.Future[None]] | None = None
+        self._on_frame: OnFrame
+        self._on_failure: OnFailure
+        try:
+            camera.acquire()
+        except RuntimeError as error:
+            raise CameraError(
+                f"{self.id} is in use by another program", hint="close it: a camera serves one at a time"
+            ) from error
+        try:
+            self._configure(camera)
+        except BaseException as error:
+            camera.release()
+            if isinstance(error, RuntimeError | OSError):
+                raise CameraError(f"{self.id} cannot be configured: {error}") from error
+            raise
+
+    def _configure(self, camera: Any) -> None:
+        stream, layout = configure(self._library.module, camera, self._wishes)
+        controls = CameraControls(camera)
+        period_us, limits_us = self._wishes.period_us, controls.limits("FrameDurationLimits")
+        if limits_us is None and self._wishes.fps is not None:
+            raise CameraError(f"libcamera cannot set the frame rate of {self.id}", hint="leave out fps")
+        if limits_us is not None and not limits_us[0] <= period_us <= limits_us[1]:
+            raise CameraError(
+                f"{self.id} cannot run at {1e6 / period_us:.4g} frames/s in this size",
+                hint=f"from {1e6 / limits_us[1]:.3g} to {1e6 / limits_us[0]:.4g}",
+            )
+        self._limits_us: tuple[int, int] | None = limits_us
+        self._is_raspberry_pi = controls.is_raspberry_pi
+        self._facts = facts_as_configured(camera, layout, self._wishes, limits_us)
+        self._stream = RequestStream(
+            self._library,
+            camera,
+            stream.stream,
+            layout,
+            clock=self._clock,
+            on_frame=self._receive,
+            on_failure=lambda why: self._fail(CameraError(f"{self.id} does not answer any more: {why}")),
+        )
+        self._stream.keep(first_exposure(self._wishes), period_us=period_us)
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do; its rows and exposure once it streams."""
+        return self._facts
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Start streaming, and learn from the first frames. Raises CameraError where it delivers none."""
+        if self._listening or self._closing.is_set():
+            raise CameraError(f"{self.id} was started already", hint="open it again")
+        self._on_frame, self._on_failure = on_frame, on_failure
+        async with self._command_lock:
+            self._library.listen()
+            self._listening = True
+            try:
+                await self._in_worker(self._stream.start)
+            except RuntimeError as error:
+                raise CameraError(f"{self.id} does not start: {error}") from error
+            self._run()
+            asyncio.get_running_loop().call_later(1.0, self._watch)
+            if self._limits_us is None:
+                await self._learn_period()
+            else:
+                await self._learn_rows(*self._limits_us)
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Let one coming frame last longer or shorter, or restart the stream: its delay counts from now.
+
+        Where stopping takes longer than the delay, whole frame periods are added, so that the start keeps its
+        place in the period. Raises CameraError for what the camera cannot do, or without a stream.
+        """
+        asked_ns = self._clock.now_ns()
+        if isinstance(command, SetFrameDuration) and self._facts.phase_control is PhaseControl.FRAME_DURATION:
+            self._stream.ask(round(command.duration_ns / 1000))
+            return
+        if not isinstance(command, RestartStream):
+            raise CameraError(f"{self.id} cannot do that", hint="restart its stream instead")
+        async with self._command_lock:
+            if not self._stream.running:
+                raise CameraError(f"{self.id} does not stream")
+            self._stream.running = False
+            try:
+                await self._in_worker(self._stream.stop)
+                self._library.dispatch()
+                start_ns = asked_ns + command.delay_ns
+                await self._in_worker(
+                    self._stream.start_again_at, start_ns, self._facts.period_ns, self._closing
+                )
+            except RuntimeError as error:
+                self._on_failure(CameraError(f"{self.id} does not start again: {error}"))
+                return
+            if not self._closing.is_set():
+                self._run()
+
+    async def stop(self) -> None:
+        """Stop streaming and let go of the camera. Calling it twice is harmless."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._stream.running = False
+        with suppress(RuntimeError):
+            await self._in_worker(self._stream.stop)
+        if self._listening:
+            self._library.dispatch()
+            self._library.hush()
+        await self._in_worker(self._stream.release)
+        self._executor.shutdown(wait=False)
+
+    # What the first frames show
+
+    async def _learn_rows(self, least_us: int, most_us: int) -> None:
+        """Learn the row time, choose the number of rows nearest to the period, hold the exposure."""
+        period_us = self._wishes.period_us
+        for duration_us in durations_to_ask_us(period_us, most_us):
+            self._stream.ask(duration_us)
+        in_effect = self._stream.queued + IN_EFFECT_FRAMES
+        seen = await self._next_frames(UNSETTLED_FRAMES + ASKED + in_effect)
+        told = [frame.told.get("FrameDuration") for frame in seen[UNSETTLED_FRAMES:]]
+        row_us = await self._in_worker(find_row_time_us, [us for us in told if us is not None])
+        if row_us is not None:
+            rows = round(period_us / row_us)
+            rows += rows * row_us < least_us
+            period_us = round((rows + INSIDE_ROW) * row_us)
+            self._facts = with_rows(self._facts, rows, row_us)
+        self._stream.keep(held_exposure(seen[-1].told, self._wishes), period_us=period_us)
+        last = (await self._next_frames(in_effect))[-1]
+        exposure_us = last.told.get("ExposureTime")
+        if exposure_us is not None:
+            self._facts = with_exposure(self._facts, exposure_us, is_raspberry_pi=self._is_raspberry_pi)
+
+    async def _learn_period(self) -> None:
+        """Learn at which rate a camera runs whose frame durations cannot be set."""
+        seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
+        stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
+        self._facts = with_period_of(self._facts, stamps_ns)
+
+    async def _next_frames(self, count: int) -> list[FinishedFrame]:
+        """The next so many frames, which go nowhere else. Raises CameraError where they do not come."""
+        self._first_frames, arrived = [], asyncio.get_running_loop().create_future()
+        self._first_frames_wanted = count, arrived
+        try:
+            await arrived
+        finally:
+            self._first_frames_wanted = None
+        return self._first_frames
+
+    # Frames
+
+    def _receive(self, frame: FinishedFrame) -> None:
+        if frame.stamp_ns is None:
+            self._fail(CameraError(f"{self.id} stamps its frames in no clock of this machine"))
+            return
+        self._last_frame_ns = self._clock.now_ns()
+        if self._first_frames_wanted is not None:
+            count, arrived = self._first_frames_wanted
+            self._first_frames.append(frame)
+            if len(self._first_frames) >= count and not arrived.done():
+                arrived.set_result(None)
+        elif frame.picture is not None:
+            exposure_us, colours = frame.told.get("ExposureTime"), frame.told.get("ColourGains")
+            self._on_frame(
+                CapturedFrame(
+                    sequence=frame.sequence,
+                    stream=self._streams,
+                    timestamp_ns=frame.stamp_ns,
+                    picture=frame.picture,
+                    exposure_ns=exposure_us * 1000 if exposure_us else None,
+                    gain=frame.told.get("AnalogueGain"),
+                    white_balance=(colours[0], colours[1]) if colours else None,
+                )
+            )
+
+    def _run(self) -> None:
+        """Hand frames on from here, as a stream of their own."""
+        self._streams += 1
+        self._last_frame_ns = self._clock.now_ns()
+        self._stream.running = True
+
+    def _watch(self) -> None:
+        """Notice a stream that has fallen silent: the library does not tell of a camera that is gone."""
+        if self._closing.is_set():
+            return
+        silent_s = (self._clock.now_ns() - self._last_frame_ns) / 1e9
+        if silent_s > max(SILENT_S, SILENT_PERIODS * self._facts.period_ns / 1e9):
+            why = f"{self.id} delivers no frames any more"
+            self._fail(CameraError(why, hint="check its cable, then start it again"))
+        asyncio.get_running_loop().call_later(1.0, self._watch)
+
+    def _fail(self, error: CameraError) -> None:
+        if not self._stream.running:
+            return
+        self._stream.running = False
+        if self._first_frames_wanted is None:
+            self._on_failure(error)
+        elif not self._first_frames_wanted[1].done():
+            self._first_frames_wanted[1].set_exception(error)
+
+    def _in_worker(self, work: Callable[..., Any], *arguments: Any) -> asyncio.Future[Any]:
+        return asyncio.get_running_loop().run_in_executor(self._executor, work, *arguments)

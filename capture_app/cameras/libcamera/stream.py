@@ -1,0 +1,135 @@
+"""The requests of one camera of libcamera: they are filled, handed on, and queued with new settings."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from capture_app.cameras.libcamera.buffers import MappedBuffers
+from capture_app.cameras.libcamera.controls import CameraControls, by_name, frame_duration
+from capture_app.cameras.libcamera.library import Library
+from capture_app.cameras.libcamera.stamp_clock import StampClock
+from capture_app.cameras.v4l2.layout import PixelFormat
+from capture_app.cameras.v4l2.pictures import JpegPicture, RawPicture
+
+_TOLD = ("SensorTimestamp", "FrameDuration", "ExposureTime", "AnalogueGain", "ColourGains")
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedFrame:
+    """What a finished request brought."""
+
+    sequence: int
+    stamp_ns: int | None
+    """In the monotonic clock; None for a stamp of no clock of this machine."""
+    told: dict[str, Any]
+    """What the library tells of it, by the names of its controls; durations and exposures in us."""
+    picture: JpegPicture | RawPicture | None
+    """None where it came damaged."""
+
+
+class RequestStream:
+    """A configured camera's requests. `start`, `start_again_at`, `stop` and `release` block."""
+
+    def __init__(
+        self,
+        library: Library,
+        camera: Any,
+        stream: Any,
+        layout: PixelFormat,
+        *,
+        clock: StampClock,
+        on_frame: Callable[[FinishedFrame], None],
+        on_failure: Callable[[str], None],
+    ) -> None:
+        """Allocate its buffers; `on_frame` and `on_failure` are called on the loop the library listens on.
+
+        Raises RuntimeError of the library, OSError.
+        """
+        self._library, self._camera, self._clock = library, camera, clock
+        self._on_frame, self._on_failure = on_frame, on_failure
+        self._controls = CameraControls(camera)
+        self._buffers = MappedBuffers(library.module, camera, stream, layout)
+        self._requests = [library.new_request(camera, self._finish) for _ in self._buffers.buffers]
+        self._buffer_of: dict[int, Any] = {}
+        for request, buffer in zip(self._requests, self._buffers.buffers, strict=True):
+            request.add_buffer(stream, buffer)
+            self._buffer_of[request.cookie] = buffer
+        self._settings: dict[str, Any] = {}
+        self._new_settings: dict[str, Any] = {}
+        self._asked_us: deque[int] = deque()
+        self._period_us: int | None = None
+        self.running = False
+        """Whether frames are handed on."""
+
+    @property
+    def queued(self) -> int:
+        """How many frames come before one with new settings is even begun."""
+        return len(self._requests)
+
+    def keep(self, settings: dict[str, Any], *, period_us: int) -> None:
+        """Let these settings, and this frame period, hold from the next request on, and over restarts."""
+        self._settings |= settings
+        self._new_settings |= settings
+        self._period_us = period_us
+
+    def ask(self, duration_us: int) -> None:
+        """Let one coming frame last that long."""
+        self._asked_us.append(duration_us)
+
+    def start(self) -> None:
+        """Start the stream. Raises RuntimeError of the library."""
+        self._asked_us.clear()
+        self._new_settings = {}
+        self._camera.start(self._controls.of(self._settings | self._duration()))
+        for request in self._requests:
+            self._camera.queue_request(request)
+
+    def start_again_at(self, start_ns: int, period_ns: int, closing: threading.Event) -> None:
+        """Start at `start_ns` of the monotonic clock, or whole periods after it; not at all once closing."""
+        for request in self._requests:
+            request.reuse()
+        late_ns = self._clock.now_ns() - start_ns
+        if late_ns > 0:
+            start_ns += -(-late_ns // period_ns) * period_ns
+        if not closing.wait((start_ns - self._clock.now_ns()) / 1e9):
+            self.start()
+
+    def stop(self) -> None:
+        """Stop the stream: what is not finished is given up. Raises RuntimeError of the library."""
+        self._camera.stop()
+
+    def release(self) -> None:
+        """Let go of the buffers and the camera, which is stopped."""
+        self._library.forget(self._requests)
+        self._requests, self._buffer_of = [], {}
+        self._buffers.close()
+        self._camera.release()
+
+    def _duration(self) -> dict[str, Any]:
+        asked_us = self._asked_us.popleft() if self._asked_us else self._period_us
+        return {} if asked_us is None else frame_duration(asked_us)
+
+    def _finish(self, request: Any) -> None:
+        if not self.running or request.status != self._library.module.Request.Status.Complete:
+            return
+        buffer = self._buffer_of[request.cookie]
+        told = by_name(request.metadata, _TOLD)
+        sound = buffer.metadata.status == self._library.module.FrameMetadata.Status.Success
+        frame = FinishedFrame(
+            sequence=buffer.metadata.sequence,
+            stamp_ns=self._clock.monotonic_of(told.get("SensorTimestamp", buffer.metadata.timestamp)),
+            told=told,
+            picture=self._buffers.picture(buffer) if sound else None,
+        )
+        request.reuse()
+        settings, self._new_settings = self._new_settings, {}
+        for control, value in self._controls.of(settings | self._duration()).items():
+            request.set_control(control, value)
+        try:
+            self._camera.queue_request(request)
+        except RuntimeError as error:
+            self._on_failure(str(error))
+            return
+        self._on_frame(frame)

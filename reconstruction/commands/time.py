@@ -29,10 +29,11 @@ from reconstruction.commands.options import checksums_option, memory_option, ses
 @checksums_option
 @json_option
 def time_command(session: Path, reference: str | None, apply: bool, as_json: bool) -> None:
-    """Measure how late each camera of SESSION is, by what moves in its pictures.
+    """Measure how late each camera of SESSION is, by a lamp that blinks, or by what moves in its pictures.
 
     An offset is what --time-shift-ms adds to the camera's times to mend it. Of a recording without common
-    times it is looked for however large it is, with the rate.
+    times it is looked for however large it is, with the rate. A torch that blinks eight times before all
+    cameras also tells how long their rows take.
     """
     from reconstruction.time_offsets.command import measure_times
 
@@ -46,9 +47,11 @@ def time_command(session: Path, reference: str | None, apply: bool, as_json: boo
         elif name == result.reference:
             print_line(f"{name}: the reference")
         else:
-            rate = ""
+            more = ""
             if found.rate_ppm is not None and found.rate_sd_ppm is not None:
-                rate = f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
-            print_line(f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{rate} (95 %)")
+                more = f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
+            if found.row_time_ns is not None and found.row_time_sd_ns is not None:
+                more = f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
+            print_line(f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)")
     if result.applied:
         print_line(f"{session}: aligned by what moves")

@@ -1,4 +1,4 @@
-"""`reconstruct time`: how late each camera of a session is, by what moves in its pictures."""
+"""`reconstruct time`: how late each camera of a session is, by a lamp that blinks, or what moves."""
 
 import tempfile
 import time
@@ -14,6 +14,7 @@ from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.alignment import SOURCE, MotionAlignment
+from reconstruction.time_offsets.light_offsets import NO_LAMP, LightOffset, measure_light_offsets
 from reconstruction.time_offsets.rig_offsets import CameraOffset, measure_rig_offsets
 
 
@@ -32,6 +33,9 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     rate_sd_ppm: float | None = None
     at_ms: float | None = None
     """The time of its own at which the offset is this one."""
+    row_time_ns: float | None = None
+    """What its pictures tell of the readout of a row."""
+    row_time_sd_ns: float | None = None
 
 
 class TimeResult(Struct, frozen=True, kw_only=True):
@@ -69,16 +73,13 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
     if alone and reference not in (None, dataset.cameras[0]):
         raise BadInputError(f"recordings without common times are measured against {dataset.cameras[0]}")
     progress = Progress(2)
-    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        rig = Rig(dataset, Path(scratch))
-        progress.step("calibration")
-        rig.calibrate()
-        if alone:
+    if alone:
+        with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+            rig = _calibrated(dataset, Path(scratch), progress)
             aligned = MotionAlignment(rig, progress).measure()
-            cameras = {name: _aligned_time(one) for name, one in aligned.items()}
-        else:
-            found = measure_rig_offsets(rig, reference, progress)
-            cameras = {name: _camera_time(one) for name, one in found.items()}
+        cameras, calibration = {name: _aligned_time(one) for name, one in aligned.items()}, rig.source
+    else:
+        cameras, calibration = _common_times(dataset, reference, progress)
     progress.last("offsets")
     if apply:
         realign_session(dataset.session, aligned, SOURCE)
@@ -86,9 +87,52 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
         session=str(session),
         reference=next(name for name, one in cameras.items() if one.source == REFERENCE),
         cameras=cameras,
-        calibration=rig.source,
+        calibration=calibration,
         seconds=time.monotonic() - began,
         applied=apply,
+    )
+
+
+def _common_times(
+    dataset: Dataset, reference: str | None, progress: Progress
+) -> tuple[dict[str, CameraTime], str]:
+    """The offset of each camera, by a lamp where it shows one, else by what moves; the calibration used."""
+    progress.step("lamp")
+    lit = measure_light_offsets(dataset, reference)
+    cameras = {name: _light_time(one) for name, one in lit.items()}
+    untold = [name for name, one in cameras.items() if one.offset_ms is None]
+    if not untold:
+        return cameras, ""
+    if len(untold) < len(cameras):
+        reference = next(name for name, one in cameras.items() if one.source == REFERENCE)
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        rig = _calibrated(dataset, Path(scratch), progress)
+        moved = measure_rig_offsets(rig, reference, progress)
+    for name in untold:
+        cameras[name] = _camera_time(moved[name])
+        if cameras[name].reason and lit[name].reason != NO_LAMP:
+            both = f"{cameras[name].reason}; {lit[name].reason}"
+            cameras[name] = CameraTime(reason=both)
+    return cameras, rig.source
+
+
+def _calibrated(dataset: Dataset, scratch: Path, progress: Progress) -> Rig:
+    rig = Rig(dataset, scratch)
+    progress.step("calibration")
+    rig.calibrate()
+    return rig
+
+
+def _light_time(found: LightOffset) -> CameraTime:
+    if found.offset_ms is None or found.sd_ms is None:
+        return CameraTime(reason=found.reason)
+    rows_ns, rows_sd_ns = found.row_time_ns, found.row_time_sd_ns
+    return CameraTime(
+        offset_ms=round(found.offset_ms, 3),
+        sd_ms=round(found.sd_ms, 3),
+        source=REFERENCE if found.sd_ms == 0 else f"a lamp that blinks, by {found.edges} of its edges",
+        row_time_ns=None if rows_ns is None else round(rows_ns),
+        row_time_sd_ns=None if rows_sd_ns is None else round(rows_sd_ns),
     )
 
 

@@ -1,22 +1,29 @@
-"""How a command becomes known to its leader: by --pin and --code, or by asking at the terminal, once."""
+"""How others become known to a leader: by --pin and --code, by asking at the terminal, phones by a page."""
 
 import asyncio
+import contextlib
 import sys
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from capture_app.errors import BadInputError, NetworkError, UnknownMachineError
+from capture_app.errors import BadInputError, NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import Address
 from capture_app.net.reach import find_obstacle
-from capture_app.terminal import log_line, talk
+from capture_app.terminal import log_line, print_json_line, talk
 from capture_app.trust.identity import parse_pin
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import parse_code, show_code
 from capture_app.trust.trust import Trust
 
+if TYPE_CHECKING:
+    from capture_app.node.wire.operating import PhoneInvited
+
 F = TypeVar("F", bound=Callable[..., Any])
+
+LOOK_EVERY_S = 0.5
+"""Between two looks at which phone code is shown."""
 
 
 class CodeType(click.ParamType[str]):
@@ -128,6 +135,51 @@ def _ask_code(leader: Address) -> None:
     talk(f"The leader at {leader} and this machine do not know each other yet.")
     talk("On the leader's machine, capture-app trust invite shows a code; the terminal UI shows it with i.")
     ask_and_pair(leader)
+
+
+@contextlib.asynccontextmanager
+async def inviting_phones(
+    ask: Callable[[], Awaitable["PhoneInvited"]], as_json: bool
+) -> AsyncGenerator[None, None]:
+    """Show how the next phone becomes a camera, anew whenever that changes, until the block ends.
+
+    Raises what `ask` raises at first; later it is asked again.
+    """
+    shown = await ask()
+    _show_phone_code(shown, as_json)
+
+    async def keep_showing() -> None:
+        nonlocal shown
+        while True:
+            await asyncio.sleep(LOOK_EVERY_S)
+            with contextlib.suppress(SimulshotError):
+                if (asked := await ask()).url != shown.url:
+                    shown = asked
+                    _show_phone_code(shown, as_json)
+
+    showing = asyncio.create_task(keep_showing())
+    try:
+        yield
+    finally:
+        showing.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await showing
+
+
+def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
+    """Show a phone's page, at a terminal as a QR code too."""
+    if as_json:
+        told = {"url": invited.url, "fingerprint": invited.fingerprint, "good_for_s": invited.good_for_s}
+        print_json_line({"event": "invitation", **told})
+        return
+    if sys.stderr.isatty():
+        import segno
+
+        segno.make(invited.url, error="l", boost_error=False, micro=False).terminal(sys.stderr, compact=True)
+    minutes = max(1, invited.good_for_s // 60)
+    talk(f"a phone becomes a camera by this page, one phone, within {minutes} minutes: {invited.url}")
+    talk("its browser warns of the certificate, once; if you doubt the network, compare its SHA-256 there:")
+    talk(f"  {invited.fingerprint}")
 
 
 async def _is_known(leader: Address, trust: Trust) -> bool:

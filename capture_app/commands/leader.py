@@ -1,17 +1,18 @@
 """`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
 import asyncio
+import contextlib
+import functools
 import os
 import re
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 import msgspec
 
-from capture_app.commands.joining import joining_command
+from capture_app.commands.joining import inviting_phones, joining_command
 from capture_app.commands.options import (
     ANY_PATH,
     beacons_option,
@@ -90,6 +91,12 @@ APP_NOTE = (
     " --fps all cameras take the app's rate and phase.",
 )
 @rpicam_options
+@click.option(
+    "--phones",
+    "with_phones",
+    is_flag=True,
+    help="Also let phones be cameras by a page: shows a QR code for one after the other.",
+)
 @spool_option
 @open_option
 @click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
@@ -107,6 +114,7 @@ def leader(
     android_app: bool,
     rpicam_hosts: tuple[str, ...],
     rpicam_shutter_us: float,
+    with_phones: bool,
     cameras: tuple[str, ...],
     spool: Path,
     or_free_port: bool,
@@ -150,17 +158,23 @@ def leader(
     )
     if android_app:
         talk(APP_NOTE)
-    run_until_stopped(_run_leader(node, host, cameras, log, as_json))
+    run_until_stopped(_run_leader(node, host, cameras, with_phones, log, as_json))
 
 
 async def _run_leader(
-    node: "LeaderNode", host: str, cameras: tuple[str, ...], log: Path | None, as_json: bool
+    node: "LeaderNode",
+    host: str,
+    cameras: tuple[str, ...],
+    with_phones: bool,
+    log: Path | None,
+    as_json: bool,
 ) -> None:
     from capture_app.doctor.network import warnings_for_leader
     from capture_app.net.discovery.announcement import announced, announced_hosts
+    from capture_app.node.operator.requests import ask_phone_invitation
     from capture_app.rig_process import recorded_rig
 
-    with ExitStack() as record:
+    with contextlib.ExitStack() as record:
         async with node, announced(host, node.address.port, "leader"):
             talk(f"leader at {node.address}, sessions in {node.sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
@@ -175,7 +189,11 @@ async def _run_leader(
             for spec in cameras:
                 await node.add_camera(spec)
             record.enter_context(recorded_rig(node.own_address, node.sessions, log))
-            await node.wait_until_unwanted()
+            async with contextlib.AsyncExitStack() as phones:
+                if with_phones:
+                    ask = functools.partial(ask_phone_invitation, node.own_address)
+                    await phones.enter_async_context(inviting_phones(ask, as_json))
+                await node.wait_until_unwanted()
             log_line("stopped by an operator")
 
 

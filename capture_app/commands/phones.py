@@ -2,27 +2,21 @@
 
 import asyncio
 import socket
-import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.joining import make_known, pairing_options
+from capture_app.commands.joining import inviting_phones, make_known, pairing_options
 from capture_app.commands.leader_search import find_leader
 from capture_app.commands.options import leaders_option, open_option, run_until_stopped, spool_option
 from capture_app.errors import NetworkError
 from capture_app.net.address import ANY_HOST, Address, reachable_host
-from capture_app.terminal import json_option, log_line, print_json_line, talk
+from capture_app.terminal import json_option, log_line
 from capture_app.usage import examples
 
-if TYPE_CHECKING:
-    from capture_app.phones.admission import Admission
-
 DEFAULT_PORT = 47011
-LOOK_EVERY_S = 0.5
 
 
 @click.command(epilog=examples("capture-app phones", "capture-app phones --leader 192.168.1.20"))
@@ -82,6 +76,7 @@ async def _run(
 ) -> None:
     from platformdirs import user_data_path
 
+    from capture_app.node.wire.operating import PhoneInvited
     from capture_app.phones.admission import Admission
     from capture_app.phones.certificate import load_certificate, own_certificate
     from capture_app.phones.gateway import PhoneGateway
@@ -99,43 +94,18 @@ async def _run(
     nodes = PhoneNodes(leaders, spool, log_line)
     gateway = PhoneGateway(admission, nodes.add)
     await gateway.start(listening, certificate.server_context())
+
+    async def invitation() -> PhoneInvited:
+        # The secret is read first: it may be a new one, whose time begins then.
+        url = f"https://{where}/#{admission.secret}"
+        return PhoneInvited(url=url, fingerprint=certificate.fingerprint, good_for_s=admission.good_for_s)
+
     try:
-        await _keep_inviting(f"https://{where}/", certificate.fingerprint, admission, as_json)
+        async with inviting_phones(invitation, as_json):
+            await asyncio.Event().wait()
     finally:
         await gateway.stop()
         await nodes.close()
-
-
-async def _keep_inviting(page: str, fingerprint: str, admission: "Admission", as_json: bool) -> None:
-    """Show the code of the next phone, whenever it is another one."""
-    shown = ""
-    while True:
-        secret = admission.secret
-        if secret != shown:
-            shown = secret
-            url = f"{page}#{secret}"
-            if as_json:
-                print_json_line(
-                    {
-                        "event": "invitation",
-                        "url": url,
-                        "fingerprint": fingerprint,
-                        "good_for_s": admission.good_for_s,
-                    }
-                )
-            else:
-                _show(url, fingerprint)
-        await asyncio.sleep(LOOK_EVERY_S)
-
-
-def _show(url: str, fingerprint: str) -> None:
-    if sys.stderr.isatty():
-        import segno
-
-        segno.make(url, error="l", boost_error=False, micro=False).terminal(sys.stderr, compact=True)
-    talk(f"a phone becomes a camera by this address, one phone, within ten minutes: {url}")
-    talk("its browser warns of the certificate, once; if you doubt the network, compare its SHA-256:")
-    talk(f"  {fingerprint}")
 
 
 def _listen(host: str, port: int | None) -> socket.socket:

@@ -10,6 +10,7 @@ from typing import Protocol
 from capture_app.net.address import Address
 from capture_app.node.operator.updates import Update
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.operating import PhoneInvited
 from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import BurstStatus
 from capture_app.node.wire.views import NodeDetail
@@ -45,6 +46,9 @@ class RigSource(Protocol):
 
     async def invite(self) -> Invited:
         """Make a code by which one further machine with a camera becomes known to the leader."""
+
+    async def invite_phone(self) -> PhoneInvited:
+        """Serve the page by which the next phone becomes a camera; asked again, the present one."""
 
     async def end_burst(self, burst: int) -> None:
         """Let a recording, or a long burst, end now: it is saved with what was taken."""

@@ -50,6 +50,7 @@ def every_message(node: SealedNode) -> list[Any]:
         operating.CancelBurst(burst=1),
         operating.EndBurst(burst=1),
         operating.StopRig(),
+        operating.InvitePhone(),
         operating.ViewfinderOpened(camera="cam", instance=node.instance),
         operating.Vitals(fps=1.0),
         operating.PreviewFrame(camera="cam", leader_ns=0, width=1, height=1),

@@ -11,6 +11,7 @@ from capture_app.errors import NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.operator.updates import LinkLost, Update
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.operating import PhoneInvited
 from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import BurstStatus, CameraTransfer, NodeStatus, RigStatus
 from capture_app.node.wire.views import NewsLine, NodeDetail, Preview
@@ -71,6 +72,7 @@ class FakeRig:
         """The images of a burst come when this is set."""
         self.details: dict[str, NodeDetail] = {}
         self.detail_failure: SimulshotError | None = None
+        self.phones_come = 0
         self.different: dict[str, Any] = {}
         """Fields of the status that are not as usual."""
         self.burst_status: BurstStatus | None = None
@@ -167,6 +169,11 @@ class FakeRig:
     async def invite(self) -> Invited:
         self._ask("invite")
         return Invited(code="12345678", good_for_s=600)
+
+    async def invite_phone(self) -> PhoneInvited:
+        self._ask("invite_phone")
+        secret = f"https://192.168.1.20:47011/#{self.phones_come:022d}"
+        return PhoneInvited(url=secret, fingerprint=":".join(["A7"] * 32), good_for_s=600)
 
     async def end_burst(self, burst: int) -> None:
         self._ask("end_burst", burst)

@@ -146,7 +146,7 @@ class LeaderNode:
             return_ns=self._return_ns,
         )
         if self._spool is not None:
-            self._local = LocalNodes(self.own_address, self._spool, self.news)
+            self._local = LocalNodes(self.own_address, self._spool, self.news, self.address.host)
         self._orders = OperatorOrders(
             self._engine, self._bursts, self._local, self.news, self._clock.now_ns, self._drain
         )

@@ -10,6 +10,7 @@ from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name, name_like
 from capture_app.net.address import Address
 from capture_app.node.child import Child
+from capture_app.node.leader.local_phones import LocalPhones
 from capture_app.node.leader.news_log import NewsLog
 
 MAX_NODES = 64
@@ -31,11 +32,18 @@ START_TIMEOUT_S = 15.0
 class LocalNodes:
     """Starts and ends such nodes; one that ends by itself is told in the news."""
 
-    def __init__(self, leader: Address, spool: Path, news: NewsLog | None = None) -> None:
-        """`leader` is the address that they join; `spool` keeps their images until the leader has them."""
+    def __init__(
+        self, leader: Address, spool: Path, news: NewsLog | None = None, host: str | None = None
+    ) -> None:
+        """`leader` is the address that they join; `spool` keeps their images until the leader has them.
+
+        `host` is where phones reach this machine.
+        """
         self._leader = leader
         self._spool = spool
         self._news = news or NewsLog()
+        self.phones = LocalPhones(leader, spool, host or leader.host, self._news)
+        """The server of the phones that are cameras here."""
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
         """Of those that are not being ended; a name is free again when its process is gone."""
@@ -136,7 +144,7 @@ class LocalNodes:
 
     async def close(self) -> None:
         """End all of them."""
-        await asyncio.gather(*(self.remove(name) for name in tuple(self._children)))
+        await asyncio.gather(self.phones.close(), *(self.remove(name) for name in tuple(self._children)))
 
     async def wait_for_failure(self) -> SimulshotError:
         """Wait until a node ends by itself, and return its error."""

@@ -59,6 +59,10 @@ class OperatorOrders:
                 self.stop_wanted.set()
         return operating.Done(names=names)
 
+    async def invite_phone(self) -> operating.PhoneInvited:
+        """Return the page of the next phone, served from now on. Raises what ended the server of it."""
+        return await self._nodes().phones.invitation()
+
     def _nodes(self) -> LocalNodes:
         if self._local is None:
             raise NotAvailableError(

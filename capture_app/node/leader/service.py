@@ -183,6 +183,8 @@ class LeaderService:
                 await self._watchers.serve(channel)
             case operating.ViewfinderOpened():
                 await self._viewfinders.serve(channel, message)
+            case operating.InvitePhone():
+                await channel.send(await self._orders.invite_phone())
             case operating.DetailRequest():
                 detail = await self._viewfinders.detail(message.camera)
                 await channel.send(operating.DetailAnswer(detail=detail))

@@ -11,6 +11,7 @@ from capture_app.node.operator.requests import (
     ask_burst,
     ask_detail,
     ask_invitation,
+    ask_phone_invitation,
     give_order,
     receive_answer,
 )
@@ -83,6 +84,10 @@ class RigLink:
     async def invite(self) -> Invited:
         """Make a code by which one machine with a camera becomes known."""
         return await ask_invitation(self._leader, Role.CAMERA)
+
+    async def invite_phone(self) -> operating.PhoneInvited:
+        """Serve the page by which the next phone becomes a camera."""
+        return await ask_phone_invitation(self._leader)
 
     async def end_burst(self, burst: int) -> None:
         """Let a recording, or a long burst, end now: it is saved with what was taken."""

@@ -44,6 +44,11 @@ async def ask_invitation(leader: Address, role: Role) -> pairing.Invited:
     return await _ask(leader, pairing.Invite(role=role), pairing.Invited)
 
 
+async def ask_phone_invitation(leader: Address) -> operating.PhoneInvited:
+    """Return the page of the next phone. Raises NetworkError, and the leader's errors."""
+    return await _ask(leader, operating.InvitePhone(), operating.PhoneInvited, ORDER_TIMEOUT_S)
+
+
 async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
     """Order a burst and yield its progress until it is done.
 

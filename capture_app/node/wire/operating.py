@@ -112,6 +112,19 @@ class StopRig(Message, frozen=True, kw_only=True, tag="stop-rig"):
     """End the leader and the nodes that are its processes."""
 
 
+class InvitePhone(Message, frozen=True, kw_only=True, tag="invite-phone"):
+    """An operator wants the page by which the next phone becomes a camera; it is served from then on."""
+
+
+class PhoneInvited(Message, frozen=True, kw_only=True, tag="phone-invited"):
+    """The page of the next phone; another one when a phone has come by it, or its time is over."""
+
+    url: str
+    fingerprint: str
+    """SHA-256 of its certificate, as browsers show it."""
+    good_for_s: int
+
+
 class Done(Message, frozen=True, kw_only=True, tag="done"):
     """What was asked for has been done."""
 
@@ -121,7 +134,7 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
 
 Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | EndBurst | StopRig
 """What an operator can ask a leader to do, beside a burst."""
-FromOperator = WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | Order
+FromOperator = WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | InvitePhone | Order
 FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer
-ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | Done
+ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | PhoneInvited | Done
 ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest

@@ -27,6 +27,7 @@ from capture_app.tui.rig.panel_screen import PanelScreen
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
 from capture_app.tui.start.panel import StartPanel
+from capture_app.tui.start.phones_screen import PhonesScreen
 from capture_app.tui.states import MISSING, NO_LEADER, rig_sign
 
 ADVICE_LINES = 2
@@ -50,6 +51,9 @@ class RigView(ModeView):
         Binding("n", "news", "News", id="rig.news", tooltip="scroll in what happened"),
         Binding(
             "p", "panel", "Panel", id="rig.panel", tooltip="check the rig by a clock that all cameras see"
+        ),
+        Binding(
+            "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
         ),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
@@ -183,7 +187,7 @@ class RigView(ModeView):
         """What can be done with a list of cameras, and what while some are added."""
         if action == "remove":
             return self._cameras.has_focus
-        if action in ("add", "news", "panel"):
+        if action in ("add", "news", "panel", "phones"):
             return self._cameras.display
         return self._adding is not None if action == "back" else True
 
@@ -205,6 +209,10 @@ class RigView(ModeView):
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""
         self.app.push_screen(PanelScreen())
+
+    def action_phones(self) -> None:
+        """Show how phones become cameras."""
+        self.app.push_screen(PhonesScreen(self._source))
 
     def action_remove(self) -> None:
         """Take the chosen camera off the rig."""

@@ -2,7 +2,6 @@
 
 import textwrap
 from collections.abc import Awaitable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,7 +11,6 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
 from textual.widgets import OptionList
-from textual.widgets.option_list import Option
 
 from capture_app.errors import SimulshotError
 from capture_app.net.address import DEFAULT_PORT
@@ -22,35 +20,15 @@ from capture_app.tui.messages import Mishap, SessionsRequested
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
 from capture_app.tui.start.invitation import NOT_INVITED, invitation, joining_line, qr_lines
-from capture_app.tui.start.offers import SCENES, Offers, find_offers
+from capture_app.tui.start.offers import SCENES, Offer, Offers, find_offers
+from capture_app.tui.start.phones_screen import PhonesScreen
 
-CAMERA_KEYS = "cefghlmpuvwxyz"
+CAMERA_KEYS = "cefglmpuvwxyz"
 """One for each camera that is found; the others are taken by what is always there."""
 MAX_WIDTH, MARGIN = 96, 8
 """Of the panel in a wide terminal, in cells; what is left free beside its words."""
-TITLE_WIDTH = 26
-"""Leaves room for the code beside the list in a narrow terminal."""
 CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"
 """The names under which choices are remembered."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Offer:
-    """A line of the list."""
-
-    id: str
-    key: str
-    title: str
-    usable: bool = True
-
-    def option(self, *, again: bool) -> Option:
-        """Draw it; `again`: it was chosen last time."""
-        words = Content.assemble(
-            (f" {self.key} ", "bold $primary"),
-            f" {_cut(printable(self.title))}",
-            ("  last time" if again else "", "italic $secondary"),
-        )
-        return Option(words, id=self.id, disabled=not self.usable)
 
 
 class StartPanel(Vertical):
@@ -58,6 +36,9 @@ class StartPanel(Vertical):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("i", "invite", "Invite", id="start.invite", tooltip="how other machines join"),
+        Binding(
+            "h", "phones", "Phones", show=False, id="start.phones", tooltip="phones as cameras, by a QR code"
+        ),
         Binding("s", "simulate", "Simulate", id="start.simulate", tooltip="start cameras of a scene"),
         Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
         Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
@@ -120,22 +101,23 @@ class StartPanel(Vertical):
         ids = [offer.id for offer in offers]
         self._list.highlighted = ids.index(kept) if kept in ids else 0
 
-    def _camera_offers(self) -> list[_Offer]:
+    def _camera_offers(self) -> list[Offer]:
         return [
-            _Offer(camera.spec, key, f"{camera.model or camera.kind} {Path(camera.spec).name}", camera.usable)
+            Offer(camera.spec, key, f"{camera.model or camera.kind} {Path(camera.spec).name}", camera.usable)
             for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False)
         ]
 
-    def _standing_offers(self) -> list[_Offer]:
+    def _standing_offers(self) -> list[Offer]:
         offers = [
-            _Offer("invite", "i", "Invite other machines"),
-            _Offer("simulated", "s", f"Simulate {count(self._cameras, 'camera')}"),
+            Offer("invite", "i", "Invite other machines"),
+            Offer("phones", "h", "Phones by a QR code"),
+            Offer("simulated", "s", f"Simulate {count(self._cameras, 'camera')}"),
         ]
         if self._offers.sessions:
             many = count(self._offers.sessions, "session")
-            offers.append(_Offer("sessions", "o", f"Look at {many}"))
+            offers.append(Offer("sessions", "o", f"Look at {many}"))
         if self._offers.samples:
-            offers.append(_Offer("samples", "b", "Browse the samples"))
+            offers.append(Offer("samples", "b", "Browse the samples"))
         return offers
 
     @property
@@ -179,6 +161,8 @@ class StartPanel(Vertical):
         match self._chosen:
             case "invite":
                 words = f"The code beside holds the line below. {self._invitation}"
+            case "phones":
+                words = "Any phone with a browser is a camera: it scans a code, and keeps a page open."
             case "simulated":
                 words = (
                     f"Each is a process with a clock of its own, hours off. They look at the scene "
@@ -205,6 +189,8 @@ class StartPanel(Vertical):
         match event.option_id:
             case "invite":
                 self.action_invite()
+            case "phones":
+                self.action_phones()
             case "simulated":
                 self.action_simulate()
             case "sessions":
@@ -226,6 +212,12 @@ class StartPanel(Vertical):
         self._settings.remember(CHOICE, "invite")
         self._highlight("invite")
         self._invite()
+
+    def action_phones(self) -> None:
+        """Show how phones become cameras."""
+        self._settings.remember(CHOICE, "phones")
+        self._highlight("phones")
+        self.app.push_screen(PhonesScreen(self._source))
 
     def action_simulate(self) -> None:
         """Start simulated cameras."""
@@ -292,7 +284,3 @@ class StartPanel(Vertical):
         finally:
             self._busy = ""
             self._explain()
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= TITLE_WIDTH else text[: TITLE_WIDTH - 1] + "…"

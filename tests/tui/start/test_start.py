@@ -48,6 +48,7 @@ async def test_what_is_there_is_offered_and_told(cameras: list[CameraListing], t
             "c  [b]Webcam video0",
             "e  Other video2",
             "i  Invite other machines",
+            "h  Phones by a QR code",
             "s  Simulate 5 cameras",
             "o  Look at 1 session",
             "b  Browse the samples",

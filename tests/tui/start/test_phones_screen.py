@@ -1,0 +1,38 @@
+"""Phones by a QR code: the code of the next one beside what to do, and the error where there is none."""
+
+from capture_app.errors import NetworkError
+from capture_app.tui.start.phones_screen import PhonesScreen
+from tests.tui.driving import lines, make_app, settle, text, until
+from tests.tui.fake_rig import FakeRig
+
+
+async def test_the_code_and_the_steps_fit_and_the_next_phone_gets_another() -> None:
+    rig = FakeRig(5)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("h")
+        await until(pilot, lambda: isinstance(app.screen, PhonesScreen) and lines(app, "#phones-code"))
+        code, words = lines(app, "#phones-code"), text(app, "#phones-words")
+        assert max(map(len, lines(app, "#phones-words"))) + max(map(len, code)) <= 74
+        assert max(len(code), len(lines(app, "#phones-words"))) <= 22
+        assert "https://192.168.1.20:47011/#" in words
+        assert "A7:A7" in words
+        rig.phones_come += 1
+        await until(pilot, lambda: "For the next phone" in text(app, "#phones-words"))
+        assert lines(app, "#phones-code") != code
+        await pilot.press("escape")
+        await until(pilot, lambda: not isinstance(app.screen, PhonesScreen))
+
+
+async def test_the_start_offers_phones_and_says_why_there_are_none() -> None:
+    rig = FakeRig()
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        rig.failure = NetworkError("cannot listen on 0.0.0.0:47011")
+        await pilot.press("h")
+        await until(pilot, lambda: isinstance(app.screen, PhonesScreen))
+        await until(pilot, lambda: "cannot listen" in text(app, "#phones-words"))
+        # It is asked again.
+        await until(pilot, lambda: "Scan the code" in text(app, "#phones-words"))

@@ -11,7 +11,7 @@ import numpy as np
 Result = TypeVar("Result")
 
 
-VERSION = 6
+VERSION = 7
 """Raised whenever a stage computes something else: old outputs are then made again."""
 
 

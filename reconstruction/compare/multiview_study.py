@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
@@ -15,6 +16,7 @@ from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.camera_group import MIN_CAMERAS, CameraGroup, choose_camera_group
 from reconstruction.compare.instant_clouds import save_clouds
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally, write_pictures
+from reconstruction.depth.mesh import draw_turntables
 from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import ChosenMatcher
@@ -189,7 +191,24 @@ class MultiviewStudy:
         instant = instants[best].instant
         shot = self.shots.image(self.group.reference, instant)
         pictures = _draw_depth(shot.colours, found[best], moving[best], scorer.true_depth(instant), folder)
+        pictures += self._draw_turntable(instants[best], found[best], folder)
         return pictures, save_clouds(instant, found[best], shot.calibrated.view, moving[best], folder)
+
+    def _draw_turntable(
+        self, one: ShownInstant, maps: Mapping[str, InstantDepth], folder: Path
+    ) -> tuple[Picture, ...]:
+        """The surface of both clouds from six places; none without Open3D, or without a surface."""
+        clouds = {side: (found.points, found.normals, found.colours) for side, found in maps.items()}
+        views = [self.shots.image(camera, k).calibrated.view for camera, k in one.together.items()]
+        try:
+            drawn = draw_turntables(clouds, views)
+        except NotAvailableError:
+            return ()
+        if drawn is None:
+            return ()
+        caption = "The surface through the points of all cameras, from six places."
+        pictures = {side: {"multiview_turntable": picture} for side, picture in drawn.items()}
+        return write_pictures(pictures, {"multiview_turntable": ("All around", caption)}, folder)
 
 
 def _draw_depth(

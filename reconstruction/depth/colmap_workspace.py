@@ -198,19 +198,21 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class FusedCloud:
-    """Points (n, 3) float32 in the rig's frame, colours (n, 3) uint8 RGB, and whose maps each was fused from.
+    """Points (n, 3) float32 in the rig's frame, their normals (n, 3) float32, colours (n, 3) uint8 RGB.
 
-    `seen` (n, views) bool.
+    `seen` (n, views) bool: whose maps each was fused from.
     """
 
     points: Array
+    normals: Array
     colours: Array
     seen: Array
 
     @classmethod
     def empty(cls, views: int) -> Self:
         """A cloud without a point."""
-        return cls(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros((0, views), bool))
+        nowhere = np.zeros((0, 3), np.float32)
+        return cls(nowhere, nowhere, np.zeros((0, 3), np.uint8), np.zeros((0, views), bool))
 
 
 def read_fused_cloud(path: Path, views: int) -> FusedCloud:
@@ -226,4 +228,4 @@ def read_fused_cloud(path: Path, views: int) -> FusedCloud:
         count = int(lists[at])
         row[lists[at + 1 : at + 1 + count]] = True
         at += 1 + count
-    return FusedCloud(np.array(rows["at"]), np.array(rows["colour"]), seen)
+    return FusedCloud(np.array(rows["at"]), np.array(rows["normal"]), np.array(rows["colour"]), seen)

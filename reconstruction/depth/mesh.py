@@ -1,6 +1,6 @@
 """A mesh of the fused cloud, cut where no points support it, and a picture of it from six places."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ from reconstruction.common.native_libraries import load_open3d
 NEIGHBOURS = 16
 MAX_POISSON_DEPTH = 9
 """Halvings of the cloud's box: 2^9 cells along its longest side."""
+SHOWN_POISSON_DEPTH = 8
+"""Of a mesh that is only drawn, small."""
 MAX_DISTANCE_SPACINGS = 4.0
 """The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
 MAX_MESH_POINTS = 400_000
@@ -61,13 +63,42 @@ def build_mesh(fused: Path, folder: Path, views: Sequence[View]) -> MeshModel:
     return MeshModel(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 
 
-def turntable(o3d: Any, mesh: Any, views: Sequence[View]) -> Array:
-    """The mesh from six places on an arc about its middle, or all round, as one BGR picture of 3 x 2."""
+def draw_turntables(
+    clouds: Mapping[str, tuple[Array, Array, Array]], views: Sequence[View]
+) -> dict[str, Array] | None:
+    """Mesh clouds and draw each from the same six places, about the middle of the first.
+
+    A cloud is points (n, 3) in the rig's frame, normals (n, 3) and colours (n, 3) uint8 RGB. None where the
+    first gives no mesh.
+
+    Raises:
+        NotAvailableError: Open3D is not here.
+    """
+    o3d = load_open3d()
+    with foreign_calls("Open3D", "making a mesh"):
+        meshes = {}
+        for name, (points, normals, colours) in clouds.items():
+            cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.astype(np.float64)))
+            cloud.normals = o3d.utility.Vector3dVector(normals.astype(np.float64))
+            cloud.colors = o3d.utility.Vector3dVector(colours / 255.0)
+            meshes[name] = _poisson_mesh(o3d, _drop_outliers(cloud), SHOWN_POISSON_DEPTH)
+        first = next(iter(meshes.values()))
+        if not len(first.triangles):
+            return None
+        middle = np.median(np.asarray(first.vertices), axis=0)
+        return {name: turntable(o3d, mesh, views, middle) for name, mesh in meshes.items()}
+
+
+def turntable(o3d: Any, mesh: Any, views: Sequence[View], middle: Array | None = None) -> Array:
+    """The mesh from six places on an arc about its middle, or all round, as one BGR picture of 3 x 2.
+
+    `middle` (3,): another point to turn about.
+    """
     width, height = FRAME_PX
     if not len(mesh.triangles):
         return np.full((2 * height, 3 * width, 3), 32, np.uint8)
-    points = np.asarray(mesh.vertices)
-    middle = np.median(points, axis=0)
+    if middle is None:
+        middle = np.median(np.asarray(mesh.vertices), axis=0)
     away = np.array([view.centre for view in views]) - middle
     distance = np.linalg.norm(away, axis=1, keepdims=True)
     towards = np.mean(away / np.maximum(distance, 1e-9), axis=0)
@@ -109,14 +140,14 @@ def _drop_outliers(cloud: Any) -> Any:
     return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
 
 
-def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
+def _poisson_mesh(o3d: Any, cloud: Any, max_depth: int = MAX_POISSON_DEPTH) -> Any:
     if len(cloud.points) < 100:
         return o3d.geometry.TriangleMesh()
     if len(cloud.points) > MAX_MESH_POINTS:
         cloud = cloud.random_down_sample(MAX_MESH_POINTS / len(cloud.points))
     spacing = float(np.median(np.asarray(cloud.compute_nearest_neighbor_distance())))
     side = float(np.max(cloud.get_max_bound() - cloud.get_min_bound()))
-    depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, MAX_POISSON_DEPTH))
+    depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, max_depth))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=-1)
     vertices = o3d.geometry.PointCloud(mesh.vertices)
     away = np.asarray(vertices.compute_point_cloud_distance(cloud))

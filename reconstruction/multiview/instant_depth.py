@@ -36,15 +36,16 @@ class InstantDepth:
     `depth` is 0 where there is none. `consistent` (bool): where two other views, each matched by
     itself, found the same depth, before any other check. `difference`: grey levels between the reference
     and its sources, seen through all that was matched; the median over them, NaN = none sees it.
-    `points` (n, 3) float32 of `colours` (n, 3) uint8 RGB; `seen` (n, cameras) bool: whose maps each point was
-    fused from, in the order in which the images were given. Without COLMAP there is no cloud, and
-    `no_cloud` says so.
+    `points` (n, 3) float32 with `normals` and of `colours` (n, 3) uint8 RGB; `seen` (n, cameras) bool: whose
+    maps each point was fused from, in the order in which the images were given. Without COLMAP there is no
+    cloud, and `no_cloud` says so.
     """
 
     depth: Array
     consistent: Array
     difference: Array
     points: Array
+    normals: Array
     colours: Array
     seen: Array
     no_cloud: Array
@@ -122,4 +123,10 @@ def _fuse_cloud(
             pass
     seen = np.zeros((len(made.points), len(images)), bool)
     seen[:, [list(images).index(camera) for camera in fused]] = made.seen
-    return {"points": made.points, "colours": made.colours, "seen": seen, "no_cloud": np.array(reason)}
+    return {
+        "points": made.points,
+        "normals": made.normals,
+        "colours": made.colours,
+        "seen": seen,
+        "no_cloud": np.array(reason),
+    }

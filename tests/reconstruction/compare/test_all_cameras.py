@@ -117,7 +117,11 @@ def test_compare_tells_of_all_cameras_in_every_condition(
     same = [scores["mover_coverage"] for scores in (itself["multiview"]["offset"], whole["synced"])]
     assert abs(same[0] - same[1]) < 0.05
     assert all(one["skipped"] == [] or "panorama" in one["skipped"][0] for one in result["conditions"])
-    assert [picture["key"] for picture in whole["pictures"]] == ["multiview_depth", "multiview_movers"]
+    assert [picture["key"] for picture in whole["pictures"]] == [
+        "multiview_depth",
+        "multiview_movers",
+        "multiview_turntable",
+    ]
     for picture in whole["pictures"]:
         assert (out / picture["synced"]).is_file()
         assert (out / picture["offset"]).is_file()
@@ -168,6 +172,7 @@ class FlatDepth:
             consistent=flat > 0,
             difference=flat,
             points=np.zeros((0, 3)),
+            normals=np.zeros((0, 3)),
             colours=np.zeros((0, 3), np.uint8),
             seen=np.zeros((0, len(shots)), bool),
             no_cloud=np.array("no fusion in this test"),

@@ -5,8 +5,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
+from capture_app.camera_controls import Control, ControlState
 from capture_app.camera_facts import CameraFacts
 from capture_app.clock import HostClock, NodeClock
+from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -105,6 +107,17 @@ class Camera(ABC):
     async def apply(self, command: CameraCommand) -> None:
         """Carry out a phase command; returns when the device has taken it, not when it took effect."""
 
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Exposure, gain, white balance and focus as they stand; those that this camera has."""
+        return ()
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set a control, in its unit, and hold it there; None: let the camera choose it.
+
+        `facts` may tell another exposure afterwards. Raises CameraError where it cannot.
+        """
+        raise CameraError(f"a {self.facts.kind} camera has no control of its {control}")
+
     @abstractmethod
     async def stop(self) -> None:
         """Stop streaming and let go of the device. Calling it twice is harmless."""
@@ -143,6 +156,14 @@ class ReclockedCamera(Camera):
     async def apply(self, command: CameraCommand) -> None:
         """Hand the command on. Raises what the camera behind it raises."""
         await self._camera.apply(command)
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Those of the camera behind it."""
+        return await self._camera.controls()
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Hand it on. Raises what the camera behind it raises."""
+        await self._camera.set_control(control, value)
 
     async def stop(self) -> None:
         """Stop the camera behind it."""

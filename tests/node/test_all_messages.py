@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from capture_app.camera_controls import CameraControls, Control
 from capture_app.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
@@ -51,6 +52,9 @@ def every_message(node: SealedNode) -> list[Any]:
         operating.EndBurst(burst=1),
         operating.StopRig(),
         operating.InvitePhone(),
+        operating.ControlsRequest(camera="cam", wanted={Control.GAIN: 2.0}),
+        operating.ControlsAnswer(camera="cam", state=CameraControls()),
+        operating.ExposeAppPhones(exposure_ns=1, iso=100),
         operating.ViewfinderOpened(camera="cam", instance=node.instance),
         operating.Vitals(fps=1.0),
         operating.PreviewFrame(camera="cam", leader_ns=0, width=1, height=1),

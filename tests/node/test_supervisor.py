@@ -75,6 +75,8 @@ class Bench:
 
     # As the engine
 
+    has_burst_pending = False
+
     def frame_arrived(self, stamp: FrameStamp, frame: CapturedFrame, now_ns: int) -> None:
         self.stamps.append(stamp)
 

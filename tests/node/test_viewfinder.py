@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
+from capture_app.node.camera.control_keeper import ControlKeeper
 from capture_app.node.camera.viewfinder import Viewfinder, small_jpeg
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.operator.link import RigLink
@@ -29,6 +30,7 @@ from capture_app.node.wire.operating import (
     Vitals,
 )
 from capture_app.node.wire.views import NodeDetail, Preview
+from tests.node.controlled_camera import ControlledCamera
 from tests.node.joining import joined
 
 pytestmark = pytest.mark.usefixtures("open_rig")
@@ -67,6 +69,7 @@ class Node:
     """A viewfinder, and what a node around it would be."""
 
     busy: bool = False
+    camera: ControlledCamera = field(default_factory=ControlledCamera)
     viewfinder: Viewfinder = field(init=False)
 
     def __post_init__(self) -> None:
@@ -77,6 +80,7 @@ class Node:
             leader_ns=lambda local_ns: local_ns + 7,
             is_busy=lambda: self.busy,
             detail=lambda: NodeDetail(camera="a", samples=((5, 6),)),
+            controls=ControlKeeper(lambda: self.camera, lambda: None),
         )
 
     def see(self, number: int, level: int = 128) -> Picture:

@@ -16,9 +16,10 @@ from contextlib import suppress
 
 from msgspec import structs
 
+from capture_app.camera_controls import Control, ControlState
 from capture_app.camera_facts import CameraFacts, PhaseControl, StampSource, TimestampSource
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
-from capture_app.cameras.v4l2 import exposure
+from capture_app.cameras.v4l2 import controls, exposure
 from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.ioctl import VideoDevice
@@ -63,7 +64,8 @@ class V4L2Camera(Camera):
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         shortest_ns, longest_ns = exposure.exposure_limits_ns(device)
         capability = device.capability()
-        facts = CameraFacts(
+        self._is_uvc = capability.driver == _UVC
+        self._facts = CameraFacts(
             kind="v4l2",
             model=capability.card,
             width=layout.width,
@@ -72,12 +74,10 @@ class V4L2Camera(Camera):
             period_ns=period_ns,
             timestamp_source=_timestamp_source(device.path, buffers[0].flags),
             phase_control=PhaseControl.RESET,
-            exposure_ns=self._exposure_ns,
             min_exposure_ns=shortest_ns,
             max_exposure_ns=longest_ns,
         )
-        late = structs.replace(facts.assumed_stamp, source=StampSource.PROFILE)
-        self._facts = structs.replace(facts, stamp=late) if capability.driver == _UVC else facts
+        self._facts = self._facts_at(self._exposure_ns)
         self._auto_priority = exposure.keep_rate_constant(device)
 
     @property
@@ -132,6 +132,31 @@ class V4L2Camera(Camera):
             self._streaming = False
             asyncio.get_running_loop().remove_reader(self._device.fd)
         await self._in_worker(self._release)
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Those that the device has, as they stand."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(
+            self._worker, controls.read_controls, self._device, self._facts.model
+        )
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
+        try:
+            await asyncio.get_running_loop().run_in_executor(self._worker, self._set_control, control, value)
+        except OSError as error:
+            raise driver_error(self._device.path, error) from error
+
+    def _set_control(self, control: Control, value: float | None) -> None:
+        controls.set_control(self._device, control, value)
+        self._exposure_ns, self._gain = exposure.read_exposure(self._device)
+        self._facts = self._facts_at(self._exposure_ns)
+
+    def _facts_at(self, exposure_ns: int | None) -> CameraFacts:
+        """What the camera is at such an exposure, by which uvcvideo's stamps are late."""
+        facts = structs.replace(self._facts, exposure_ns=exposure_ns)
+        late = structs.replace(facts.assumed_stamp, source=StampSource.PROFILE)
+        return structs.replace(facts, stamp=late) if self._is_uvc else facts
 
     def _release(self) -> None:
         with suppress(OSError):

@@ -4,6 +4,7 @@ import asyncio
 
 import click
 
+from capture_app.commands.operator.camera_controls import controls, match, set_command
 from capture_app.commands.options import leader_option
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
@@ -124,3 +125,7 @@ def show(name: str, leader: Address, as_json: bool) -> None:
     print_table((name, ""), rows)
     for line in detail.log[-20:]:
         print_line(line.text)
+
+
+for _command in (controls, set_command, match):
+    cameras.add_command(_command)

@@ -117,6 +117,7 @@ class CameraNode:
             ),
             is_busy=lambda: self._engine.has_burst_pending or self._uploader.is_busy,
             detail=self._detail,
+            controls=self._camera.controls,
             trust=self._trust,
         )
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
@@ -187,6 +188,7 @@ class CameraNode:
                     tasks.create_task(self._keys.run())
                 tasks.create_task(self._camera.keep_open())
                 tasks.create_task(self._camera.carry_out_commands())
+                tasks.create_task(self._camera.controls.run())
                 tasks.create_task(self._uploader.run())
                 tasks.create_task(self._viewfinder.run())
                 tasks.create_task(self._watch.run(self._engine.time))

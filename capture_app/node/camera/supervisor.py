@@ -9,6 +9,7 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError, SimulshotError
+from capture_app.node.camera.control_keeper import ControlKeeper
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.rig.client import Client
 from capture_app.sync.stamps.frame_stamp import FrameStamp
@@ -43,6 +44,8 @@ class CameraSupervisor:
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
         self._engine_ns = 0
+        self.controls = ControlKeeper(lambda: self._camera, self._note_exposure)
+        """Exposure, gain, white balance and focus."""
         self._streams_before = self._last_stream = 0
 
     @property
@@ -74,9 +77,7 @@ class CameraSupervisor:
         # A camera that was opened again counts its streams from the start; the engine's count goes on.
         self._streams_before = self._last_stream + 1
         await self._camera.start(self._deliver, on_failure)
-        facts = self._camera.facts
-        # What must be assumed of its stamps is said, too, to the leader and in the session.
-        self._facts = replace(facts, stamp=facts.stamp_accuracy)
+        self._facts = self._said_facts()
 
     async def stop(self) -> None:
         """Stop the stream and let go of the camera."""
@@ -96,7 +97,9 @@ class CameraSupervisor:
         engine.stream_started(self._started_ns)
 
     def collect_commands(self) -> None:
-        """Queue what the engine asks of the camera."""
+        """Queue what the engine asks of the camera, and hold its controls while frames of a burst come."""
+        if self._engine is not None:
+            self.controls.set_in_burst(self._engine.has_burst_pending)
         while self._engine is not None and (command := self._engine.next_command()) is not None:
             self._commands.put_nowait((command, self._engine_ns))
 
@@ -111,6 +114,7 @@ class CameraSupervisor:
             self._tell_engine(str(error))
             await self._camera.stop()
             await self._reopen()
+            await self.controls.restore()
             self._talk("camera is back")
             self._tell_engine("")
 
@@ -149,6 +153,16 @@ class CameraSupervisor:
             )
         if self._engine is not None:
             self._engine.stream_started(self._started_ns)
+
+    def _said_facts(self) -> CameraFacts:
+        """What the camera is, and what must be assumed of its stamps, as the leader and sessions are told."""
+        facts = self._camera.facts
+        return replace(facts, stamp=facts.stamp_accuracy)
+
+    def _note_exposure(self) -> None:
+        if (facts := self._said_facts()) != self._facts and self._engine is not None:
+            self._facts = facts
+            self._engine.update_camera(facts)
 
     def _tell_engine(self, failure: str) -> None:
         if self._engine is not None:

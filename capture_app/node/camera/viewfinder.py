@@ -14,9 +14,12 @@ from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
+from capture_app.node.camera.control_keeper import ControlKeeper
 from capture_app.node.transfer.encoding import lower_priority
 from capture_app.node.wire.messages import FromLeader, Refusal
 from capture_app.node.wire.operating import (
+    ControlsAnswer,
+    ControlsRequest,
     DetailAnswer,
     DetailRequest,
     PreviewFrame,
@@ -48,6 +51,7 @@ class Viewfinder:
         leader_ns: Callable[[int], int | None],
         is_busy: Callable[[], bool],
         detail: Callable[[], NodeDetail],
+        controls: ControlKeeper,
         trust: Trust | None = None,
     ) -> None:
         """Speak for a camera, by the run that its node joins with.
@@ -62,7 +66,7 @@ class Viewfinder:
         self._now_ns = now_ns
         self._leader_ns = leader_ns
         self._is_busy = is_busy
-        self._detail = detail
+        self._detail, self._controls = detail, controls
         self._trust = trust
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
@@ -144,6 +148,9 @@ class Viewfinder:
                     self._may_send.set()
                 case DetailRequest():
                     await channel.send(DetailAnswer(detail=self._detail()))
+                case ControlsRequest(wanted=wanted):
+                    state = await (self._controls.apply(wanted) if wanted else self._controls.read())
+                    await channel.send(ControlsAnswer(camera=self._name, state=state))
                 case Refusal():
                     raise NetworkError(message.what)
                 case _:

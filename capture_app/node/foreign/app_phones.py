@@ -100,6 +100,11 @@ class AppPhones:
         self._turn()
         self._on_news(AppPhonesTold(f"{text}; what they take stays on them (capture-app sessions import)"))
 
+    def set_exposure(self, exposure_ns: int, iso: int) -> None:
+        """Have the phones that are here expose each frame for so long, at this sensitivity."""
+        self._engine.set_exposure(exposure_ns, iso)
+        self._turn()
+
     async def _record(self, take: Take) -> None:
         self._engine.start_recording()
         self._turn()

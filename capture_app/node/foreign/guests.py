@@ -35,6 +35,11 @@ class Guests:
         """The phones with the app that are or were here lately."""
         return () if self._app_phones is None else self._app_phones.statuses()
 
+    def set_exposure(self, exposure_ns: int, iso: int) -> None:
+        """Have phones with the app expose so."""
+        if self._app_phones is not None:
+            self._app_phones.set_exposure(exposure_ns, iso)
+
     def take_part(self, take: Take) -> None:
         """Have those that can take their part of a burst."""
         if self._app_phones is not None:

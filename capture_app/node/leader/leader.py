@@ -148,7 +148,7 @@ class LeaderNode:
         if self._spool is not None:
             self._local = LocalNodes(self.own_address, self._spool, self.news, self.address.host)
         self._orders = OperatorOrders(
-            self._engine, self._bursts, self._local, self.news, self._clock.now_ns, self._drain
+            self._engine, self._bursts, self._local, self.news, self._clock.now_ns, self._drain, self._guests
         )
         watchers = Watchers(self.status, self.news, self._viewfinders)
         service = LeaderService(

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.node.foreign.guests import Guests
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
@@ -25,6 +26,7 @@ class OperatorOrders:
         news: NewsLog,
         now_ns: Callable[[], int],
         after_turn: Callable[[], None],
+        guests: Guests,
     ) -> None:
         """`local` starts nodes on this machine; None where this leader does not.
 
@@ -38,6 +40,7 @@ class OperatorOrders:
         self._news = news
         self._now_ns = now_ns
         self._after_turn = after_turn
+        self._guests = guests
 
     async def carry_out(self, order: operating.Order) -> operating.Done:
         """Do what is asked, and return when it is done. Raises the errors of what is asked."""
@@ -54,6 +57,8 @@ class OperatorOrders:
             case operating.EndBurst(burst=number):
                 await self._bursts.end(number)
                 self._after_turn()
+            case operating.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
+                self._guests.set_exposure(exposure_ns, iso)
             case operating.StopRig():
                 self._news.add("stopped by an operator")
                 self.stop_wanted.set()

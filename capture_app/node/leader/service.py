@@ -188,6 +188,8 @@ class LeaderService:
             case operating.DetailRequest():
                 detail = await self._viewfinders.detail(message.camera)
                 await channel.send(operating.DetailAnswer(detail=detail))
+            case operating.ControlsRequest():
+                await channel.send(await self._viewfinders.controls(message))
             case (
                 operating.AddCamera()
                 | operating.AddSimulated()
@@ -195,6 +197,7 @@ class LeaderService:
                 | operating.CancelBurst()
                 | operating.EndBurst()
                 | operating.StopRig()
+                | operating.ExposeAppPhones()
             ):
                 await channel.send(await self._orders.carry_out(message))
             case _:

@@ -8,6 +8,8 @@ from capture_app.errors import IncompleteError, NetworkError
 from capture_app.net.channel import Channel
 from capture_app.node.wire.messages import ToLeader
 from capture_app.node.wire.operating import (
+    ControlsAnswer,
+    ControlsRequest,
     DetailAnswer,
     DetailRequest,
     PreviewFrame,
@@ -41,6 +43,9 @@ class _Stream:
     wanted: PreviewsWanted = NOTHING
     picture: Picture | None = None
     detail: "asyncio.Future[NodeDetail] | None" = None
+    controls: "asyncio.Future[ControlsAnswer] | None" = None
+    setting: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """One request of controls at a time: answers do not tell which they are to."""
 
 
 @dataclass(slots=True)
@@ -72,15 +77,18 @@ class Viewfinders:
                         await channel.send(PreviewSeen(camera=name))
                     case DetailAnswer() if stream.detail is not None and not stream.detail.done():
                         stream.detail.set_result(message.detail)
+                    case ControlsAnswer() if stream.controls is not None and not stream.controls.done():
+                        stream.controls.set_result(message)
                     case _:
                         pass
         finally:
             # A node that has opened another stream may be noticed before this one's end.
             if self._streams.get(name) is stream:
                 del self._streams[name]
-            if stream.detail is not None and not stream.detail.done():
-                stream.detail.set_exception(_closed(name))
-                stream.detail.exception()  # whoever asked may have gone
+            for asked in (stream.detail, stream.controls):
+                if asked is not None and not asked.done():
+                    asked.set_exception(_closed(name))
+                    asked.exception()  # whoever asked may have gone
 
     @property
     def vitals(self) -> Mapping[str, Vitals]:
@@ -117,6 +125,22 @@ class Viewfinders:
         except TimeoutError as error:
             raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
 
+    async def controls(self, request: ControlsRequest) -> ControlsAnswer:
+        """Pass a request of a camera's controls on. Raises IncompleteError where it does not answer."""
+        stream = self._streams.get(request.camera)
+        if stream is None:
+            raise _closed(request.camera)
+        async with stream.setting:
+            stream.controls = asyncio.get_running_loop().create_future()
+            await _send(stream.channel, request)
+            try:
+                async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                    return await stream.controls
+            except TimeoutError as error:
+                # What is still to come would be taken for the answer to the next request.
+                stream.channel.abort()
+                raise IncompleteError(f"{request.camera} does not answer", hint="try again") from error
+
     async def _ask(self, name: str) -> None:
         """Ask a node for what all operators together want of it, where that has changed."""
         stream = self._streams.get(name)
@@ -132,7 +156,9 @@ class Viewfinders:
             await _send(stream.channel, wanted)
 
 
-async def _send(channel: Channel[ToLeader], message: PreviewsWanted | DetailRequest) -> None:
+async def _send(
+    channel: Channel[ToLeader], message: PreviewsWanted | DetailRequest | ControlsRequest
+) -> None:
     try:
         await channel.send(message)
     except NetworkError:

@@ -1,9 +1,10 @@
 """Requests to a running leader, as commands and the screen make them."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from typing import Any, TypeVar
 
+from capture_app.camera_controls import CameraControls, Control, ControlValue
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
@@ -29,6 +30,17 @@ async def ask_status(leader: Address) -> RigStatus:
 async def ask_detail(leader: Address, camera: str) -> NodeDetail:
     """Return all that a node knows of itself. Raises NetworkError, and the leader's own errors."""
     return (await _ask(leader, operating.DetailRequest(camera=camera), operating.DetailAnswer)).detail
+
+
+async def ask_controls(
+    leader: Address, camera: str, wanted: Mapping[Control, ControlValue]
+) -> CameraControls:
+    """Set what is wanted of a camera's controls, nothing if empty; return them all as they stand then.
+
+    Raises NetworkError, and the leader's own errors.
+    """
+    request = operating.ControlsRequest(camera=camera, wanted=dict(wanted))
+    return (await _ask(leader, request, operating.ControlsAnswer)).state
 
 
 async def give_order(leader: Address, order: operating.Order) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ OF_CAMERAS = (
     | operating.Vitals
     | operating.PreviewFrame
     | operating.DetailAnswer
+    | operating.ControlsAnswer
 )
 
 

@@ -2,8 +2,9 @@
 
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, field
 
+from capture_app.camera_controls import CameraControls, Control, ControlValue
 from capture_app.camera_facts import Count
 from capture_app.names import Name
 from capture_app.node.wire.message import Message
@@ -58,6 +59,28 @@ class DetailAnswer(Message, frozen=True, kw_only=True, tag="detail"):
     """A node in detail."""
 
     detail: NodeDetail
+
+
+class ControlsRequest(Message, frozen=True, kw_only=True, tag="controls-request"):
+    """An operator wants to know the controls of a camera, or sets some of them."""
+
+    camera: Name
+    wanted: dict[Control, ControlValue] = field(default_factory=dict)
+    """Empty: none is set."""
+
+
+class ControlsAnswer(Message, frozen=True, kw_only=True, tag="controls"):
+    """The controls of a camera as they stand, and what of a request it could not do."""
+
+    camera: Name
+    state: CameraControls
+
+
+class ExposeAppPhones(Message, frozen=True, kw_only=True, tag="expose-app-phones"):
+    """Have phones with libsoftwaresync or RecSync expose so; they answer nothing."""
+
+    exposure_ns: Annotated[int, Meta(gt=0, le=1_000_000_000)]
+    iso: Annotated[int, Meta(gt=0, le=1_000_000)]
 
 
 class ViewfinderOpened(Message, frozen=True, kw_only=True, tag="viewfinder"):
@@ -132,9 +155,11 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
     """Of the cameras that were started."""
 
 
-Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | EndBurst | StopRig
+Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | EndBurst | StopRig | ExposeAppPhones
 """What an operator can ask a leader to do, beside a burst."""
-FromOperator = WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | InvitePhone | Order
-FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer
-ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | PhoneInvited | Done
-ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest
+FromOperator = (
+    WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | InvitePhone | Order
+)
+FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer | ControlsAnswer
+ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | ControlsAnswer | PhoneInvited | Done
+ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest

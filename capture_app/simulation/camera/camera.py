@@ -3,12 +3,16 @@
 import asyncio
 import random
 
+from msgspec.structs import replace
+
+from capture_app.camera_controls import Control, ControlState
 from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.v4l2.pictures import JpegPicture
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.simulation.camera.controls import SimulatedControls
 from capture_app.simulation.camera.pictures import SimulatedPicture, SimulatedTruth, frame_seed
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
@@ -33,9 +37,11 @@ class SimulatedCamera(Camera):
         seed: int,
         fail_after_ns: int | None = None,
         calibrated: bool = True,
+        automatic: bool = False,
     ) -> None:
         """`seed` is this camera's own; `fail_after_ns` after its start the device goes away.
 
+        `automatic`: it chooses its exposure itself, until that is set.
         `calibrated`: it tells the view's true calibration, as no real camera does.
         """
         self._calibrated = calibrated
@@ -50,7 +56,10 @@ class SimulatedCamera(Camera):
         self._on_failure: OnFailure | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._restarting: asyncio.Future[None] | None = None
+        self._controls = SimulatedControls(sensor.profile, automatic=automatic)
         self._facts = facts_of(sensor.profile, width=source.width, height=source.height)
+        if automatic:
+            self._expose()
 
     @property
     def facts(self) -> CameraFacts:
@@ -93,6 +102,21 @@ class SimulatedCamera(Camera):
         self._timer = loop.call_later(command.delay_ns / 1e9, self._start_stream, true_ns + command.delay_ns)
         await self._restarting
 
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Exposure and gain."""
+        return self._controls.states()
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set one of them from the next frame on. Raises CameraError where it cannot."""
+        self._controls.set(control, value)
+        self._expose()
+
+    def _expose(self) -> None:
+        """Let the frames to come be exposed as the controls say."""
+        self._sensor.set_exposure(self._controls.exposure_ns)
+        exposure_ns = None if self._controls.automatic else self._controls.exposure_ns
+        self._facts = replace(self._facts, exposure_ns=exposure_ns)
+
     async def stop(self) -> None:
         """Stop streaming. Calling it twice is harmless."""
         self._halt()
@@ -105,6 +129,8 @@ class SimulatedCamera(Camera):
 
     def _await_next(self) -> None:
         """Take the next frame from the sensor and set the timer to its delivery."""
+        if self._controls.let_time_pass(self._true_now_ns()):
+            self._expose()
         frame = self._sensor.next_frame()
         due_true_ns = frame.readout_end_true_ns + self._delivery_rng.randint(*DELIVERY_NS)
         delay_ns = max(0, due_true_ns - self._true_now_ns())
@@ -136,7 +162,7 @@ class SimulatedCamera(Camera):
             timestamp_ns=self._clock.local_from_true(frame.timestamp_true_ns),
             picture=SimulatedPicture(self._source, frame, seed) if jpeg is None else JpegPicture(jpeg),
             exposure_ns=frame.exposure_ns,
-            gain=1.0,
+            gain=self._controls.gain,
             white_balance=(1.0, 1.0),
             truth=SimulatedTruth(self._source, frame),
         )

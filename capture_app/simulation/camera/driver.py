@@ -31,6 +31,7 @@ OPTIONS = {
     "calibration": "none: sessions do not get the scene's true calibration",
     "seed": "whole number; with the node's name it chooses crystal, noise and drops",
     "exposure_ms": "exposure of every frame",
+    "auto": "exposure: the camera chooses it itself, a little anew all the time, until it is set",
     "ppm": "error of this device's crystal",
     "noise_us": "standard deviation of the timestamps",
     "stamp_bias_ms": "all timestamps are late by this, and the camera does not know it, as no real one does",
@@ -99,6 +100,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
         seed=camera_seed,
         fail_after_ns=fail_after_ns,
         calibrated=_is_calibrated(options),
+        automatic=_is_automatic(options),
     )
 
 
@@ -142,6 +144,13 @@ def _is_calibrated(options: Mapping[str, str]) -> bool:
     if text not in ("true", "none"):
         raise BadInputError(f"calibration={text} of a simulated camera", hint="none, or leave it out")
     return text == "true"
+
+
+def _is_automatic(options: Mapping[str, str]) -> bool:
+    text = options.get("auto", "")
+    if text not in ("", "exposure"):
+        raise BadInputError(f"auto={text} of a simulated camera", hint="exposure, or leave it out")
+    return bool(text)
 
 
 def _seed(options: Mapping[str, str]) -> int:

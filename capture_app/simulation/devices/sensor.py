@@ -4,7 +4,7 @@ Pure: true times in ns go in and come out, all randomness comes from the generat
 """
 
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from capture_app.errors import CameraError
 from capture_app.simulation.devices.profiles import SensorProfile
@@ -89,6 +89,10 @@ class Sensor:
         """Stop, and start again at that time: a new stream, sequence numbers from 0."""
         self.stop()
         self.start(true_ns)
+
+    def set_exposure(self, exposure_ns: int) -> None:
+        """Expose the frames to come for so long. Raises BadInputError where that does not fit a frame."""
+        self.profile = replace(self.profile, exposure_ns=exposure_ns)
 
     def inject(self, exposure_ns: int, true_ns: int) -> None:
         """Give one coming frame this longer exposure; the command arrives at `true_ns`.

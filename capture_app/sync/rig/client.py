@@ -3,8 +3,10 @@
 import random
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Generic, TypeVar
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig import node_message
@@ -73,6 +75,10 @@ class Client(Generic[F]):
         self._stranger: int | None = None
         self._bursts: PendingBursts[F] = PendingBursts()
         self._events: deque[ClientEvent[F]] = deque()
+
+    def update_camera(self, camera: CameraFacts) -> None:
+        """Note that the camera exposes otherwise now: what is aligned follows, and who asks later is told."""
+        self.config, self.time.camera = replace(self.config, camera=camera), camera
 
     # What the outside sees
 

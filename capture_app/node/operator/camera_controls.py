@@ -1,0 +1,119 @@
+"""Exposure, gain, white balance and focus of a rig's cameras: shown, set, and measured on one for all."""
+
+import asyncio
+from collections.abc import Mapping, Sequence
+
+from msgspec import Struct
+
+from capture_app.camera_controls import MICROSECONDS, TIMES, CameraControls, Control, ControlValue
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.net.address import Address
+from capture_app.node.operator.requests import ask_controls, ask_status, give_order
+from capture_app.node.wire.operating import ExposeAppPhones
+from capture_app.node.wire.status import RigStatus
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+
+ISO_OF_GAIN_1 = 100
+
+
+class ControlledCamera(Struct, frozen=True, kw_only=True):
+    """A camera of the rig and its controls as they stand, with what could not be done of what was asked."""
+
+    camera: str
+    state: CameraControls
+
+
+async def read_all(leader: Address) -> list[ControlledCamera]:
+    """Return the controls of all cameras that are here. Raises NetworkError."""
+    return await _each(leader, present_cameras(await ask_status(leader)), {})
+
+
+async def set_cameras(
+    leader: Address, wanted: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
+) -> list[ControlledCamera]:
+    """Set controls of these cameras, or of all that are here.
+
+    Raises BadInputError for a camera that is not here, NetworkError.
+    """
+    here = present_cameras(await ask_status(leader))
+    if unknown := sorted({*cameras} - {*here}):
+        raise BadInputError(f"no camera {', '.join(unknown)} is here", hint="capture-app status lists them")
+    return await _each(leader, cameras or here, wanted)
+
+
+async def match_cameras(
+    leader: Address, source: str, controls: Sequence[Control] = tuple(Control)
+) -> list[ControlledCamera]:
+    """Hold what one camera has chosen, and set it on all others that can; the first is that camera.
+
+    A value goes to those whose unit is the same: a gain in steps of one model means nothing to another.
+    Raises BadInputError where that camera is not here, NetworkError.
+    """
+    rig = await ask_status(leader)
+    first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[0]
+    others = [name for name in present_cameras(rig) if name != source]
+    rest = await asyncio.gather(*(_set_like(leader, name, first.state, controls) for name in others))
+    return [first, *rest, *await _set_app_phones(leader, rig, first.state)]
+
+
+def present_cameras(rig: RigStatus) -> list[str]:
+    """The names of the cameras that are here."""
+    return [
+        node.name
+        for node in rig.nodes
+        if node.camera.kind not in WITHOUT_CAMERA and node.state is not NodeState.LOST
+    ]
+
+
+async def _each(
+    leader: Address, cameras: Sequence[str], wanted: Mapping[Control, ControlValue]
+) -> list[ControlledCamera]:
+    return list(await asyncio.gather(*(_ask(leader, name, wanted) for name in cameras)))
+
+
+async def _ask(leader: Address, name: str, wanted: Mapping[Control, ControlValue]) -> ControlledCamera:
+    try:
+        return ControlledCamera(camera=name, state=await ask_controls(leader, name, wanted))
+    except IncompleteError as error:
+        return ControlledCamera(camera=name, state=CameraControls(problems=dict.fromkeys(wanted, error.what)))
+
+
+async def _set_like(
+    leader: Address, name: str, like: CameraControls, controls: Sequence[Control]
+) -> ControlledCamera:
+    own = (await _ask(leader, name, {})).state
+    wanted: dict[Control, ControlValue] = {}
+    problems: dict[Control, str] = {}
+    for control in controls:
+        measured, mine = like.state(control), own.state(control)
+        if measured is None or measured.value is None:
+            continue
+        if mine is None:
+            problems[control] = f"it has no control of its {control}"
+        elif mine.unit != measured.unit:
+            problems[control] = f"its {control} is in {mine.unit}, and was measured in {measured.unit}"
+        else:
+            wanted[control] = measured.value
+    done = (await _ask(leader, name, wanted)).state
+    state = CameraControls(controls=done.controls, problems={**problems, **done.problems})
+    return ControlledCamera(camera=name, state=state)
+
+
+async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls) -> list[ControlledCamera]:
+    """Tell phones with the app, which answer nothing; their gain is an ISO, of which 100 is taken for 1."""
+    phones = [phone.name for phone in rig.app_phones if phone.state != "lost"]
+    if not phones:
+        return []
+    exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
+    values = (None if exposure is None else exposure.value, None if gain is None else gain.value)
+    told = "it was told, and answers nothing"
+    if exposure is not None and gain is not None and None not in values and gain.unit == TIMES:
+        assert exposure.unit == MICROSECONDS, "the unit of every exposure"
+        order = ExposeAppPhones(
+            exposure_ns=round((exposure.value or 0) * 1000), iso=round((gain.value or 0) * ISO_OF_GAIN_1)
+        )
+        await give_order(leader, order)
+        problems = {Control.EXPOSURE: told, Control.GAIN: told}
+    else:
+        problems = {Control.EXPOSURE: "it takes an exposure with a gain only, which was not measured in ×"}
+    return [ControlledCamera(camera=name, state=CameraControls(problems=problems)) for name in phones]

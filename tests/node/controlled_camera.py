@@ -1,0 +1,64 @@
+"""A camera with controls that a test looks at, and that chooses what the test wants."""
+
+from msgspec.structs import replace
+
+from capture_app.camera_controls import KELVIN, MICROSECONDS, Control, ControlState, steps_of
+from capture_app.camera_facts import CameraFacts
+from capture_app.cameras.base import Camera, OnFailure, OnFrame
+from capture_app.errors import CameraError
+from capture_app.sync.wire.camera_commands import CameraCommand
+from tests.facts import make_facts
+
+EXPOSURE = ControlState(
+    control=Control.EXPOSURE,
+    value=4000.0,
+    unit=MICROSECONDS,
+    automatic=True,
+    can_be_automatic=True,
+    least=100.0,
+    most=30_000.0,
+)
+GAIN = ControlState(control=Control.GAIN, value=7.0, unit=steps_of("A"), least=0.0, most=15.0)
+WHITE_BALANCE = ControlState(control=Control.WHITE_BALANCE, value=5000.0, unit=KELVIN)
+"""It tells this one, and takes none."""
+
+
+class ControlledCamera(Camera):
+    """Exposes automatically until it is set."""
+
+    def __init__(self, *states: ControlState) -> None:
+        self.states = {state.control: state for state in states or (EXPOSURE, GAIN, WHITE_BALANCE)}
+        self.refuses = False
+        self.set: list[tuple[Control, float | None]] = []
+
+    @property
+    def facts(self) -> CameraFacts:
+        state = self.states.get(Control.EXPOSURE)
+        known = state is not None and not state.automatic and state.value is not None
+        return make_facts(exposure_ns=round((state.value or 0) * 1000) if known and state else None)
+
+    def choose(self, value: float) -> None:
+        """Let the camera choose another exposure, if it does."""
+        if self.states[Control.EXPOSURE].automatic:
+            self.states[Control.EXPOSURE] = replace(self.states[Control.EXPOSURE], value=value)
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        return tuple(self.states.values())
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        if self.refuses:
+            raise CameraError("the device is gone")
+        self.set.append((control, value))
+        before = self.states[control]
+        self.states[control] = replace(
+            before, value=before.value if value is None else value, automatic=value is None
+        )
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        pass
+
+    async def apply(self, command: CameraCommand) -> None:
+        pass
+
+    async def stop(self) -> None:
+        pass

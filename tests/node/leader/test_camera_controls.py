@@ -1,0 +1,127 @@
+"""Exposure, gain, white balance and focus, measured on one camera of a rig and set on all that can."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from capture_app.camera_controls import TIMES, CameraControls, Control
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.net.address import Address
+from capture_app.node.camera.control_keeper import ControlKeeper
+from capture_app.node.camera.viewfinder import Viewfinder
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.operator.camera_controls import match_cameras, read_all, set_cameras
+from capture_app.node.operator.requests import ask_controls
+from capture_app.node.wire.views import NodeDetail
+from tests.node.controlled_camera import EXPOSURE, GAIN, ControlledCamera
+from tests.node.joining import joined
+from tests.waiting import until
+
+OTHER_GAIN = replace(GAIN, unit=TIMES, value=1.0, least=1.0, most=8.0)
+SHORT = replace(EXPOSURE, value=900.0, most=3000.0, automatic=False)
+
+
+class Rig:
+    """A leader and three cameras: `b` has another gain, `c` only a short exposure."""
+
+    def __init__(self, leader: Address) -> None:
+        self.leader = leader
+        self.cameras = {
+            "a": ControlledCamera(),
+            "b": ControlledCamera(EXPOSURE, OTHER_GAIN),
+            "c": ControlledCamera(SHORT),
+        }
+        self.keepers = {name: _keeper(camera) for name, camera in self.cameras.items()}
+
+
+def _keeper(camera: ControlledCamera) -> ControlKeeper:
+    return ControlKeeper(lambda: camera, lambda: None)
+
+
+@pytest.fixture
+async def rig(tmp_path: Path, open_rig: None) -> AsyncIterator[Rig]:
+    async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as node:
+        made = Rig(node.own_address)
+        runs = {name: number for number, name in enumerate(made.cameras, 1)}
+        async with joined(node.own_address, *runs.items()):
+            tasks = []
+            for name, run in runs.items():
+                viewfinder = Viewfinder(
+                    name,
+                    run,
+                    now_ns=lambda: 0,
+                    leader_ns=lambda local_ns: local_ns,
+                    is_busy=lambda: False,
+                    detail=lambda: NodeDetail(camera=""),
+                    controls=made.keepers[name],
+                )
+                viewfinder.set_leader(node.own_address)
+                tasks.append(asyncio.create_task(viewfinder.run()))
+            for name in runs:
+                await _answered(made.leader, name)
+            yield made
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _answered(leader: Address, name: str) -> None:
+    found: list[CameraControls] = []
+
+    async def ask() -> None:
+        while not found:
+            try:
+                found.append(await ask_controls(leader, name, {}))
+            except IncompleteError:
+                await asyncio.sleep(0.05)
+
+    task = asyncio.create_task(ask())
+    await until(lambda: found)
+    await task
+
+
+async def test_all_controls_are_read(rig: Rig) -> None:
+    found = {one.camera: one.state for one in await read_all(rig.leader)}
+    assert set(found) == {"a", "b", "c"}
+    assert found["a"].state(Control.EXPOSURE) == EXPOSURE
+    assert [state.control for state in found["c"].controls] == [Control.EXPOSURE]
+
+
+async def test_what_one_camera_has_chosen_is_set_on_all_that_can(rig: Rig) -> None:
+    rig.cameras["a"].choose(4200.0)
+    found = {one.camera: one.state for one in await match_cameras(rig.leader, "a")}
+    exposures = {name: state.state(Control.EXPOSURE) for name, state in found.items()}
+    assert {name: state.value for name, state in exposures.items() if state} == {
+        "a": 4200.0,
+        "b": 4200.0,
+        "c": 3000.0,
+    }
+    assert not any(state.automatic for state in exposures.values() if state)
+    assert rig.cameras["a"].set[0] == (Control.EXPOSURE, 4200.0)
+    assert found["b"].problems[Control.GAIN] == "its gain is in ×, and was measured in steps of A"
+    assert found["b"].problems[Control.WHITE_BALANCE] == "it has no control of its white-balance"
+    assert "4200 µs is out of its range" in found["c"].problems[Control.EXPOSURE]
+    assert (Control.GAIN, 7.0) not in rig.cameras["b"].set
+
+
+async def test_only_some_controls_are_matched(rig: Rig) -> None:
+    found = {one.camera: one.state for one in await match_cameras(rig.leader, "a", [Control.GAIN])}
+    assert rig.cameras["a"].set == [(Control.GAIN, 7.0)]
+    assert rig.cameras["b"].set == []
+    assert found["c"].problems == {Control.GAIN: "it has no control of its gain"}
+
+
+async def test_some_cameras_are_set(rig: Rig) -> None:
+    await set_cameras(rig.leader, {Control.EXPOSURE: 2000.0}, ["b", "c"])
+    assert [camera.set for camera in rig.cameras.values()] == [
+        [],
+        [(Control.EXPOSURE, 2000.0)],
+        [(Control.EXPOSURE, 2000.0)],
+    ]
+    with pytest.raises(BadInputError, match="no camera d is here"):
+        await set_cameras(rig.leader, {Control.EXPOSURE: 2000.0}, ["d"])
+    with pytest.raises(BadInputError, match="no camera d is here"):
+        await match_cameras(rig.leader, "d")

@@ -17,6 +17,7 @@ from reconstruction.depth.geometric_consistency import (
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Proposals, Surface, SweepOptions, adopt_proposals, sweep_view
 from reconstruction.depth.view_propagation import propose_inverse_depth
+from reconstruction.depth.weak_texture.planar_prior import settle_blank_walls
 from reconstruction.depth.worker_pool import worker_count, worker_pool
 
 MAX_VOTERS = 8
@@ -81,6 +82,7 @@ def match_all_views(
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
+        surfaces = settle_blank_walls(images, sources, reach, surfaces, pool)
         kept = _kept_depths(pool, images, sources, surfaces)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
         kept = _kept_depths(pool, images, sources, surfaces)

@@ -1,0 +1,62 @@
+"""Blank walls: the surfaces that all views found, with planes where nothing but these tells their depth."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+
+import numpy as np
+
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
+from reconstruction.depth.weak_texture.blank_part import WINDOW, BlankPart, extract_blank_part
+from reconstruction.depth.weak_texture.plane_choice import choose_planes, lay_planes, shrink
+from reconstruction.depth.weak_texture.scene_planes import (
+    MIN_SHARE,
+    SurfacePoints,
+    find_scene_planes,
+    sample_surface,
+)
+
+MIN_BLANK_SHARE = 0.02
+"""Share of the pictures that must be blank."""
+EVIDENT, EVIDENT_WIDE = 0.5, 0.8
+"""Matching costs below which a surface's points count, by the picture's windows and by wide ones."""
+WIDE_SWEEP = SweepOptions(step_px=0.6, window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
+
+
+def settle_blank_walls(
+    images: Mapping[str, CalibratedImage],
+    sources: Mapping[str, Sequence[str]],
+    reach: Mapping[str, tuple[float, float]],
+    surfaces: Mapping[str, Surface],
+    pool: Executor,
+) -> dict[str, Surface]:
+    """The views' surfaces with planes laid where pictures are blank and wide windows prefer them.
+
+    The planes are those that many points of all views lie on.
+    """
+    names = list(surfaces)
+    parts = dict(zip(names, pool.map(extract_blank_part, (images[name] for name in names)), strict=True))
+    if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_SHARE:
+        return dict(surfaces)
+
+    def sources_of(name: str) -> list[BlankPart]:
+        return [parts[other] for other in sources[name]]
+
+    def sample(name: str) -> list[SurfacePoints]:
+        part, surface = parts[name], surfaces[name]
+        near = sample_surface(
+            part.image, shrink(surface.inverse_depth, part.image), shrink(surface.cost, part.image) < EVIDENT
+        )
+        wide = sweep_view(part.image, [other.image for other in sources_of(name)], *reach[name], WIDE_SWEEP)
+        return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
+
+    samples = [one for found in pool.map(sample, names) for one in found]
+    least = round(MIN_SHARE * float(np.mean([part.there.size for part in parts.values()])))
+    planes = find_scene_planes(samples, least)
+
+    def settle(name: str) -> Surface:
+        part = parts[name]
+        choice = choose_planes(part, sources_of(name), surfaces[name], planes, reach[name])
+        return lay_planes(surfaces[name], images[name], part.mask, choice)
+
+    return dict(zip(names, pool.map(settle, names), strict=True))

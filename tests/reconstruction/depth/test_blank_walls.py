@@ -1,0 +1,72 @@
+"""Walls with hardly any texture: which planes there are, and that they are laid where pictures are blank."""
+
+import numpy as np
+import pytest
+
+from benchmarks.reconstruction import blank_scenes
+from capture_app.simulation.rendering.scene import Scene
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.sweep_matcher import match_all_views
+from reconstruction.depth.weak_texture.scene_planes import ScenePlane, SurfacePoints, find_scene_planes
+from reconstruction.multiview.input_images import undistort_image
+from reconstruction.multiview.source_views import choose_source_views
+from reconstruction.scores.depth_truth import right_depth
+
+NORMALS = np.array([[0.0, 0.0, 1.0], [0.0, 0.8, 0.6], [1.0, 0.0, 0.0]])
+CAMERAS = ("cam1", "cam2", "cam3")
+DISTANCES = np.array([4.0, 2.0, 1.5])
+
+
+def seen_on(plane: ScenePlane, count: int, rng: np.random.Generator) -> SurfacePoints:
+    """Points before a camera in the origin, off the plane by 0.1 % of their depth and 5 degrees."""
+    rays = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.ones(count)])
+    rays = rays[rays @ plane.normal > 0.2]
+    depth = plane.distance / (rays @ plane.normal) * rng.normal(1, 0.001, len(rays))
+    normals = plane.normal + rng.normal(0, 0.05, rays.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return SurfacePoints(rays * depth[:, None], normals, np.zeros_like(rays))
+
+
+def test_planes_are_found_among_points_of_nothing() -> None:
+    rng = np.random.default_rng(4)
+    true = [ScenePlane(normal, float(d)) for normal, d in zip(NORMALS, DISTANCES, strict=True)]
+    samples = [seen_on(plane, count, rng) for plane, count in zip(true, (4000, 3000, 2500), strict=True)]
+    stray = rng.uniform(1, 6, (1500, 3))
+    samples.append(
+        SurfacePoints(stray, rng.permutation(NORMALS[rng.integers(0, 3, 1500)]), np.zeros_like(stray))
+    )
+    found = find_scene_planes(samples, least=400)
+    assert len(found) == len(true)
+    for plane in true:
+        same = [one for one in found if abs(float(one.normal @ plane.normal)) > 0.9999]
+        assert len(same) == 1
+        assert abs(same[0].distance) == pytest.approx(plane.distance, rel=0.002)
+
+
+def test_a_plane_is_where_a_camera_sees_it() -> None:
+    matrix = np.array([[300.0, 0, 99.5], [0, 300.0, 79.5], [0, 0, 1]])
+    view = View(200, 160, matrix, np.zeros(5), np.eye(3), np.array([0.5, -0.2, 1.0]))
+    plane = ScenePlane(NORMALS[1], float(DISTANCES[1]))
+    pixel = np.array([[120.0, 100.0]])
+    depth = 1 / float(plane.inverse_depth_gradient(view) @ view.rays(pixel)[0])
+    assert float(view.unproject(pixel, np.array([depth]))[0] @ plane.normal) == pytest.approx(plane.distance)
+
+
+def test_most_of_a_room_with_nearly_blank_walls_is_found() -> None:
+    """Small pictures of three cameras: without planes 62.7 % are right, and 20.8 % of the given wrong."""
+    scene = Scene("attic", blank_scenes.ATTIC).draft(0.5)
+    calibration = scene.calibration()
+    views = {name: View.from_calibration(calibration.cameras[name], 320, 240) for name in CAMERAS}
+    images, truth, movers = {}, dict[str, Array](), dict[str, Array]()
+    for number, (name, view) in enumerate(views.items()):
+        picture = scene.render(name, 620_000_000, 4_000_000, 0, seed=number)
+        images[name] = undistort_image(name, 0, picture, view).calibrated
+        truth[name], _, movers[name] = scene.ground_truth(name, 620_000_000, 4_000_000, 0)
+    coarse = find_coarse_scene(images)
+    found = match_all_views(images, choose_source_views(views, coarse.points), coarse.reach)
+    right = {name: right_depth(view.depth, truth[name]) for name, view in found.items()}
+    given = np.concatenate([right[name][view.depth > 0] for name, view in found.items()])
+    assert np.mean(list(right.values())) > 0.645
+    assert np.mean(given) > 0.80
+    assert np.mean([right[name][movers[name]].mean() for name in right]) > 0.9

@@ -83,7 +83,7 @@ class Camera(ABC):
     @property
     @abstractmethod
     def facts(self) -> CameraFacts:
-        """What this camera is and can do, known once it is open."""
+        """What this camera is and can do, known once it has started, mostly as soon as it is open."""
 
     @property
     def calibration(self) -> CameraCalibration | None:

@@ -27,6 +27,7 @@ DRIVERS = {
         "capture_app.simulation.camera.driver", "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]"
     ),
     "v4l2": DriverEntry("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
+    "aravis": DriverEntry("capture_app.cameras.aravis.driver", "aravis:ADDRESS[,key=value…]"),
     "replay": DriverEntry("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
     "libcamera": DriverEntry("capture_app.cameras.libcamera.driver", "libcamera:ID[,key=value…]"),
 }

@@ -42,12 +42,13 @@ class Machine:
         )
 
     def add_firewall(self, hook: str, *rules: str) -> None:
-        """Add rules of nftables to its `input` or `output`; skip the test without nftables."""
+        """Set rules of nftables for its `input` or `output`; skip the test without nftables."""
         if shutil.which("nft", path=SEARCH_PATH) is None:
             pytest.skip("no nftables here; apt-get install nftables")
         chain = f"type filter hook {hook} priority 0;"
         lines = "\n".join(rules)
-        table = f"table inet simulshot_{hook} {{\nchain of_a_test {{\n{chain}\n{lines}\n}}\n}}\n"
+        name = f"table inet simulshot_{hook}"
+        table = f"{name} {{}}\ndelete {name}\n{name} {{\nchain of_a_test {{\n{chain}\n{lines}\n}}\n}}\n"
         done = subprocess.run(
             self.command(_tool("nft"), "-f", "-"), input=table, text=True, capture_output=True
         )
@@ -75,6 +76,33 @@ def two_machines() -> Iterator[tuple[Machine, Machine]]:
             machine.ip("address", "add", f"{host}/24", "dev", "cable")
             machine.ip("link", "set", "cable", "up")
         yield leader, node
+
+
+@contextmanager
+def machines_on_cables(count: int) -> Iterator[tuple[Machine, list[tuple[Machine, str]]]]:
+    """Make a machine with a cable of its own to each of so many others; those with their addresses.
+
+    Skips the test where that cannot be.
+    """
+    if os.geteuid() != 0 or shutil.which("ip", path=SEARCH_PATH) is None:
+        pytest.skip("network namespaces need root and iproute2")
+    pair = next(_PAIRS)
+    hub, *others = (Machine(f"simulshot-{os.getpid()}-star{pair}-{number}") for number in range(count + 1))
+    _remove_leftovers()
+    with ExitStack() as stack:
+        for machine in (hub, *others):
+            _ip("netns", "add", machine.name)
+            stack.callback(_ip, "netns", "delete", machine.name)
+            machine.ip("link", "set", "lo", "up")
+            if subprocess.run(machine.command("true"), capture_output=True).returncode:
+                pytest.skip("no program can be started in a network namespace here")
+        for number, machine in enumerate(others):
+            near, net = f"cable{number}", f"10.78.{number}"
+            hub.ip("link", "add", near, "type", "veth", "peer", "cable", "netns", machine.name)
+            for end, name, host in ((hub, near, f"{net}.1"), (machine, "cable", f"{net}.2")):
+                end.ip("address", "add", f"{host}/24", "dev", name)
+                end.ip("link", "set", name, "up")
+        yield hub, [(machine, f"10.78.{number}.2") for number, machine in enumerate(others)]
 
 
 def _remove_leftovers() -> None:

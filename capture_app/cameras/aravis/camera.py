@@ -1,0 +1,283 @@
+"""A machine-vision camera that streams: one thread fetches frames, another one talks to the camera."""
+
+import asyncio
+import contextlib
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
+from capture_app.cameras.aravis.device import DeviceFrame, DeviceSetup
+from capture_app.cameras.aravis.device_clock import DeviceClock, EnvelopeClock, LatchedClock
+from capture_app.cameras.aravis.frame_numbers import FrameNumbers
+from capture_app.cameras.aravis.pictures import MachinePicture
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.errors import CameraError
+from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration
+
+_log = logging.getLogger(__name__)
+
+KIND = "aravis"
+FIRST_READINGS, READING_NS = 16, 1_000_000_000
+"""Of the counter: so many before the stream starts, and later one each so often."""
+SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
+"""For so long it is read more often, until it is known how fast it runs."""
+LATCH_NS = 200_000
+"""95 % error that is stated for a counter read over a cable, half of a long round trip."""
+FIRST_FRAME_NS, SILENCE_NS, MOST_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
+NEAR_NS = 2_000_000_000
+"""A stamp that a counter's readings put this far from the frame's arrival is not of that counter."""
+MOST_TRIES = 3
+LATE_NS = 5_000_000
+"""So much after a frame is due its end is taken for granted."""
+
+
+class MachineDevice(Protocol):
+    """A connected camera, as `device.AravisDevice`; every call blocks."""
+
+    address: str
+    setup: DeviceSetup
+
+    def read_counter(self) -> tuple[int, int, int] | None:
+        """Host time before, counter, host time after, in ns; None where the counter cannot be read."""
+
+    def set_period(self, period_ns: int) -> None:
+        """Let frames last so long from now on. Raises CameraError."""
+
+    def start(self, on_lost: Callable[[], None]) -> None:
+        """Let frames come; `on_lost` is called from any thread. Raises CameraError."""
+
+    def next_frame(self, timeout_s: float) -> DeviceFrame | None:
+        """Wait for a frame, for so long at most."""
+
+    def close(self) -> None:
+        """Let go of the camera."""
+
+
+class AravisCamera(Camera):
+    """A machine-vision camera, connected when it is started: that takes seconds where it is missing."""
+
+    def __init__(
+        self, connect: Callable[[], MachineDevice], row_ns: int | None = None, *, silence_ns: int = SILENCE_NS
+    ) -> None:
+        """`row_ns` is the step of its frames' durations where that is known.
+
+        A stream without a frame for `silence_ns` and some periods has failed.
+        """
+        self._connect = connect
+        self._silence_ns = silence_ns
+        self._row_ns = row_ns
+        # Every word to the camera in the order it was said, and off the event loop: answers may take seconds.
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="aravis")
+        self._fetching: threading.Thread | None = None
+        self._closing = threading.Event()
+        self._device: MachineDevice | None = None
+        self._clock: DeviceClock | None = None
+        self._facts: CameraFacts | None = None
+        self._wanted_ns: deque[int] = deque()
+        """Durations of one coming frame each, until they are asked for."""
+        self._restore_at_ns: int | None = None
+        self._numbers = FrameNumbers()
+        self._loop: asyncio.AbstractEventLoop
+        self._on_frame: OnFrame
+        self._on_failure: OnFailure
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do. Raises CameraError before it was started."""
+        if self._facts is None:
+            raise CameraError("a machine-vision camera is known when it was started")
+        return self._facts
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Connect and stream. Raises CameraError where it is missing, busy, refuses or sends no pictures."""
+        if self._fetching is not None or self._closing.is_set():
+            raise CameraError("the camera was started already", hint="open it again")
+        self._loop = asyncio.get_running_loop()
+        self._on_frame, self._on_failure = on_frame, on_failure
+        await self._loop.run_in_executor(self._worker, self._open)
+        self._fetching = threading.Thread(target=self._fetch, name="aravis-frames", daemon=True)
+        self._fetching.start()
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Let one coming frame last that long. Raises CameraError for anything else, or without a stream."""
+        if not isinstance(command, SetFrameDuration):
+            raise CameraError("a machine-vision camera is moved by the duration of its frames only")
+        if self._fetching is None or self._closing.is_set():
+            raise CameraError("the camera does not stream")
+        self._wanted_ns.append(command.duration_ns)
+
+    async def stop(self) -> None:
+        """Stop streaming and let go of the camera. Calling it twice is harmless."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        fetching = self._fetching
+        if fetching is not None:
+            await asyncio.get_running_loop().run_in_executor(None, fetching.join)
+        await asyncio.get_running_loop().run_in_executor(self._worker, self._release)
+        self._worker.shutdown(wait=False)
+
+    def _open(self) -> None:
+        device = self._device = self._connect()
+        latched = LatchedClock()
+        readings = [device.read_counter() for _ in range(FIRST_READINGS)]
+        for reading in readings:
+            if reading is not None:
+                latched.add_reading(*reading)
+        device.start(lambda: self._fail_later(f"{device.address} is not controlled any more"))
+        first, second = self._first_frame(device), self._first_frame(device)
+        reads = len({None if reading is None else reading[1] for reading in readings}) > 1
+        # The first stamp may be none yet.
+        by_latch_ns = latched.host_ns(second.counter_ns) if reads else None
+        if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
+            self._clock = latched
+        elif second.counter_ns != first.counter_ns:
+            self._clock = EnvelopeClock()
+        self._facts = self._facts_of(device.setup)
+
+    def _first_frame(self, device: MachineDevice) -> DeviceFrame:
+        end_ns = time.monotonic_ns() + FIRST_FRAME_NS
+        while (left_ns := end_ns - time.monotonic_ns()) > 0 and not self._closing.is_set():
+            frame = device.next_frame(left_ns / 1e9)
+            if frame is not None and frame.data is not None:
+                return frame
+        raise CameraError(
+            f"{device.address} is there but sends no whole picture",
+            hint="a firewall that drops UDP, a bandwidth too small, or an exposure of seconds would do that",
+        )
+
+    def _facts_of(self, setup: DeviceSetup) -> CameraFacts:
+        exposure_ns = setup.exposure_ns
+        shortest_ns, longest_ns = setup.durations_ns or (None, None)
+        least_ns, most_ns = setup.exposures_ns or (None, None)
+        stamp = None
+        if isinstance(self._clock, LatchedClock):
+            # GenICam's SFNC has a frame's timestamp at its start; some cameras stamp the end of its exposure.
+            doubt_ns = (setup.period_ns if exposure_ns is None else exposure_ns) + LATCH_NS
+            stamp = StampAccuracy(
+                bias_ns=0, uncertainty_ns=doubt_ns, source=StampSource.PROFILE, exposure_ns=exposure_ns
+            )
+        return CameraFacts(
+            kind=KIND,
+            model=setup.model[:200],
+            width=setup.width,
+            height=setup.height,
+            pixel_format=setup.pixel_format,
+            period_ns=setup.period_ns,
+            timestamp_source=TimestampSource.UNKNOWN if stamp is None else TimestampSource.START_OF_EXPOSURE,
+            phase_control=PhaseControl.FRAME_DURATION,
+            row_time_ns=self._row_ns,
+            exposure_ns=exposure_ns,
+            min_exposure_ns=least_ns,
+            max_exposure_ns=most_ns,
+            min_frame_duration_ns=shortest_ns,
+            max_frame_duration_ns=longest_ns,
+            stamp=stamp,
+        )
+
+    def _fetch(self) -> None:
+        """Take frames until the camera is stopped or fails; durations are set as frames come."""
+        assert self._device is not None
+        period_ns = self._device.setup.period_ns
+        begun_ns = heard_ns = read_ns = time.monotonic_ns()
+        while not self._closing.is_set():
+            left_ns = period_ns if self._restore_at_ns is None else self._restore_at_ns - time.monotonic_ns()
+            frame = self._device.next_frame(min(max(left_ns, 0), MOST_WAIT_NS) / 1e9)
+            now_ns = time.monotonic_ns()
+            if frame is not None:
+                heard_ns = now_ns
+                self._take(frame)
+            elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
+                self._fail_later(f"{self._device.address} sends no pictures any more")
+                return
+            # A frame that lacks packets is given up when the next one begins: too late to go by.
+            self._change_duration(
+                now_ns, fresh=frame is not None and now_ns - frame.arrival_ns < period_ns // 2
+            )
+            pace_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
+            if now_ns - read_ns >= pace_ns and isinstance(self._clock, LatchedClock):
+                read_ns = now_ns
+                self._say(self._read_counter)
+
+    def _take(self, frame: DeviceFrame) -> None:
+        sequence = self._numbers.count(frame.number)
+        if frame.data is None or sequence is None:
+            return  # its number is missing from the stream: a dropped frame like any other
+        if isinstance(self._clock, EnvelopeClock):
+            self._clock.add_arrival(frame.counter_ns, frame.arrival_ns)
+        stamp_ns = frame.arrival_ns if self._clock is None else self._clock.host_ns(frame.counter_ns)
+        if stamp_ns is None or abs(stamp_ns - frame.arrival_ns) > NEAR_NS:
+            _log.debug("frame %d has a stamp of another time", frame.number)
+            return
+        facts = self.facts
+        picture = MachinePicture(frame.data, facts.width, facts.height, facts.pixel_format)
+        captured = CapturedFrame(
+            sequence=sequence,
+            stream=0,
+            timestamp_ns=stamp_ns,
+            picture=picture,
+            exposure_ns=facts.exposure_ns,
+        )
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
+            self._loop.call_soon_threadsafe(self._deliver, captured)
+
+    def _change_duration(self, now_ns: int, *, fresh: bool) -> None:
+        """Ask for the wished duration when a frame has come, and for the usual one when the next one has.
+
+        So exactly one frame is changed, whether a camera heeds a new duration at once or from the next frame.
+        Where the next one is lost on its way, its time must do.
+        """
+        usual_ns, restore_at_ns = self.facts.period_ns, self._restore_at_ns
+        if fresh and self._wanted_ns:
+            wanted_ns = self._wanted_ns.popleft()
+            self._restore_at_ns = now_ns + max(usual_ns, wanted_ns) + LATE_NS
+            self._say(self._set_period, wanted_ns)
+        elif restore_at_ns is not None and (fresh or now_ns >= restore_at_ns):
+            self._restore_at_ns = None
+            self._say(self._set_period, usual_ns)
+
+    def _set_period(self, period_ns: int) -> None:
+        assert self._device is not None
+        for _ in range(MOST_TRIES):
+            try:
+                self._device.set_period(period_ns)
+                return
+            except CameraError as error:
+                failure = error
+        self._fail_later(str(failure))
+
+    def _read_counter(self) -> None:
+        assert self._device is not None
+        try:
+            reading = self._device.read_counter()
+        except CameraError as error:
+            _log.debug("the counter was not read: %s", error)  # the heartbeat tells whether it is gone
+            return
+        if reading is not None and isinstance(self._clock, LatchedClock):
+            self._clock.add_reading(*reading)
+
+    def _say(self, word: Callable[..., None], *arguments: int) -> None:
+        with contextlib.suppress(RuntimeError):  # it was stopped
+            self._worker.submit(word, *arguments)
+
+    def _release(self) -> None:
+        if self._device is not None:
+            self._device.close()
+            self._device = None
+
+    def _deliver(self, frame: CapturedFrame) -> None:
+        if not self._closing.is_set():
+            self._on_frame(frame)
+
+    def _fail_later(self, what: str) -> None:
+        def fail() -> None:
+            if not self._closing.is_set():
+                self._on_failure(CameraError(what, hint="it is tried again; check its power and cable"))
+
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(fail)

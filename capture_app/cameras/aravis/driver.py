@@ -1,0 +1,43 @@
+"""GigE Vision and USB3 Vision cameras: finding and opening them."""
+
+import functools
+from collections.abc import Mapping
+
+from capture_app.cameras.aravis.camera import KIND, AravisCamera
+from capture_app.cameras.aravis.device import AravisDevice, parse_options
+from capture_app.cameras.aravis.library import load_aravis
+from capture_app.cameras.base import Camera, CameraListing, in_node_clock
+from capture_app.clock import NodeClock
+from capture_app.errors import NotAvailableError
+
+
+def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
+    """Make a camera of its address (IP, serial number, or the name it is listed by); `device.OPTIONS`.
+
+    It is connected when it is started. Raises BadInputError for an option that cannot be read,
+    NotAvailableError without the aravis library.
+    """
+    request = parse_options(options)
+    load_aravis()
+    connect = functools.partial(AravisDevice, address, request)
+    return in_node_clock(AravisCamera(connect, request.row_ns), clock)
+
+
+def list_cameras() -> list[CameraListing]:
+    """The cameras that answer in this machine's networks and on its USB, which takes a second."""
+    try:
+        library = load_aravis()
+    except NotAvailableError:
+        return []
+    library.update_device_list()
+    listed = []
+    for index in range(library.get_n_devices()):
+        protocol, address = library.get_device_protocol(index), library.get_device_address(index)
+        name = library.get_device_id(index)
+        by_address = protocol == "GigEVision" and address
+        detail = (
+            f"{protocol.replace('Vision', ' Vision')}, serial number {library.get_device_serial_nbr(index)}"
+        )
+        model = f"{library.get_device_vendor(index)} {library.get_device_model(index)}"
+        listed.append(CameraListing(f"{KIND}:{address if by_address else name}", KIND, model, detail))
+    return listed

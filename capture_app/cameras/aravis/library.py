@@ -1,0 +1,61 @@
+"""The system's aravis library, loaded where a machine-vision camera is used, and its errors in words."""
+
+import functools
+import importlib
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from capture_app.cameras.system_packages import load_system_module
+from capture_app.errors import CameraError, NotAvailableError
+
+PACKAGE = "gir1.2-aravis-0.8"
+PURPOSE = "a GigE Vision or USB3 Vision camera"
+_VERSION = "0.8"
+
+
+@functools.cache
+def load_aravis() -> Any:
+    """Return the library's module. Raises NotAvailableError where it is not installed or does not load."""
+    gi = load_system_module("gi", PACKAGE, PURPOSE)
+    try:
+        gi.require_version("Aravis", _VERSION)
+        with warnings.catch_warnings():
+            # PyGObject's importer is of an older kind than Python's newest.
+            warnings.simplefilter("ignore", ImportWarning)
+            importlib.import_module("gi.repository.GLib")
+            return importlib.import_module("gi.repository.Aravis")
+    except (ImportError, ValueError) as error:
+        raise NotAvailableError(
+            f"{PURPOSE} needs the aravis library, which is not installed",
+            hint=f"on Debian and Raspberry Pi OS: sudo apt install {PACKAGE}",
+        ) from error
+
+
+@contextmanager
+def camera_errors(device: str) -> Iterator[None]:
+    """Raise CameraError for the library's errors while a device is used."""
+    library_error = importlib.import_module("gi.repository.GLib").Error
+    try:
+        yield
+    except library_error as error:
+        raise camera_error(device, error.domain, error.code, error.message) from error
+
+
+def camera_error(device: str, domain: str, code: int, message: str) -> CameraError:
+    """The library's error in words that say what to do."""
+    match code if domain == "arv-device-error-quark" else None:
+        case 6:
+            what = f"there is no machine-vision camera {device}"
+            hint = "`capture-app cameras` lists the cameras; one that is on has an address in this network"
+        case 10:
+            what, hint = f"{device} is in use by another program", "close it: only one can control a camera"
+        case 5:
+            what, hint = (
+                f"{device} does not answer any more",
+                "check its power and cable, then start it again",
+            )
+        case _:
+            what, hint = f"{device} failed: {message}", "another program, such as arv-viewer, may say more"
+    return CameraError(what, hint=hint)

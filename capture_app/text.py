@@ -30,11 +30,11 @@ def duration(ns: float | None, *, signed: bool = False, gap: str = " ") -> str:
     return f"{sign}{size / 1e9:.1f}{gap}s"
 
 
-def clock_offset(ns: int | None) -> str:
+def clock_offset(ns: int | None, *, signed: bool = True) -> str:
     """Return the offset of a clock, from ns to days: +4 h 12 min, -12.3 s, +45 µs; a dash for None."""
     if ns is None or abs(ns) < 60e9:
-        return duration(ns, signed=True)
-    sign = "-" if ns < 0 else "+"
+        return duration(ns, signed=signed)
+    sign = "-" if ns < 0 else "+" if signed else ""
     minutes = round(abs(ns) / 60e9)
     if minutes < 60:
         return f"{sign}{minutes} min"

@@ -79,3 +79,13 @@ class SealedRig:
         """Who is here, as the leader sees it."""
         views = self.engine.clients(self.now_ns)
         return [view.name for view in views if view.report.state is not NodeState.LOST]
+
+
+def running(*names: str) -> SealedRig:
+    """A rig of these nodes that have joined and have the leader's time."""
+    rig = SealedRig(*names)
+    rig.run(1500)
+    assert rig.joined == [*names]
+    assert all(node.client.time_map is not None for node in rig.nodes.values())
+    list(rig.leader.datagrams_to_send(rig.now_ns))
+    return rig

@@ -26,12 +26,11 @@ from capture_app.sync.wire.messages import (
     Welcome,
 )
 from capture_app.sync.wire.speaker import Speaker
-from capture_app.sync.wire.version import VERSION, answered_version, version_question
 from capture_app.trust.keys import Address
 from capture_app.trust.refusals import Refusals
-from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refused, unknown_key
+from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refused
 from tests.facts import make_facts
-from tests.trust.sealed_pair import LEADER, SealedRig
+from tests.trust.sealed_pair import LEADER, SealedRig, running
 
 TERMS = Terms(leader=9, anchor_leader_ns=0, period_ns=60_000_000, pace_ns=60_000_000_000)
 STRANGER: Address = ("stranger", 3)
@@ -69,15 +68,6 @@ def state(rig: SealedRig) -> object:
         leader += [node.client.report(rig.now_ns), node.client.next_timer(), node.client.has_burst_pending]
         leader += [time.number, time.terms, keeper.time_map, keeper.clock.samples, keeper.outstanding]
     return leader
-
-
-def running(*names: str) -> SealedRig:
-    rig = SealedRig(*names)
-    rig.run(1500)
-    assert rig.joined == [*names]
-    assert all(node.client.time_map is not None for node in rig.nodes.values())
-    list(rig.leader.datagrams_to_send(rig.now_ns))
-    return rig
 
 
 def numbers(rig: SealedRig, name: str) -> tuple[int, int, str]:
@@ -259,73 +249,6 @@ def test_refusals_are_told_by_host_and_reason_now_and_then() -> None:
     assert rig.leader.refusals.take_news(rig.now_ns) == []
     (news,) = rig.leader.refusals.take_news(rig.now_ns + 10_000_000_000)
     assert (news.count, news.why) == (1, Refused.UNSEALED)
-
-
-def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back() -> None:
-    rig = running("a")
-    node = rig.nodes["a"]
-    rig.leader.keys.revoke_all_but([])
-    rig.run(600)
-    assert node.sealed.keys.wanted == {LEADER}
-    node.sealed.keys.hold(LEADER, rig.leader.keys.grant(node.speaker))
-    assert not node.sealed.keys.wanted
-    rig.run(600)
-    assert rig.joined == ["a"]
-    assert node.client.time.is_member
-
-
-def test_with_a_machine_all_keys_go_and_the_others_ask_for_new_ones() -> None:
-    rig = running("a", "b")
-    one, other = rig.nodes.values()
-    keys = rig.leader.keys
-    keys.revoke_all_but({one.speaker.pin, other.speaker.pin})
-    rig.run(100)
-    assert len(keys) == 2
-    assert not one.sealed.keys.wanted
-    keys.revoke_all_but({one.speaker.pin})
-    assert other.sealed.open_broadcast(keys.seal_for_all(encode(Beacon(5, 1)))) is None
-    rig.run(100)
-    assert one.sealed.keys.wanted == {LEADER}
-    one.sealed.keys.hold(LEADER, keys.grant(one.speaker))
-    number = one.client.time.number
-    rig.run(3000)
-    assert rig.joined == ["a"]
-    assert one.client.time.number == number, "it was here all the time"
-    assert one.sealed.open_broadcast(keys.seal_for_all(encode(Beacon(5, 1)))) == encode(Beacon(5, 1))
-
-
-def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key() -> None:
-    rig = running("a")
-    node = rig.nodes["a"]
-    data = node.sealed.keys.seal(b"", LEADER)
-    assert data is not None
-    far = data[:8] + (2**40).to_bytes(8, "big") + data[16:]
-    rig.deliver(unknown_key(far), LEADER, node.address)
-    assert not node.sealed.keys.wanted
-    rig.deliver(unknown_key(data), LEADER, node.address)
-    assert node.sealed.keys.wanted == {LEADER}
-
-
-def test_beacons_are_opened_with_the_key_of_all_and_once() -> None:
-    rig = running("a", "b")
-    beacon = rig.leader.keys.seal_for_all(encode(Beacon(5, 1)))
-    for node in rig.nodes.values():
-        assert node.sealed.open_broadcast(beacon) == encode(Beacon(5, 1))
-        assert node.sealed.open_broadcast(beacon) is None
-        rig.deliver(beacon, LEADER, node.address)
-        assert node.sealed.refusals.total == 2
-
-
-def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None:
-    rig = SealedRig("a")
-    question = version_question(b"12345678")
-    rig.deliver(question, STRANGER, LEADER)
-    ((answer, to),) = rig.leader.datagrams_to_send(rig.now_ns)
-    assert to == STRANGER
-    assert answered_version(answer, b"12345678") == VERSION
-    newer = answer[:2] + bytes([VERSION + 1]) + answer[3:]
-    rig.deliver(newer, LEADER, rig.nodes["a"].address)
-    assert f"version {VERSION + 1}" in rig.nodes["a"].client.time.why_joining
 
 
 def test_a_trigger_of_a_leader_that_does_not_exist_is_refused_counted_and_told_once() -> None:

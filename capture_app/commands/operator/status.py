@@ -102,7 +102,7 @@ def _print_rig(rig: "RigStatus") -> None:
             ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"), _phone_rows(rig)
         )
     for ahead in rig.ahead:
-        begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns)).lstrip("+")
+        begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns), signed=False)
         cancel = f"capture-app burst --cancel {ahead.burst}"
         print_line(f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back")
     for path in rig.sessions:

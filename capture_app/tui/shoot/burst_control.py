@@ -76,6 +76,6 @@ def cancellable_bursts(status: RigStatus) -> dict[int, str]:
     if newest is not None and newest.burst and not newest.done:
         offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images are here"
     for burst in ahead:
-        begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns)).lstrip("+")
+        begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
         offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"
     return offers

@@ -1,0 +1,77 @@
+"""Keys of a sealed rig that are lost, taken away and asked for again."""
+
+from capture_app.sync.wire.beacon import Beacon
+from capture_app.sync.wire.codec import encode
+from capture_app.sync.wire.version import VERSION, answered_version, version_question
+from capture_app.trust.keys import Address
+from capture_app.trust.sealing import unknown_key
+from tests.trust.sealed_pair import LEADER, SealedRig, running
+
+STRANGER: Address = ("stranger", 3)
+
+
+def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back() -> None:
+    rig = running("a")
+    node = rig.nodes["a"]
+    rig.leader.keys.revoke_all_but([])
+    rig.run(600)
+    assert node.sealed.keys.wanted == {LEADER}
+    node.sealed.keys.hold(LEADER, rig.leader.keys.grant(node.speaker))
+    assert not node.sealed.keys.wanted
+    rig.run(600)
+    assert rig.joined == ["a"]
+    assert node.client.time.is_member
+
+
+def test_with_a_machine_all_keys_go_and_the_others_ask_for_new_ones() -> None:
+    rig = running("a", "b")
+    one, other = rig.nodes.values()
+    keys = rig.leader.keys
+    keys.revoke_all_but({one.speaker.pin, other.speaker.pin})
+    rig.run(100)
+    assert len(keys) == 2
+    assert not one.sealed.keys.wanted
+    keys.revoke_all_but({one.speaker.pin})
+    assert other.sealed.open_broadcast(keys.seal_for_all(encode(Beacon(5, 1)))) is None
+    rig.run(100)
+    assert one.sealed.keys.wanted == {LEADER}
+    one.sealed.keys.hold(LEADER, keys.grant(one.speaker))
+    number = one.client.time.number
+    rig.run(3000)
+    assert rig.joined == ["a"]
+    assert one.client.time.number == number, "it was here all the time"
+    assert one.sealed.open_broadcast(keys.seal_for_all(encode(Beacon(5, 1)))) == encode(Beacon(5, 1))
+
+
+def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key() -> None:
+    rig = running("a")
+    node = rig.nodes["a"]
+    data = node.sealed.keys.seal(b"", LEADER)
+    assert data is not None
+    far = data[:8] + (2**40).to_bytes(8, "big") + data[16:]
+    rig.deliver(unknown_key(far), LEADER, node.address)
+    assert not node.sealed.keys.wanted
+    rig.deliver(unknown_key(data), LEADER, node.address)
+    assert node.sealed.keys.wanted == {LEADER}
+
+
+def test_beacons_are_opened_with_the_key_of_all_and_once() -> None:
+    rig = running("a", "b")
+    beacon = rig.leader.keys.seal_for_all(encode(Beacon(5, 1)))
+    for node in rig.nodes.values():
+        assert node.sealed.open_broadcast(beacon) == encode(Beacon(5, 1))
+        assert node.sealed.open_broadcast(beacon) is None
+        rig.deliver(beacon, LEADER, node.address)
+        assert node.sealed.refusals.total == 2
+
+
+def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None:
+    rig = SealedRig("a")
+    question = version_question(b"12345678")
+    rig.deliver(question, STRANGER, LEADER)
+    ((answer, to),) = rig.leader.datagrams_to_send(rig.now_ns)
+    assert to == STRANGER
+    assert answered_version(answer, b"12345678") == VERSION
+    newer = answer[:2] + bytes([VERSION + 1]) + answer[3:]
+    rig.deliver(newer, LEADER, rig.nodes["a"].address)
+    assert f"version {VERSION + 1}" in rig.nodes["a"].client.time.why_joining

@@ -75,6 +75,13 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
     return DRIVERS[parsed.kind].load().open_camera(parsed.device, parsed.options, clock=clock, name=name)
 
 
+def modes_of(spec: str) -> str:
+    """What the camera of a spec offers, in its driver's words; empty where it is not listed."""
+    parsed = parse_spec(spec)
+    listed = DRIVERS[parsed.kind].load().list_cameras()
+    return next((one.detail for one in listed if one.spec == f"{parsed.kind}:{parsed.device}"), "")
+
+
 def list_cameras() -> list[CameraListing]:
     """The cameras of this machine, its real devices first, then the simulated models."""
     drivers = sorted(DRIVERS, key=lambda kind: kind == "sim")

@@ -5,6 +5,7 @@ import asyncio
 import click
 
 from capture_app.commands.operator.camera_controls import controls, match, set_command
+from capture_app.commands.operator.characterize import characterize
 from capture_app.commands.options import leader_option
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
@@ -21,7 +22,7 @@ from capture_app.usage import examples
 def cameras(ctx: click.Context, as_json: bool) -> None:
     """List the cameras of this machine and the simulated camera models.
 
-    With a command: start, show or remove cameras of a running rig.
+    With a command: measure one, or start, show or remove cameras of a running rig.
     """
     from capture_app.cameras.catalog import list_cameras
 
@@ -36,6 +37,9 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
         print_table(
             ("spec", "model", "detail"), [(camera.spec, camera.model, camera.detail) for camera in found]
         )
+
+
+cameras.add_command(characterize)
 
 
 @cameras.command(

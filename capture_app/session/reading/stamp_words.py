@@ -20,6 +20,8 @@ _SOURCES = {
 
 def describe_stamp(stamp: StampAccuracy) -> str:
     """Say how late a camera's stamps are: 21 ms ±21 ms late, assumed."""
+    if stamp.is_exact and not stamp.bias_ns:
+        return f"exact, {_SOURCES[stamp.source]}"
     late = f"{duration(abs(stamp.bias_ns))} ±{duration(stamp.uncertainty_ns)}"
     return f"{late} {'late' if stamp.bias_ns >= 0 else 'early'}, {_SOURCES[stamp.source]}"
 

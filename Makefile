@@ -4,6 +4,7 @@
 # make test   the tests            make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test-gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
+# make test-phones   the page of phones in a real browser (Chromium)
 # make test-slurm   batches on a real SLURM of this one machine (root)
 # make test-slow   the tests that take minutes
 # make test-docs   every command line of README and docs, run beside a simulated rig (some minutes)
@@ -22,6 +23,7 @@
 # make bench-app   stand-ins for phones with the paper's Android app, five minutes over emulated WiFi (root, 6 min)
 # make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, and 50 kills (30 min, 30 GB; BENCH="--seconds 60 --kills 0")
 # make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
+# make bench-phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make soak SECONDS=120   burst after burst, and whether threads, memory, open files or phase errors grow (SOAK="--cameras 5 --every 20")
 # make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
@@ -43,7 +45,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones
 .DEFAULT_GOAL := help
 
 help:
@@ -72,6 +74,9 @@ test-v4l2: $(VENV)/.installed-dev
 
 test-gige: $(VENV)/.installed-dev
 	$(BIN)/pytest -m gige -s tests/cameras/aravis
+
+test-phones: $(VENV)/.installed-dev
+	$(BIN)/pytest -m "slow or not slow" tests/phones tests/end_to_end/test_phones.py
 
 test-slurm: $(VENV)/.installed-dev
 	@{ [ -x /usr/sbin/slurmctld ] && [ -x /usr/sbin/munged ]; } || { \
@@ -113,6 +118,9 @@ bench-app: $(VENV)/.installed
 
 bench-joining: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.joining.first_evening $(BENCH)
+
+bench-phones: $(VENV)/.installed-dev
+	$(BIN)/python -m benchmarks.phones.phone_link $(BENCH)
 
 bench-clients: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.many_clients $(BENCH)

@@ -48,6 +48,8 @@ class Browser:
         self._sent = 0
         self._session: str | None = None
         self.complaints: list[Any] = []
+        self._workers: dict[str, str] = {}
+        """Sessions of the page's workers, by the address of their script."""
         self._loaded = False
 
     def start(self) -> None:
@@ -77,6 +79,8 @@ class Browser:
         message: dict[str, Any] = json.loads(line)
         if message.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
             self.complaints.append(message["params"])
+        if message.get("method") == "Target.attachedToTarget":
+            self._workers[message["params"]["targetInfo"]["url"]] = message["params"]["sessionId"]
         self._loaded |= message.get("method") == "Page.loadEventFired"
         return message
 
@@ -103,6 +107,18 @@ class Browser:
         answer = self.do("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=wait)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
+
+    def ask_worker(self, script: str, expression: str) -> Any:
+        """The value of an expression in the worker whose script's address ends so."""
+        self.do("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=False, flatten=True)
+        page = self._session
+        try:
+            while not (found := [one for url, one in self._workers.items() if url.endswith(script)]):
+                self._receive()
+            self._session = found[-1]
+            return self.ask(expression)
+        finally:
+            self._session = page
 
     def wait_until(self, condition: str) -> None:
         """Return once an expression is true; after ten seconds it is an error."""
@@ -140,6 +156,14 @@ class Browser:
         steps = (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end))
         for kind, (x, y) in steps:
             self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def hide(self) -> None:
+        """Put another tab before the page, as when another app is opened."""
+        page, self._session = self._session, None
+        try:
+            self.do("Target.createTarget", url="about:blank")
+        finally:
+            self._session = page
 
     def kill(self) -> None:
         """End it at once, as a system does that needs its memory."""

@@ -1,10 +1,12 @@
 """`capture-app phones`: a page by which phones are cameras of a rig, and the QR code that opens it."""
 
 import asyncio
+import re
 import socket
 import time
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,6 +19,23 @@ from capture_app.terminal import json_option, log_line
 from capture_app.usage import examples
 
 DEFAULT_PORT = 47011
+
+
+class SizeType(click.ParamType[tuple[int, int]]):
+    """The size of pictures, such as 1280x720."""
+
+    name = "size"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Read it; a mistake is a usage error."""
+        if isinstance(value, tuple):
+            return value
+        found = re.fullmatch(r"(\d{2,5})x(\d{2,5})", str(value))
+        if found is None:
+            self.fail(f"{value!r} is not WIDTHxHEIGHT", param, ctx)
+        return int(found[1]), int(found[2])
 
 
 @click.command(epilog=examples("capture-app phones", "capture-app phones --leader 192.168.1.20"))
@@ -34,6 +53,13 @@ DEFAULT_PORT = 47011
     help="TCP port of the page; 0 chooses a free one.",
 )
 @click.option(
+    "--size",
+    type=SizeType(),
+    default="1280x720",
+    metavar="WxH",
+    help="Width and height of the pictures that phones are asked for; a slow one takes half.",
+)
+@click.option(
     "--certificate",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     metavar="FILE",
@@ -49,6 +75,7 @@ def phones(
     leaders: tuple[Address, ...],
     host: str,
     port: int | None,
+    size: tuple[int, int],
     certificate: Path | None,
     spool: Path,
     pin: str | None,
@@ -63,13 +90,14 @@ def phones(
     """
     leaders = leaders or (find_leader(),)
     make_known(leaders, pin, code)
-    run_until_stopped(_run(leaders, host, port, certificate, spool, as_json), until_eof=until_eof)
+    run_until_stopped(_run(leaders, host, port, size, certificate, spool, as_json), until_eof=until_eof)
 
 
 async def _run(
     leaders: tuple[Address, ...],
     host: str,
     port: int | None,
+    size: tuple[int, int],
     certificate_file: Path | None,
     spool: Path,
     as_json: bool,
@@ -92,7 +120,7 @@ async def _run(
         certificate = load_certificate(certificate_file)
     admission = Admission(time.monotonic)
     nodes = PhoneNodes(leaders, spool, log_line)
-    gateway = PhoneGateway(admission, nodes.add)
+    gateway = PhoneGateway(admission, nodes.add, size)
     await gateway.start(listening, certificate.server_context())
 
     async def invitation() -> PhoneInvited:

@@ -26,6 +26,7 @@ PARTS = {
     "page.css": ("page.css", "text/css"),
     **{name: (name, "text/javascript") for name in ("requirements.js", "page.js", "link.js", "camera.js")},
 }
+DEFAULT_SIZE = (1280, 720)
 HEARTBEAT_S = 5.0
 HELLO_S = 10.0
 LEFT = 1000
@@ -43,10 +44,19 @@ class JoinRequest(Struct, frozen=True):
 class PhoneGateway:
     """Serves the page and its links; what becomes of a phone's frames is up to `on_phone`."""
 
-    def __init__(self, admission: Admission, on_phone: Callable[[Phone], None]) -> None:
-        """`on_phone` is told of each phone when its page is connected for the first time."""
+    def __init__(
+        self,
+        admission: Admission,
+        on_phone: Callable[[Phone], None],
+        size: tuple[int, int] = DEFAULT_SIZE,
+    ) -> None:
+        """`on_phone` is told of each phone when its page is connected for the first time.
+
+        `size` is the width and height in pixels that phones are asked for.
+        """
         self._admission = admission
         self._on_phone = on_phone
+        self._size = size
         self._phones: dict[str, Phone] = {}
         self._door: Door | None = None
         self._links: set[web.WebSocketResponse] = set()
@@ -56,7 +66,7 @@ class PhoneGateway:
         """Serve on a socket that listens, until `stop`."""
         app = web.Application(middlewares=[_guard], client_max_size=4096)
         for part in PARTS:
-            app.router.add_get(f"/{part}", _send_part)
+            app.router.add_get(f"/{part}", self._send_part)
         app.router.add_post("/join", self._join)
         app.router.add_get("/link/{ticket}", self._link)
         self._runner = web.AppRunner(app, access_log=None, keepalive_timeout=5.0)
@@ -73,6 +83,11 @@ class PhoneGateway:
             await self._door.close()
         if self._runner is not None:
             await self._runner.cleanup()
+
+    async def _send_part(self, request: web.Request) -> web.Response:
+        name, kind = PARTS[request.path.lstrip("/")]
+        text = await asyncio.to_thread((PAGE / name).read_text, "utf-8")
+        return web.Response(text=text.replace("@size@", "{}x{}".format(*self._size)), content_type=kind)
 
     async def _join(self, request: web.Request) -> web.Response:
         try:
@@ -136,12 +151,6 @@ class PhoneGateway:
                     phone.take_text(said)
         finally:
             phone.link_closed(send, by_user=link.close_code == LEFT)
-
-
-async def _send_part(request: web.Request) -> web.Response:
-    name, kind = PARTS[request.path.lstrip("/")]
-    text = await asyncio.to_thread((PAGE / name).read_text, "utf-8")
-    return web.Response(text=text, content_type=kind)
 
 
 def _answer(status: HTTPStatus, **body: str) -> web.Response:

@@ -7,7 +7,7 @@ from capture_app.phones.wire import Ping
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 
-LEAST_SAMPLES = 100
+LEAST_SAMPLES = 300
 MAPPED_EVERY_NS = 500_000_000
 PENDING = 64
 BROWSER_NS = 60_000.0

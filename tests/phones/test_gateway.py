@@ -1,84 +1,23 @@
 """Phones that come, take part, go and come back, over real TLS and sockets, without a browser."""
 
-import asyncio
-import datetime
-import socket
-import time
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import aiohttp
 import pytest
 
 from capture_app.camera_facts import StampSource
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.phones.admission import Admission
-from capture_app.phones.certificate import own_certificate
-from capture_app.phones.gateway import PhoneGateway
-from capture_app.phones.phone_nodes import PhoneNodes
-from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
-from tests.phones.stand_in import JPEG, StandInPhone
+from tests.phones.places import Place, burst, ready, serving
+from tests.phones.stand_in import JPEG
 from tests.waiting import until
-
-
-@dataclass
-class Place:
-    """A leader and the gateway of its phones."""
-
-    leader: LeaderNode
-    admission: Admission
-    base: str
-    said: list[str]
-    phones: list[StandInPhone] = field(default_factory=list)
-
-    @property
-    def url(self) -> str:
-        return f"{self.base}#{self.admission.secret}"
-
-    async def phone(self, **options: Any) -> StandInPhone:
-        phone = StandInPhone(self.url, **options)
-        await phone.open()
-        self.phones.append(phone)
-        return phone
-
-    def state(self, name: str) -> NodeState | None:
-        return next((node.state for node in self.leader.status().nodes if node.name == name), None)
 
 
 @pytest.fixture
 async def place(tmp_path: Path) -> AsyncIterator[Place]:
-    said: list[str] = []
-    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as leader:
-        admission = Admission(time.monotonic)
-        nodes = PhoneNodes((leader.own_address,), tmp_path / "spool", said.append)
-        gateway = PhoneGateway(admission, nodes.add)
-        listening = socket.create_server(("127.0.0.1", 0))
-        certificate = own_certificate(tmp_path, (), datetime.datetime.now(datetime.UTC))
-        await gateway.start(listening, certificate.server_context())
-        place = Place(leader, admission, f"https://127.0.0.1:{listening.getsockname()[1]}/", said)
-        try:
-            yield place
-        finally:
-            for phone in place.phones:
-                await phone.vanish()
-            await gateway.stop()
-            await nodes.close()
-
-
-async def ready(place: Place, *names: str) -> None:
-    await until(lambda: all(place.state(name) in (NodeState.READY, NodeState.COARSE) for name in names))
-
-
-async def burst(place: Place, frames: int) -> Session:
-    request = BurstRequest(frames=frames, wait_ready_s=300.0)
-    told = [status async for status in place.leader.take_burst(request)]
-    assert told[-1].session, told[-1].message
-    return Session.open(Path(told[-1].session))
+    async with serving(tmp_path) as place:
+        yield place
 
 
 async def test_phones_join_align_take_a_burst_vanish_and_come_back(place: Place) -> None:
@@ -179,4 +118,3 @@ async def test_two_phones_by_one_code_are_one_and_a_refusal(place: Place) -> Non
     assert "has let another phone in" in body["words"]
     second.secret = place.admission.secret
     assert await second.join() == "left-2"
-    await asyncio.sleep(0)

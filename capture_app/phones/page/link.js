@@ -1,7 +1,7 @@
 // The way to the leader, in a worker of its own: nothing that a picture costs may delay the clock's messages.
 "use strict";
 const PING = 1, FRAME = 2, PICTURE = 3, PREVIEW = 4;
-const QUICK = 250, QUICK_MS = 4, SLOW_MS = 40, BUSY_BYTES = 20000, SLOWEST_MS = 500;
+const QUICK = 400, QUICK_MS = 4, SLOW_MS = 40, BUSY_BYTES = 20000, SLOWEST_MS = 500;
 let socket = null, camera = null, count = 0, last = null, timer = 0;
 // Every thread's times are told on the scale of this one's.
 const now_us = () => performance.now() * 1000;

@@ -1,7 +1,10 @@
 // What the user of the phone sees and does; the camera is opened here, read and sent in workers.
 "use strict";
-const RETRY_MS = 2000, SIZES = [[1280, 720], [640, 480]], SLOW_SHARE = 0.1;
+const RETRY_MS = 2000, SLOW_SHARE = 0.1;
 const BLINKS = 8, LIT_MS = 200, DARK_MS = 350, UNEVEN_MS = 200, SPIN_MS = 4;
+const WANTED = document.documentElement.dataset.size.split("x").map(Number);
+// A phone that is too slow for pictures of the size that was asked for takes half.
+const SIZES = [WANTED, WANTED.map(side => Math.round(side / 2))];
 const seen = id => document.getElementById(id);
 const sleep = ms => new Promise(done => setTimeout(done, ms));
 const link = new Worker("link.js"), camera = new Worker("camera.js");

@@ -1,0 +1,55 @@
+"""What `capture-app phones` serves, and a line on stdout each second that tells how the phones' clocks stand.
+
+    python -m benchmarks.phones.served LEADER HOST FOLDER
+
+The first line has the address of the page, the others the gateway's time (ns) of a time of the page's (us).
+"""
+
+import asyncio
+import json
+import socket
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+from capture_app.net.address import parse_address
+from capture_app.phones.admission import Admission
+from capture_app.phones.certificate import own_certificate
+from capture_app.phones.gateway import PhoneGateway
+from capture_app.phones.phone import Phone
+from capture_app.phones.phone_nodes import PhoneNodes
+from capture_app.terminal import log_line
+
+
+async def serve(leader: str, host: str, folder: Path) -> None:
+    """Serve until killed."""
+    admission, phones = Admission(time.monotonic), list[Phone]()
+    nodes = PhoneNodes((parse_address(leader),), folder / "spool", log_line)
+
+    def add(phone: Phone) -> None:
+        phones.append(phone)
+        nodes.add(phone)
+
+    gateway = PhoneGateway(admission, add)
+    listening = socket.create_server((host, 0))
+    certificate = own_certificate(folder, (host,), datetime.now(UTC))
+    await gateway.start(listening, certificate.server_context())
+    print(json.dumps({"url": f"https://{host}:{listening.getsockname()[1]}/#{admission.secret}"}), flush=True)
+    while True:
+        await asyncio.sleep(1.0)
+        for phone in phones:
+            if phone.came.is_set():
+                page_us = phone.clock.page_us(time.monotonic_ns())
+                told = {
+                    "page_us": page_us,
+                    "gateway_ns": phone.clock.gateway_ns(page_us),
+                    "uncertainty_ns": phone.clock.uncertainty_ns(page_us),
+                    "hard_bound_ns": phone.clock.hard_bound_ns(page_us),
+                    "samples": phone.clock.samples,
+                }
+                print(json.dumps(told), flush=True)
+
+
+if __name__ == "__main__":
+    asyncio.run(serve(sys.argv[1], sys.argv[2], Path(sys.argv[3])))

@@ -1,0 +1,77 @@
+"""A leader and the gateway of its phones, in this process, on the loopback, over real TLS."""
+
+import contextlib
+import datetime
+import socket
+import time
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.phones.admission import Admission
+from capture_app.phones.certificate import own_certificate
+from capture_app.phones.gateway import PhoneGateway
+from capture_app.phones.phone_nodes import PhoneNodes
+from capture_app.session.reading.reader import Session
+from capture_app.sync.wire.messages import NodeState
+from tests.phones.stand_in import StandInPhone
+from tests.waiting import until
+
+
+@dataclass
+class Place:
+    """A leader and the gateway of its phones."""
+
+    leader: LeaderNode
+    admission: Admission
+    base: str
+    said: list[str]
+    phones: list[StandInPhone] = field(default_factory=list)
+
+    @property
+    def url(self) -> str:
+        return f"{self.base}#{self.admission.secret}"
+
+    async def phone(self, **options: Any) -> StandInPhone:
+        phone = StandInPhone(self.url, **options)
+        await phone.open()
+        self.phones.append(phone)
+        return phone
+
+    def state(self, name: str) -> NodeState | None:
+        return next((node.state for node in self.leader.status().nodes if node.name == name), None)
+
+
+@contextlib.asynccontextmanager
+async def serving(folder: Path, size: tuple[int, int] = (320, 240)) -> AsyncGenerator[Place, None]:
+    """A leader and a gateway on the loopback, until the block ends."""
+    said: list[str] = []
+    async with LeaderNode(sessions=folder / "sessions", host="127.0.0.1", port=0) as leader:
+        admission = Admission(time.monotonic)
+        nodes = PhoneNodes((leader.own_address,), folder / "spool", said.append)
+        gateway = PhoneGateway(admission, nodes.add, size)
+        listening = socket.create_server(("127.0.0.1", 0))
+        certificate = own_certificate(folder, (), datetime.datetime.now(datetime.UTC))
+        await gateway.start(listening, certificate.server_context())
+        place = Place(leader, admission, f"https://127.0.0.1:{listening.getsockname()[1]}/", said)
+        try:
+            yield place
+        finally:
+            for phone in place.phones:
+                await phone.vanish()
+            await gateway.stop()
+            await nodes.close()
+
+
+async def ready(place: Place, *names: str) -> None:
+    await until(lambda: all(place.state(name) in (NodeState.READY, NodeState.COARSE) for name in names))
+
+
+async def burst(place: Place, frames: int) -> Session:
+    request = BurstRequest(frames=frames, wait_ready_s=300.0)
+    told = [status async for status in place.leader.take_burst(request)]
+    assert told[-1].session, told[-1].message
+    return Session.open(Path(told[-1].session))

@@ -105,7 +105,7 @@ class LibcameraCamera(Camera):
             on_frame=self._receive,
             on_failure=lambda why: self._fail(CameraError(f"{self.id} does not answer any more: {why}")),
         )
-        self._stream.keep(first_exposure(self._wishes), period_us=period_us)
+        self._stream.keep(first_exposure(controls, self._wishes), period_us=period_us)
 
     @property
     def facts(self) -> CameraFacts:

@@ -40,12 +40,13 @@ def frame_duration(duration_us: int) -> dict[str, Any]:
     return {"FrameDurationLimits": (duration_us, duration_us)}
 
 
-def first_exposure(wishes: Wishes) -> dict[str, Any]:
-    """The settings of exposure and gain that a stream starts with: automatic where nothing is asked for."""
+def first_exposure(controls: CameraControls, wishes: Wishes) -> dict[str, Any]:
+    """The exposure and gain that a stream starts with: the camera's own where nothing is asked."""
     asked = {"ExposureTime": wishes.exposure_us, "AnalogueGain": wishes.gain}
     fixed = {name: value for name, value in asked.items() if value is not None}
-    # One alone stays automatic in the other, until both are held.
-    return {"AeEnable": len(fixed) < len(asked), **fixed}
+    # One of two alone leaves the other automatic, until both are held.
+    all_fixed = fixed and all(name in fixed for name in asked if name in controls)
+    return {"AeEnable": False, **fixed} if all_fixed else fixed
 
 
 def held_exposure(metadata: Mapping[str, Any], wishes: Wishes) -> dict[str, Any]:

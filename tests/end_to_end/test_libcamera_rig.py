@@ -122,7 +122,7 @@ def test_a_webcams_stamp_is_not_believed_to_be_its_light(rig: Rig) -> None:
     for camera in rig.session().manifest.cameras:
         stamp = camera.facts.stamp
         assert stamp is not None
-        assert stamp.source == "assumed"
+        assert stamp.source == "profile"
         assert stamp.uncertainty_ns > 10_000_000
 
 

@@ -24,6 +24,7 @@ NAMES = (
 IDS = {name: ControlId(name) for name in NAMES.split()} | {
     "StatsOutputEnable": ControlId("StatsOutputEnable", "rpi")
 }
+AUTO = IDS["AeEnable"]
 MODEL, SIZE, DEVICES = ControlId("Model"), ControlId("PixelArraySize"), ControlId("SystemDevices")
 
 
@@ -115,6 +116,8 @@ class Camera:
         self.controls[IDS["FrameDurationLimits"]] = SimpleNamespace(
             min=sensor.shortest_us, max=sensor.longest_us
         )
+        self.controls[IDS["ExposureTime"]] = SimpleNamespace(min=29, max=1_000_000)
+        self.controls[IDS["AnalogueGain"]] = SimpleNamespace(min=1.0, max=10.7)
         self._rng = random.Random(sensor.seed)
         self._queue: deque[Request] = deque()
         self._under_way: list[Request] = []
@@ -183,7 +186,7 @@ class Camera:
         return int(duration_us * 1000 / self.sensor.row_ns)
 
     def _exposure_us(self) -> int:
-        if not self._settings.get(IDS["AeEnable"], True):
+        if not self._settings.get(AUTO, True):
             return self._settings[IDS["ExposureTime"]]
         return round(self.sensor.exposure_us * (1.0 + 1.0 / (1 + self._sequence)))
 
@@ -209,7 +212,9 @@ class Camera:
                 "SensorTimestamp": stamp_ns,
                 "FrameDuration": self._told_us(rows),
                 "ExposureTime": self._told_us(exposed_rows),
-                "AnalogueGain": 2.0,
+                "AnalogueGain": 2.0
+                if self._settings.get(AUTO, True)
+                else self._settings[IDS["AnalogueGain"]],
                 "ColourGains": (1.5, 1.25),
             }
             frame = Frame(self.starts, self._sequence, self._frame_ns - exposed_ns, self._frame_ns)

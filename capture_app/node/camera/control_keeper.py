@@ -116,20 +116,19 @@ class ControlKeeper:
         await self._camera().set_control(state.control, None)
         return ""
 
+    # What is locked for a burst is not told to the engine: an exposure that becomes known moves the moment of
+    # light that stamps are taken for, and with it the grid, just when a burst is picked.
+
     async def _lock(self) -> None:
         for state in await self._camera().controls():
             if state.automatic and state.control in self._live and state.value is not None:
                 await self._camera().set_control(state.control, state.value)
                 self._locked.add(state.control)
-        if self._locked:
-            self._after_change()
 
     async def _unlock(self) -> None:
         locked, self._locked = self._locked, set()
         for control in locked:
             await self._camera().set_control(control, None)
-        if locked:
-            self._after_change()
         for state in await self._look():
             if state.automatic and state.control in self._seen and self._seen[state.control] != state.value:
                 self._live.add(state.control)

@@ -225,9 +225,10 @@ class Dataset:
         return max(abs(record.residual_ns) for record in records) / 1000
 
     def worst_hard_bound_us(self) -> float | None:
-        """Largest hard bound on the error of an image's time, us."""
-        values = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
-        return max(values) / 1000 if values else None
+        """Largest hard bound on the error of an image's time, us; None where that of any has none."""
+        values = [record.hard_bound_ns for record in self._records.values()]
+        known = [value for value in values if value is not None]
+        return max(known) / 1000 if known and len(known) == len(values) else None
 
     def nearest_instants(self, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
         """Each camera's instant: the one asked for, or the one nearest to its offset from it.

@@ -2,7 +2,9 @@
 
 import asyncio
 import random
+import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from types import SimpleNamespace
@@ -149,21 +151,45 @@ class Camera:
 
     def configure(self, configuration: Any) -> None:
         assert self.acquired
+        self._loop, self._thread = asyncio.get_running_loop(), threading.get_ident()
 
     def create_request(self, cookie: int) -> Request:
         return Request(cookie)
 
     def start(self, settings: dict[ControlId, Any]) -> None:
+        self._on_loop(self._start, settings)
+
+    def stop(self) -> None:
+        self._on_loop(self._stop)
+
+    def queue_request(self, request: Request) -> None:
+        assert request.status is Status.Pending, "a request must be reused first"
+        assert request.buffer is not None
+        self._queue.append(request)
+
+    # The sensor
+
+    def _on_loop(self, work: Callable[..., None], *arguments: Any) -> None:
+        """Do it on the loop whose time it is, also where a thread asks."""
+        if threading.get_ident() == self._thread:
+            work(*arguments)
+            return
+
+        async def do() -> None:
+            work(*arguments)
+
+        asyncio.run_coroutine_threadsafe(do(), self._loop).result()
+
+    def _start(self, settings: dict[ControlId, Any]) -> None:
         self.starts += 1
         self._settings = dict(settings)
         self._sequence = 0
         exposure_us = self._settings.get(IDS["ExposureTime"], 20_000)
         self._coming = deque([(self._rows(), exposure_us)] * LATENCY_FRAMES)
-        loop = asyncio.get_running_loop()
-        self._frame_ns = round((loop.time() + 0.2 + self._rng.random() / 30) * 1e9)
+        self._frame_ns = round((self._loop.time() + 0.2 + self._rng.random() / 30) * 1e9)
         self._expect()
 
-    def stop(self) -> None:
+    def _stop(self) -> None:
         if self._next is not None:
             self._next.cancel()
         self._next = None
@@ -172,13 +198,6 @@ class Camera:
             self.manager.finish(request)
         self._under_way.clear()
         self._queue.clear()
-
-    def queue_request(self, request: Request) -> None:
-        assert request.status is Status.Pending, "a request must be reused first"
-        assert request.buffer is not None
-        self._queue.append(request)
-
-    # The sensor
 
     def _rows(self) -> int:
         limits = self._settings.get(IDS["FrameDurationLimits"], (33_333, 33_333))
@@ -192,7 +211,7 @@ class Camera:
 
     def _expect(self) -> None:
         if not self.dead:
-            self._next = asyncio.get_running_loop().call_at(self._frame_ns / 1e9, self._begin_frame)
+            self._next = self._loop.call_at(self._frame_ns / 1e9, self._begin_frame)
 
     def _begin_frame(self) -> None:
         """A frame is read out: its request's settings are taken in, for the frame after the next."""
@@ -218,9 +237,7 @@ class Camera:
                 "ColourGains": (1.5, 1.25),
             }
             frame = Frame(self.starts, self._sequence, self._frame_ns - exposed_ns, self._frame_ns)
-            asyncio.get_running_loop().call_at(
-                self._frame_ns / 1e9 + 0.02, self._finish, request, frame, values
-            )
+            self._loop.call_at(self._frame_ns / 1e9 + 0.02, self._finish, request, frame, values)
         self._sequence += 1
         self._frame_ns += round(rows * self.sensor.row_ns * (1.0 + self.sensor.ppm * 1e-6))
         self._expect()

@@ -2,11 +2,13 @@
 
 import importlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import cast
 
 from capture_app.cameras.base import Camera, CameraDriver, CameraListing
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
+from capture_app.names import name_like
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,12 @@ class CameraSpec:
     kind: str
     device: str
     options: dict[str, str]
+
+    @property
+    def label(self) -> str:
+        """What the camera may be named after it: its device, or the camera of a recording."""
+        label = name_like(self.options.get("camera", Path(self.device).name), "camera")
+        return label if any(map(str.isalpha, label)) else name_like(f"{self.kind}-{label}", "camera")
 
 
 def parse_spec(spec: str) -> CameraSpec:

@@ -1,7 +1,9 @@
 """`capture-app node`: one camera, synchronized with the others of its leader."""
 
+import itertools
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +21,8 @@ from capture_app.commands.options import (
     run_until_stopped,
     spool_option,
 )
-from capture_app.errors import NotAvailableError
+from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.names import check_name
 from capture_app.net.address import Address
 from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
 from capture_app.terminal import FiniteRange, log_line, print_line, talk
@@ -32,13 +35,19 @@ if TYPE_CHECKING:
 @click.command(
     epilog=examples(
         "capture-app node --camera v4l2:/dev/video0",
+        "capture-app node --camera v4l2:/dev/video0 --camera v4l2:/dev/video2",
         "capture-app node --camera v4l2:/dev/video2 --name left --leader 192.168.1.20",
         "capture-app node --camera v4l2:/dev/video0 --leader 192.168.1.20 --at-boot",
     )
 )
-@name_option("Name of this node and its camera.")
+@name_option("Name of this node and its camera; several are named NAME-DEVICE.")
 @click.option(
-    "--camera", "spec", required=True, metavar="SPEC", help="The camera, as listed by `capture-app cameras`."
+    "--camera",
+    "specs",
+    multiple=True,
+    required=True,
+    metavar="SPEC",
+    help="The camera, as listed by `capture-app cameras`. Repeatable.",
 )
 @leaders_option
 @clock_option
@@ -77,7 +86,7 @@ if TYPE_CHECKING:
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 def node(
     name: str,
-    spec: str,
+    specs: tuple[str, ...],
     leaders: tuple[Address, ...],
     clock_text: str,
     tolerance_us: float | None,
@@ -90,23 +99,44 @@ def node(
     code: str | None,
     until_eof: bool,
 ) -> None:
-    """Run one camera until Ctrl-C. The node waits for a leader that is not running, and rejoins it.
+    """Run a camera until Ctrl-C. The node waits for a leader that is not running, and rejoins it.
 
+    Several cameras run in one process, by one clock; one that is missing is waited for while the others run.
     Without --leader it looks for one in the local network, and asks which where there are several. A relay
     can take the place of the leader. A machine that the leader does not know is let in once, by --code, or
     by the code that this asks for.
     """
-    from capture_app.cameras.catalog import parse_spec
-
-    parse_spec(spec)
+    named = _named(name, specs)
     if at_boot is not None:
         _arrange_boot(name, at_boot, yes)
         return
     clock = parse_clock(clock_text, node=name)
     leaders = leaders or (find_leader(),)
     make_known(leaders, pin, code)
-    client = camera_node(name, spec, leaders, clock, spool, tolerance_us, ring_s, ring_mb)
-    run_until_stopped(client.run(), until_eof=until_eof)
+    from capture_app.node.camera.node_group import NodeGroup
+
+    makers = {
+        one: partial(camera_node, one, spec, leaders, clock, spool, tolerance_us, ring_s, ring_mb)
+        for one, spec in named.items()
+    }
+    run_until_stopped(NodeGroup(makers, log_line).run(), until_eof=until_eof)
+
+
+def _named(name: str, specs: Sequence[str]) -> dict[str, str]:
+    """The spec of each camera by its name. Raises BadInputError where it cannot be read or is there twice."""
+    from capture_app.cameras.catalog import parse_spec
+
+    labels = [parse_spec(spec).label for spec in specs]
+    if len(specs) == 1:
+        return {name: specs[0]}
+    named: dict[str, str] = {}
+    for spec, label in zip(specs, labels, strict=True):
+        if spec in named.values() and not spec.startswith("sim:"):
+            raise BadInputError(f"the camera {spec} is named twice", hint="leave one out")
+        free = (f"-{number}" if number > 1 else "" for number in itertools.count(1))
+        wished = check_name(f"{name}-{label}", "camera")
+        named[next(wished + end for end in free if wished + end not in named)] = spec
+    return named
 
 
 def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:

@@ -19,6 +19,20 @@ def test_parse_spec() -> None:
 
 
 @pytest.mark.parametrize(
+    ("spec", "label"),
+    [
+        ("v4l2:/dev/video2,width=640", "video2"),
+        ("replay:takes/jump-001,camera=left", "left"),
+        ("replay:my clip.mp4", "my-clip.mp4"),
+        ("aravis:10.0.0.2", "aravis-10.0.0.2"),
+        ("webcam:0", "webcam-0"),
+    ],
+)
+def test_a_camera_is_named_after_its_device(spec: str, label: str) -> None:
+    assert catalog.parse_spec(spec).label == label
+
+
+@pytest.mark.parametrize(
     ("spec", "needle"),
     [
         ("", "sim:PROFILE"),

@@ -189,3 +189,18 @@ async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(start: St
         assert command.said[-1].startswith("capture-app: error: ")
     assert not any("Traceback" in line for line in leader.said)
     assert not (tmp_path / "sessions").exists()
+
+
+async def test_several_cameras_of_a_machine_run_in_one_process(start: Start, tmp_path: Path) -> None:
+    leader, address = await lead(start, tmp_path / "sessions")
+    specs = ("sim:phone-a,drops=0,outliers=0", "sim:phone-b,drops=0,outliers=0", "v4l2:/dev/none")
+    cameras = [word for spec in specs for word in ("--camera", spec)]
+    node = await start("node", "--name", "host", *cameras, "--clock", "sim", "--leader", address)
+    await asyncio.gather(leader.says("host-phone-a joined"), leader.says("host-phone-b joined"))
+    await node.says("host-none: there is no camera /dev/none")
+    done = await burst(start, address, "--frames", "2")
+    session = Session.open(Path(done["session"]))
+    assert {camera.name for camera in session.manifest.cameras} == {"host-phone-a", "host-phone-b"}
+    assert await node.stop() == 130
+    twice = await start("node", "--camera", specs[2], "--camera", specs[2], "--leader", address)
+    assert "named twice" in await twice.says("error")

@@ -7,7 +7,7 @@ from typing import Self
 
 from capture_app.cameras.catalog import parse_spec
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.names import check_name, name_like
+from capture_app.names import check_name
 from capture_app.net.address import Address
 from capture_app.node.child import Child
 from capture_app.node.leader.local_phones import LocalPhones
@@ -77,8 +77,7 @@ class LocalNodes:
                     return known
                 await self._children[known].process.wait()  # it has the device until then
             if name is None:
-                wished = name_like(parsed.options.get("camera", Path(parsed.device).name), "camera")
-                name = self._free_name(wished, taken)
+                name = self._free_name(parsed.label, taken)
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
             self._specs[spec] = name

@@ -1,0 +1,59 @@
+"""Several cameras of one machine in one process: a node for each, none of which waits for another."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from capture_app.errors import CameraError, SimulshotError
+
+RETRY_S = 5.0
+
+
+class RunningNode(Protocol):
+    """A node, as `camera_node.CameraNode`."""
+
+    async def run(self) -> None:
+        """Take part until cancelled. Raises CameraError where its camera cannot be opened at the start."""
+
+
+class NodeGroup:
+    """Runs nodes side by side; one whose camera is missing at the start is tried again while others run."""
+
+    def __init__(
+        self,
+        nodes: Mapping[str, Callable[[], RunningNode]],
+        talk: Callable[[str], None],
+        *,
+        retry_s: float = RETRY_S,
+    ) -> None:
+        """`nodes` make a node anew by its name, for each try; `talk` gets what a user may see."""
+        self._nodes = nodes
+        self._talk = talk
+        self._retry_s = retry_s
+        self._failed: set[str] = set()
+        """Those that wait for their next try."""
+
+    async def run(self) -> None:
+        """Run all of them until cancelled.
+
+        Raises CameraError where not one camera can be opened at the start, and any other error of a node.
+        """
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                for name in self._nodes:
+                    tasks.create_task(self._keep(name))
+        except* SimulshotError as group:
+            raise group.exceptions[0] from None
+
+    async def _keep(self, name: str) -> None:
+        while True:
+            self._failed.discard(name)
+            try:
+                await self._nodes[name]().run()
+                return
+            except CameraError as error:
+                self._failed.add(name)
+                if len(self._failed) == len(self._nodes):
+                    raise
+                self._talk(f"{name}: {error}; tried again while the others run")
+            await asyncio.sleep(self._retry_s)

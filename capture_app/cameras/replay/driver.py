@@ -3,18 +3,18 @@
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import Camera, CameraListing, in_node_clock
-from capture_app.cameras.replay.camera import ReplayCamera
-from capture_app.cameras.replay.recordings import Recording, SessionRecording, SourceRecording
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
-from capture_app.session.importers.open_sources import open_sources
-from capture_app.session.reading.reader import Session
+
+if TYPE_CHECKING:
+    from capture_app.cameras.replay.recordings import Recording
 
 OPTIONS = {
     "camera": "which of several cameras of the recording; default: the one named like the node",
@@ -41,13 +41,20 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
     fps, phase = _rate(options.get("fps")), options.get("phase")
     if phase is not None and phase not in PHASES:
         raise BadInputError(f"phase={phase} of a replay", hint=f"one of {', '.join(PHASES)}")
+    from capture_app.cameras.replay.camera import ReplayCamera
+
     recording = _open(Path(path).expanduser(), options.get("camera"), fps, name)
     if phase is not None:
         recording.facts = replace(recording.facts, phase_control=PhaseControl(phase))
     return in_node_clock(ReplayCamera(recording), clock)
 
 
-def _open(path: Path, camera: str | None, fps: float | None, node: str) -> Recording:
+def _open(path: Path, camera: str | None, fps: float | None, node: str) -> "Recording":
+    # Heavy: whoever lists cameras does without.
+    from capture_app.cameras.replay.recordings import SessionRecording, SourceRecording
+    from capture_app.session.importers.open_sources import open_sources
+    from capture_app.session.reading.reader import Session
+
     if (path / MANIFEST).exists():
         if fps is not None:
             raise BadInputError(f"{path} is a session and has times of its own", hint="leave fps= out")

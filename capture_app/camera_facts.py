@@ -67,6 +67,8 @@ class StampAccuracy(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     source: StampSource
     exposure_ns: Count | None = None
     """The exposure that it holds for; None where it holds for any, or that is not known."""
+    against: Text = ""
+    """The camera by whose stamps it was measured, though nobody knows how late those are; empty for none."""
 
     @property
     def is_exact(self) -> bool:

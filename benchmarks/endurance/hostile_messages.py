@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, PhaseControl, TimestampSource
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating
 from capture_app.session.format.manifest import CameraRecord
@@ -51,6 +51,7 @@ FRAMES: tuple[Any, ...] = (
     wire.BurstRequest(frames=1, at_leader_ns=2**70, name="../.."),
     operating.WatchRequest(),
     operating.DetailRequest(camera="cam1"),
+    operating.KeepStamp(camera="cam1", stamp=EXACT_STAMPS),
     operating.ViewfinderOpened(camera="cam1", instance=1),
     operating.CancelBurst(burst=10**9),
     operating.RemoveCamera(name="nobody"),

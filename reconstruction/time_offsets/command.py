@@ -14,7 +14,7 @@ from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.alignment import SOURCE, MotionAlignment
-from reconstruction.time_offsets.light_offsets import NO_LAMP, LightOffset, measure_light_offsets
+from reconstruction.time_offsets.light_offsets import LIGHT, NO_LAMP, LightOffset, measure_light_offsets
 from reconstruction.time_offsets.rig_offsets import CameraOffset, measure_rig_offsets
 
 
@@ -25,7 +25,11 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     sd_ms: float | None = None
     """A standard deviation."""
     source: str = ""
-    """What it was measured by."""
+    """What it was measured by: light, motion, or reference."""
+    against: tuple[str, ...] = ()
+    """The cameras that what moves was compared with."""
+    edges: int | None = None
+    """Of a lamp, by which it was measured."""
     reason: str = ""
     """Why it cannot be told."""
     rate_ppm: float | None = None
@@ -130,7 +134,8 @@ def _light_time(found: LightOffset) -> CameraTime:
     return CameraTime(
         offset_ms=round(found.offset_ms, 3),
         sd_ms=round(found.sd_ms, 3),
-        source=REFERENCE if found.sd_ms == 0 else f"a lamp that blinks, by {found.edges} of its edges",
+        source=REFERENCE if found.sd_ms == 0 else LIGHT,
+        edges=found.edges,
         row_time_ns=None if rows_ns is None else round(rows_ns),
         row_time_sd_ns=None if rows_sd_ns is None else round(rows_sd_ns),
     )
@@ -141,8 +146,12 @@ def _camera_time(found: CameraOffset) -> CameraTime:
         return CameraTime(reason=found.reason)
     if found.sd_ms == 0:
         return CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)
-    source = f"what moves, against {', '.join(found.pairs)}"
-    return CameraTime(offset_ms=round(found.offset_ms, 3), sd_ms=round(found.sd_ms, 3), source=source)
+    return CameraTime(
+        offset_ms=round(found.offset_ms, 3),
+        sd_ms=round(found.sd_ms, 3),
+        source=SOURCE,
+        against=found.pairs,
+    )
 
 
 def _aligned_time(found: CameraTimes) -> CameraTime:

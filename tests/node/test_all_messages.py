@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from capture_app.camera_controls import CameraControls, Control
+from capture_app.camera_facts import EXACT_STAMPS
 from capture_app.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
@@ -57,6 +58,8 @@ def every_message(node: SealedNode) -> list[Any]:
         operating.ExposeAppPhones(exposure_ns=1, iso=100),
         operating.ViewfinderOpened(camera="cam", instance=node.instance),
         operating.Vitals(fps=1.0),
+        operating.KeepStamp(camera="cam", stamp=EXACT_STAMPS),
+        operating.StampKept(camera="cam", kept=True),
         operating.PreviewFrame(camera="cam", leader_ns=0, width=1, height=1),
         operating.DetailAnswer(detail=NodeDetail(camera="cam")),
         pairing.Knock(certificate=b"none"),
@@ -146,6 +149,7 @@ OF_NODES = (
     operating.Vitals,
     operating.PreviewFrame,
     operating.DetailAnswer,
+    operating.StampKept,
     pairing.SpeaksFor,
 )
 

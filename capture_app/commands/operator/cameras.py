@@ -4,6 +4,7 @@ import asyncio
 
 import click
 
+from capture_app.commands.operator.calibrate_time import calibrate_time
 from capture_app.commands.operator.camera_controls import controls, match, set_command
 from capture_app.commands.operator.characterize import characterize
 from capture_app.commands.options import leader_option
@@ -22,7 +23,7 @@ from capture_app.usage import examples
 def cameras(ctx: click.Context, as_json: bool) -> None:
     """List the cameras of this machine and the simulated camera models.
 
-    With a command: measure one, or start, show or remove cameras of a running rig.
+    With a command: measure one, or start, show, calibrate or remove cameras of a running rig.
     """
     from capture_app.cameras.catalog import list_cameras
 
@@ -40,6 +41,7 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
 
 
 cameras.add_command(characterize)
+cameras.add_command(calibrate_time)
 
 
 @cameras.command(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import PhaseControl
+from capture_app.camera_facts import PhaseControl, StampAccuracy
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import NetworkError, SimulshotError
@@ -92,7 +92,12 @@ class CameraNode:
         self._trust = trust or Trust.of_user()
         self._tell = talk or (lambda _: None)
         self._journal = NodeJournal(name)
-        self._camera = CameraSupervisor(open_camera, self._clock, self._talk)
+        self._camera = CameraSupervisor(
+            open_camera,
+            self._clock,
+            self._talk,
+            measured_stamp=lambda facts: None if profiles is None else profiles.stamp(name, facts),
+        )
         self._engine: Client[CapturedFrame]
         self._failover: Failover[CapturedFrame]
         self._sealed: SealedClient | None = None
@@ -118,6 +123,7 @@ class CameraNode:
             is_busy=lambda: self._engine.has_burst_pending or self._uploader.is_busy,
             detail=self._detail,
             controls=self._camera.controls,
+            keep_stamp=self._keep_stamp,
             trust=self._trust,
         )
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
@@ -244,6 +250,13 @@ class CameraNode:
             self._talk(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:
                 self._keep_profile()
+
+    def _keep_stamp(self, stamp: StampAccuracy) -> bool:
+        """Go by a measured stamp from now on; whether it is kept for the next time, too."""
+        facts = self._camera.facts
+        self._camera.set_stamp(stamp)
+        self._pump.turn()
+        return self._profiles is not None and self._profiles.save_stamp(self.name, facts, stamp)
 
     def _keep_profile(self) -> None:
         """Keep what brought the camera into phase: it is proven."""

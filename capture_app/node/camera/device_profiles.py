@@ -1,4 +1,4 @@
-"""What is known about each device model and mode from before, kept as JSON in the user's data folder."""
+"""What is known about each device and mode from before, kept as JSON in the user's data folder."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 from platformdirs import user_data_path
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import CameraFacts, StampAccuracy
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
 from capture_app.sync.phase.injection_history import GAIN_LIMITS, InjectionProfile
@@ -26,6 +26,7 @@ class _Injection(msgspec.Struct, frozen=True, kw_only=True):
 class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     injection: _Injection | None = None
     start_latencies_ns: tuple[int, ...] = ()
+    stamp: StampAccuracy | None = None
 
 
 class DeviceProfiles:
@@ -52,17 +53,25 @@ class DeviceProfiles:
         known = _Injection(
             row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows
         )
-        return self._write(facts, injection=known)
+        return self._write(_key(facts), injection=known)
 
     def save_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
         """Keep how long starts took, in the place of what was known; False where it cannot be written."""
-        return self._write(facts, start_latencies_ns=latencies_ns[-MOST_LATENCIES:])
+        return self._write(_key(facts), start_latencies_ns=latencies_ns[-MOST_LATENCIES:])
+
+    def stamp(self, camera: str, facts: CameraFacts) -> StampAccuracy | None:
+        """How late the stamps of this one camera were measured to be; None where nobody has."""
+        return self._read().get(_key_of_one(camera, facts), _Entry()).stamp
+
+    def save_stamp(self, camera: str, facts: CameraFacts, stamp: StampAccuracy) -> bool:
+        """Keep how late one camera's stamps are, in this mode; False where it cannot be written."""
+        return self._write(_key_of_one(camera, facts), stamp=stamp)
 
     def _entry(self, facts: CameraFacts) -> _Entry:
         return self._read().get(_key(facts), _Entry())
 
-    def _write(self, facts: CameraFacts, **news: Any) -> bool:
-        known = self._entry(facts)
+    def _write(self, key: str, **news: Any) -> bool:
+        known = self._read().get(key, _Entry())
         if msgspec.structs.replace(known, **news) == known:
             return True
         lock_path = self._path.with_name(f"{FILE}.lock")
@@ -73,7 +82,7 @@ class DeviceProfiles:
             return False
         try:
             entries = self._read()
-            entries[_key(facts)] = msgspec.structs.replace(entries.get(_key(facts), _Entry()), **news)
+            entries[key] = msgspec.structs.replace(entries.get(key, _Entry()), **news)
             write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
         except OSError:
             return False
@@ -92,3 +101,8 @@ class DeviceProfiles:
 def _key(facts: CameraFacts) -> str:
     exposure_ns = facts.exposure_ns or 0
     return f"{facts.kind}/{facts.model}/{facts.width}x{facts.height}/{facts.period_ns}/{exposure_ns}"
+
+
+def _key_of_one(camera: str, facts: CameraFacts) -> str:
+    """Stamps of two cameras of one model may differ: the one, by its name, in this mode."""
+    return f"{camera}@{_key(facts)}"

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import CameraFacts, StampAccuracy
 from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError, SimulshotError
@@ -28,8 +28,14 @@ class CameraSupervisor:
         talk: Callable[[str], None],
         *,
         retry_s: float = RETRY_S,
+        measured_stamp: Callable[[CameraFacts], StampAccuracy | None] = lambda _: None,
     ) -> None:
-        """`open_camera` is called again after each failure, each `retry_s`."""
+        """`open_camera` is called again after each failure, each `retry_s`.
+
+        `measured_stamp` tells how late the stamps of the camera were measured to be, None where nobody has.
+        """
+        self._measured_stamp = measured_stamp
+        self._set_stamp: StampAccuracy | None = None
         self._open_camera = open_camera
         self._clock = clock
         self._talk = talk
@@ -78,6 +84,11 @@ class CameraSupervisor:
         self._streams_before = self._last_stream + 1
         await self._camera.start(self._deliver, on_failure)
         self._facts = self._said_facts()
+
+    def set_stamp(self, stamp: StampAccuracy) -> None:
+        """Go by what was measured just now of how late the camera's stamps are."""
+        self._set_stamp = stamp
+        self._note_exposure()
 
     async def stop(self) -> None:
         """Stop the stream and let go of the camera."""
@@ -155,9 +166,13 @@ class CameraSupervisor:
             self._engine.stream_started(self._started_ns)
 
     def _said_facts(self) -> CameraFacts:
-        """What the camera is, and what must be assumed of its stamps, as the leader and sessions are told."""
+        """What the camera is, and what is known of its stamps, as the leader and sessions are told."""
         facts = self._camera.facts
-        return replace(facts, stamp=facts.stamp_accuracy)
+        told, just_set = facts.stamp_accuracy, self._set_stamp
+        if just_set is not None and just_set.exposure_ns == facts.exposure_ns:
+            return replace(facts, stamp=just_set)
+        measured = None if told.is_exact else self._measured_stamp(facts)
+        return replace(facts, stamp=measured or told)
 
     def _note_exposure(self) -> None:
         if (facts := self._said_facts()) != self._facts and self._engine is not None:

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from msgspec.structs import replace
-
+from capture_app.camera_facts import StampAccuracy
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
@@ -24,9 +23,11 @@ from capture_app.node.wire.operating import (
     ControlsRequest,
     DetailAnswer,
     DetailRequest,
+    KeepStamp,
     PreviewFrame,
     PreviewSeen,
     PreviewsWanted,
+    StampKept,
     ViewfinderOpened,
     Vitals,
 )
@@ -54,12 +55,14 @@ class Viewfinder:
         is_busy: Callable[[], bool],
         detail: Callable[[], NodeDetail],
         controls: ControlKeeper,
+        keep_stamp: Callable[[StampAccuracy], bool] = lambda _: False,
         trust: Trust | None = None,
     ) -> None:
         """Speak for a camera, by the run that its node joins with.
 
         `trust` is what it goes by, else its user's.
         `leader_ns` gives the leader's time of a local one; `is_busy` says that pictures must wait.
+        `keep_stamp` is given what was measured of the camera's stamps, and says whether it is kept.
         """
         self.stamps_ns: deque[int] = deque(maxlen=FRAMES_KEPT)
         """Timestamps of the latest frames, by the node's clock."""
@@ -68,7 +71,7 @@ class Viewfinder:
         self._now_ns = now_ns
         self._leader_ns = leader_ns
         self._is_busy = is_busy
-        self._detail, self._controls = detail, controls
+        self._detail, self._controls, self._keep_stamp = detail, controls, keep_stamp
         self._trust = trust
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
@@ -149,11 +152,12 @@ class Viewfinder:
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
-                    detail = replace(self._detail(), controls=self._controls.latest)
-                    await channel.send(DetailAnswer(detail=detail))
+                    await channel.send(DetailAnswer(detail=self._detail()))
                 case ControlsRequest(wanted=wanted):
                     state = await (self._controls.apply(wanted) if wanted else self._controls.read())
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
+                case KeepStamp() if message.camera == self._name:
+                    await channel.send(StampKept(camera=self._name, kept=self._keep_stamp(message.stamp)))
                 case Refusal():
                     raise NetworkError(message.what)
                 case _:

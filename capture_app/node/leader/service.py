@@ -185,6 +185,8 @@ class LeaderService:
                 await self._viewfinders.serve(channel, message)
             case operating.InvitePhone():
                 await channel.send(await self._orders.invite_phone())
+            case operating.KeepStamp():
+                await channel.send(await self._viewfinders.keep_stamp(message))
             case operating.DetailRequest():
                 detail = await self._viewfinders.detail(message.camera)
                 await channel.send(operating.DetailAnswer(detail=detail))

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from capture_app.errors import IncompleteError, NetworkError
 from capture_app.net.channel import Channel
@@ -12,15 +13,19 @@ from capture_app.node.wire.operating import (
     ControlsRequest,
     DetailAnswer,
     DetailRequest,
+    KeepStamp,
     PreviewFrame,
     PreviewSeen,
     PreviewsWanted,
+    StampKept,
+    ToViewfinder,
     ViewfinderOpened,
     Vitals,
 )
 from capture_app.node.wire.views import NodeDetail
 
 ANSWER_TIMEOUT_S = 5.0
+A = TypeVar("A")
 NOTHING = PreviewsWanted(width=16, fps=0)
 UNKNOWN = Vitals()
 
@@ -46,6 +51,7 @@ class _Stream:
     controls: "asyncio.Future[ControlsAnswer] | None" = None
     setting: asyncio.Lock = field(default_factory=asyncio.Lock)
     """One request of controls at a time: answers do not tell which they are to."""
+    stamp: "asyncio.Future[StampKept] | None" = None
 
 
 @dataclass(slots=True)
@@ -79,13 +85,15 @@ class Viewfinders:
                         stream.detail.set_result(message.detail)
                     case ControlsAnswer() if stream.controls is not None and not stream.controls.done():
                         stream.controls.set_result(message)
+                    case StampKept() if stream.stamp is not None and not stream.stamp.done():
+                        stream.stamp.set_result(message)
                     case _:
                         pass
         finally:
             # A node that has opened another stream may be noticed before this one's end.
             if self._streams.get(name) is stream:
                 del self._streams[name]
-            for asked in (stream.detail, stream.controls):
+            for asked in (stream.detail, stream.controls, stream.stamp):
                 if asked is not None and not asked.done():
                     asked.set_exception(_closed(name))
                     asked.exception()  # whoever asked may have gone
@@ -119,11 +127,16 @@ class Viewfinders:
         if stream.detail is None or stream.detail.done():
             stream.detail = asyncio.get_running_loop().create_future()
             await _send(stream.channel, DetailRequest(camera=name))
-        try:
-            async with asyncio.timeout(ANSWER_TIMEOUT_S):
-                return await asyncio.shield(stream.detail)
-        except TimeoutError as error:
-            raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
+        return await _answer(name, stream.detail)
+
+    async def keep_stamp(self, order: KeepStamp) -> StampKept:
+        """Tell a node what was measured of its stamps. Raises IncompleteError where it does not answer."""
+        stream = self._streams.get(order.camera)
+        if stream is None:
+            raise _closed(order.camera)
+        stream.stamp = asyncio.get_running_loop().create_future()
+        await _send(stream.channel, order)
+        return await _answer(order.camera, stream.stamp)
 
     async def controls(self, request: ControlsRequest) -> ControlsAnswer:
         """Pass a request of a camera's controls on. Raises IncompleteError where it does not answer."""
@@ -156,9 +169,15 @@ class Viewfinders:
             await _send(stream.channel, wanted)
 
 
-async def _send(
-    channel: Channel[ToLeader], message: PreviewsWanted | DetailRequest | ControlsRequest
-) -> None:
+async def _answer(name: str, answer: "asyncio.Future[A]") -> A:
+    try:
+        async with asyncio.timeout(ANSWER_TIMEOUT_S):
+            return await asyncio.shield(answer)
+    except TimeoutError as error:
+        raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
+
+
+async def _send(channel: Channel[ToLeader], message: ToViewfinder) -> None:
     try:
         await channel.send(message)
     except NetworkError:

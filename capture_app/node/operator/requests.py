@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator, Mapping
 from typing import Any, TypeVar
 
 from capture_app.camera_controls import CameraControls, Control, ControlValue
+from capture_app.camera_facts import StampAccuracy
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
@@ -41,6 +42,15 @@ async def ask_controls(
     """
     request = operating.ControlsRequest(camera=camera, wanted=dict(wanted))
     return (await _ask(leader, request, operating.ControlsAnswer)).state
+
+
+async def tell_stamp(leader: Address, camera: str, stamp: StampAccuracy) -> bool:
+    """Let a camera's node go by what was measured of its stamps; whether it keeps it for the next time.
+
+    Raises NetworkError, and the leader's own errors.
+    """
+    order = operating.KeepStamp(camera=camera, stamp=stamp)
+    return (await _ask(leader, order, operating.StampKept)).kept
 
 
 async def give_order(leader: Address, order: operating.Order) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ OF_CAMERAS = (
     | operating.PreviewFrame
     | operating.DetailAnswer
     | operating.ControlsAnswer
+    | operating.StampKept
 )
 
 

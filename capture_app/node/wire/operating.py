@@ -5,7 +5,7 @@ from typing import Annotated
 from msgspec import Meta, field
 
 from capture_app.camera_controls import CameraControls, Control, ControlValue
-from capture_app.camera_facts import Count
+from capture_app.camera_facts import Count, StampAccuracy
 from capture_app.names import Name
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.views import NewsLine, NodeDetail
@@ -119,6 +119,20 @@ class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):
     name: str
 
 
+class KeepStamp(Message, frozen=True, kw_only=True, tag="keep-stamp"):
+    """How late a camera's stamps are was measured: its node goes by that, and keeps it for the device."""
+
+    camera: Name
+    stamp: StampAccuracy
+
+
+class StampKept(Message, frozen=True, kw_only=True, tag="stamp-kept"):
+    """A node goes by what it was told of its stamps; whether it could keep it, too."""
+
+    camera: Name
+    kept: bool
+
+
 class CancelBurst(Message, frozen=True, kw_only=True, tag="cancel-burst"):
     """Wait no longer for the images of a burst."""
 
@@ -158,8 +172,15 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
 Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | EndBurst | StopRig | ExposeAppPhones
 """What an operator can ask a leader to do, beside a burst."""
 FromOperator = (
-    WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | InvitePhone | Order
+    WatchRequest
+    | PreviewsWanted
+    | PreviewSeen
+    | DetailRequest
+    | ControlsRequest
+    | KeepStamp
+    | InvitePhone
+    | Order
 )
-FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer | ControlsAnswer
-ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | ControlsAnswer | PhoneInvited | Done
-ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest
+FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept
+ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept | PhoneInvited | Done
+ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp

@@ -77,8 +77,9 @@ class Client(Generic[F]):
         self._events: deque[ClientEvent[F]] = deque()
 
     def update_camera(self, camera: CameraFacts) -> None:
-        """Note that the camera exposes otherwise now: what is aligned follows, and who asks later is told."""
-        self.config, self.time.camera = replace(self.config, camera=camera), camera
+        """Note that the camera exposes otherwise now, or is known better: what is aligned follows."""
+        self.config = replace(self.config, camera=camera)
+        self.time.introduce_again(camera)
 
     # What the outside sees
 

@@ -3,6 +3,8 @@
 import random
 from dataclasses import dataclass
 
+from msgspec import structs
+
 from capture_app.camera_facts import CameraFacts
 from capture_app.names import is_name
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
@@ -146,6 +148,10 @@ class Roster:
         if known is not None:
             if not known.lost and known.via == hello.via:
                 known.last_heard_ns, known.speaker = now_ns, speaker
+                # It may expose otherwise now, and have learnt more of its stamps.
+                known.camera = structs.replace(
+                    known.camera, stamp=hello.camera.stamp, exposure_ns=hello.camera.exposure_ns
+                )
                 return known, None
             # A relay that it has left knows it by the old number, and is told that this is unknown.
             self._by_number.pop(known.number, None)

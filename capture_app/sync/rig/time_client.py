@@ -267,6 +267,12 @@ class TimeClient:
         """Return the next thing that happened, None where there is none."""
         return self._events.popleft() if self._events else None
 
+    def introduce_again(self, camera: CameraFacts) -> None:
+        """Tell the leader what is known now of this node's camera."""
+        self.camera = camera
+        if self.is_member:
+            self._outbox.append(self.hello())
+
     def hello(self) -> Hello:
         """Return what asks a leader to be taken in."""
         camera = self.camera

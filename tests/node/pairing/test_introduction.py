@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from capture_app.camera_facts import EXACT_STAMPS
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
@@ -111,6 +112,7 @@ OTHERS = [
     NodeStream(camera="cam0", instance=1),
     operating.WatchRequest(),
     operating.DetailRequest(camera="cam0"),
+    operating.KeepStamp(camera="cam0", stamp=EXACT_STAMPS),
     operating.ViewfinderOpened(camera="cam0", instance=1),
     operating.AddCamera(spec="sim"),
     operating.AddSimulated(cameras=1),

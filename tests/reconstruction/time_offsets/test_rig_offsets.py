@@ -71,7 +71,8 @@ def test_the_command_tells_every_camera_s_lateness(
     for name, periods in late.items():
         found = result["cameras"][name]
         assert abs(found["offset_ms"] - periods * PERIOD_NS / 1e6) < 3 * found["sd_ms"] < 4
-        assert "left" in found["source"]
+        assert found["source"] == "motion"
+        assert "left" in found["against"]
     assert "offset_ms" not in result["cameras"]["away"]
     assert result["cameras"]["away"]["reason"]
 

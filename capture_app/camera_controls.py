@@ -55,6 +55,14 @@ class ControlState(Struct, frozen=True, kw_only=True, omit_defaults=True):
         return min(max(value, self.least), self.most)
 
 
+def describe(state: ControlState | None) -> str:
+    """A control's value in words, a dash where there is none."""
+    if state is None:
+        return "-"
+    value = "?" if state.value is None else f"{state.value:g} {state.unit}"
+    return f"{value}, auto" if state.automatic else value
+
+
 class CameraControls(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The controls of a camera, and what could not be done of what was asked for."""
 

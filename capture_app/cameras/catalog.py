@@ -30,6 +30,7 @@ DRIVERS = {
     ),
     "v4l2": DriverEntry("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
     "aravis": DriverEntry("capture_app.cameras.aravis.driver", "aravis:ADDRESS[,key=value…]"),
+    "webcam": DriverEntry("capture_app.cameras.webcam.driver", "webcam:NUMBER[,key=value…]"),
     "replay": DriverEntry("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
     "libcamera": DriverEntry("capture_app.cameras.libcamera.driver", "libcamera:ID[,key=value…]"),
 }

@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from typing import Protocol
 
 from capture_app.net.address import Address
+from capture_app.node.operator.camera_controls import ControlledCamera
 from capture_app.node.operator.updates import Update
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.operating import PhoneInvited
@@ -64,6 +65,9 @@ class RigSource(Protocol):
 
     async def detail(self, name: str) -> NodeDetail:
         """Ask a node for what is too much for the status: to be asked once or twice a second, not more."""
+
+    async def match_cameras(self, source: str) -> list[ControlledCamera]:
+        """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
 
     async def stop_rig(self) -> None:
         """End the leader's process and the cameras that are its children; bursts are saved as they are."""

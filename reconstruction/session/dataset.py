@@ -216,18 +216,21 @@ class Dataset:
     def worst_residual_us(self) -> float | None:
         """Largest distance of an image from its instant by the session's record, us.
 
-        None where the uncertainty of the times is unknown, as in imported sessions.
+        Counts in what is not known of its camera's stamps. None where the times' error is not known, as in
+        imported sessions.
         """
         records = self._records.values()
         sure = all(record.uncertainty_ns is not None for record in records)
         if not records or not sure or self.session.manifest.origin == "imported":
             return None
-        return max(abs(record.residual_ns) for record in records) / 1000
+        stamps = {camera.name: camera.facts.stamp for camera in self.session.manifest.cameras}
+        unknown_ns = {name: stamp.uncertainty_ns for name, stamp in stamps.items() if stamp is not None}
+        return max(abs(one.residual_ns) + unknown_ns.get(one.camera, 0) for one in records) / 1000
 
     def worst_hard_bound_us(self) -> float | None:
-        """Largest hard bound on the error of an image's time, us."""
-        values = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
-        return max(values) / 1000 if values else None
+        """Largest hard bound on the error of an image's time, us; None where that of any has none."""
+        known = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
+        return max(known) / 1000 if known and len(known) == len(self._records) else None
 
     def nearest_instants(self, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
         """Each camera's instant: the one asked for, or the one nearest to its offset from it.

@@ -4,37 +4,19 @@
 from the USB bus up is real. The guest sees this checkout read-only and writes to `/out`.
 """
 
-import json
-import os
-import shutil
-import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
 import pytest
 
 from capture_app.session.reading.reader import Session
+from tests.end_to_end.camera_vm import PLUG_IN_AGAIN, REPOSITORY, Rig, boot, find_camera_vm
 
-pytestmark = [pytest.mark.v4l2, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.v4l2, pytest.mark.timeout(1800)]
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 TOLERANCE_NS = 2_000_000
 FRAMES = 5
-BOOT_SECONDS = 540
-
-# Virtual time, an instruction a nanosecond: the host's load stays out of the cameras' timing.
-MACHINE = {
-    "ACCEL": "tcg,thread=single",
-    "SMP": "1",
-    "QEMU_EXTRA": "-icount shift=0,sleep=off",
-    "NDEV": "0",
-    "MODS": "vhci-hcd uvcvideo",
-    # The virtual hub loses its cameras when several wake up at once; real hubs do not.
-    "APPEND": "usbcore.autosuspend=-1",
-    "TMO": str(BOOT_SECONDS),
-}
 
 RIG = """
 app() {{ {command} "$@"; }}
@@ -75,52 +57,10 @@ echo $? >/out/verify2.code
 cp -r /tmp/sessions/burst-002 /out/sessions
 """
 
-PLUG_IN_AGAIN = """
-import pathlib, socket, sys, threading
-sys.path.insert(0, "{camera_vm}")
-import usb_cameras
-near, far = socket.socketpair()
-usb_cameras.Camera(near, 1, pathlib.Path("{camera_vm}/frame.jpg").read_bytes()).start()
-pathlib.Path("/sys/devices/platform/vhci_hcd.0/attach").write_text(f"1 {{far.fileno()}} 65539 3")
-far.detach()
-threading.Event().wait()
-"""
-
-
-@dataclass(frozen=True)
-class Rig:
-    """What came out of the guest."""
-
-    out: Path
-
-    def text(self, name: str) -> str:
-        return (self.out / name).read_text()
-
-    def session(self, name: str = "burst-001") -> Session:
-        return Session.open(self.out / "sessions" / name)
-
-    def json(self, name: str) -> dict:
-        return json.loads(self.text(name))
-
-    @property
-    def logs(self) -> str:
-        return "\n".join(f"--- {log.name}\n{log.read_text()}" for log in sorted(self.out.glob("*.log")))
-
 
 @pytest.fixture(scope="module")
 def camera_vm(shared: Path) -> Path:
-    """The scripts that boot the machine; without them, or qemu where it cannot be installed, no test."""
-    folder = shared / "camera-vm"
-    reason = ""
-    if not (folder / "boot.sh").is_file():
-        reason = f"no {folder.name}/boot.sh in the shared folder"
-    elif shutil.which("qemu-system-x86_64") is None and os.geteuid() != 0:
-        reason = "no qemu: sudo apt-get install qemu-system-x86 busybox-static kmod cpio"
-    if reason and os.environ.get("CI"):
-        pytest.fail(reason)
-    if reason:
-        pytest.skip(reason)
-    return folder
+    return find_camera_vm(shared)
 
 
 @pytest.fixture(scope="module")
@@ -134,18 +74,7 @@ def rig(camera_vm: Path, tmp_path_factory: pytest.TempPathFactory) -> Rig:
         frames=FRAMES,
         plug_in_again=PLUG_IN_AGAIN.format(camera_vm=camera_vm),
     )
-    done = subprocess.run(
-        ["bash", camera_vm / "boot.sh", script],
-        env={**os.environ, **MACHINE, "OUT": str(out)},
-        capture_output=True,
-        text=True,
-        timeout=BOOT_SECONDS + 60,
-        check=False,
-    )
-    (out / "machine.log").write_text(done.stdout + done.stderr)
-    result = Rig(out)
-    assert (out / "verify2.code").is_file(), f"the rig did not finish (exit {done.returncode})\n{result.logs}"
-    return result
+    return boot(camera_vm, script, out, last="verify2.code")
 
 
 def test_the_kernels_cameras_are_listed(rig: Rig) -> None:

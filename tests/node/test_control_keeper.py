@@ -116,6 +116,7 @@ async def test_what_the_camera_chooses_is_locked_during_a_burst(node: Node) -> N
     node.keeper.set_in_burst(False)
     await until(lambda: node.camera.set[1:] == [(Control.EXPOSURE, None)])
     assert node.camera.states[Control.EXPOSURE].automatic
+    assert node.changes == 0, "the grid stays where it is"
 
 
 async def test_what_a_driver_may_not_tell_is_not_locked(node: Node) -> None:

@@ -9,6 +9,7 @@ import msgspec
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
+from capture_app.node.operator.camera_controls import ControlledCamera
 from capture_app.node.operator.updates import LinkLost, Update
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.operating import PhoneInvited
@@ -73,6 +74,8 @@ class FakeRig:
         self.details: dict[str, NodeDetail] = {}
         self.detail_failure: SimulshotError | None = None
         self.phones_come = 0
+        self.matched: list[ControlledCamera] = []
+        """What comes of setting all cameras like one."""
         self.different: dict[str, Any] = {}
         """Fields of the status that are not as usual."""
         self.burst_status: BurstStatus | None = None
@@ -194,6 +197,10 @@ class FakeRig:
         self._ask("remove_camera", name)
         self.nodes = tuple(node for node in self.nodes if node.name != name)
         self.tell()
+
+    async def match_cameras(self, source: str) -> list[ControlledCamera]:
+        self._ask("match_cameras", source)
+        return self.matched
 
     async def detail(self, name: str) -> NodeDetail:
         if self.detail_failure is not None:

@@ -11,18 +11,21 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
 
+from capture_app.camera_controls import Control, ControlState
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
-from capture_app.cameras.libcamera.controls import CameraControls, first_exposure, held_exposure
+from capture_app.cameras.libcamera.controls import KnownControls, first_exposure, held_exposure
 from capture_app.cameras.libcamera.facts import (
     KIND,
     facts_as_configured,
+    origin_of,
     with_exposure,
     with_period_of,
     with_rows,
 )
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.mode import Wishes, configure
+from capture_app.cameras.libcamera.picture_controls import new_settings, read_states
 from capture_app.cameras.libcamera.row_time import ASKED, durations_to_ask_us, find_row_time_us
 from capture_app.cameras.libcamera.stamp_clock import StampClock
 from capture_app.cameras.libcamera.stream import FinishedFrame, RequestStream
@@ -64,6 +67,7 @@ class LibcameraCamera(Camera):
         self._listening = False
         self._streams = 0
         self._last_frame_ns = 0
+        self._told: dict[str, Any] = {}
         self._first_frames: list[FinishedFrame] = []
         self._first_frames_wanted: tuple[int, asyncio.Future[None]] | None = None
         self._on_frame: OnFrame
@@ -84,7 +88,7 @@ class LibcameraCamera(Camera):
 
     def _configure(self, camera: Any) -> None:
         stream, layout = configure(self._library.module, camera, self._wishes)
-        controls = CameraControls(camera)
+        controls = KnownControls(camera)
         period_us, limits_us = self._wishes.period_us, controls.limits("FrameDurationLimits")
         if limits_us is None and self._wishes.fps is not None:
             raise CameraError(f"libcamera cannot set the frame rate of {self.id}", hint="leave out fps")
@@ -94,18 +98,20 @@ class LibcameraCamera(Camera):
                 hint=f"from {1e6 / limits_us[1]:.3g} to {1e6 / limits_us[0]:.4g}",
             )
         self._limits_us: tuple[int, int] | None = limits_us
-        self._is_raspberry_pi = controls.is_raspberry_pi
+        self._controls, self._origin = controls, origin_of(camera)
         self._facts = facts_as_configured(camera, layout, self._wishes, limits_us)
         self._stream = RequestStream(
             self._library,
             camera,
             stream.stream,
             layout,
+            controls,
+            period_us=period_us,
             clock=self._clock,
             on_frame=self._receive,
             on_failure=lambda why: self._fail(CameraError(f"{self.id} does not answer any more: {why}")),
         )
-        self._stream.keep(first_exposure(self._wishes), period_us=period_us)
+        self._stream.keep(first_exposure(controls, self._wishes))
 
     @property
     def facts(self) -> CameraFacts:
@@ -160,6 +166,17 @@ class LibcameraCamera(Camera):
             if not self._closing.is_set():
                 self._run()
 
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Those that the camera has, as they stood in its last frame."""
+        return read_states(self._controls, self._stream.settings, self._told, self._stream.period_us)
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
+        settings, forget = new_settings(self._controls, control, value, self._told)
+        self._stream.keep(settings, forget=forget)
+        exposure_us = self._stream.settings.get("ExposureTime")
+        self._facts = with_exposure(self._facts, exposure_us, self._origin)
+
     async def stop(self) -> None:
         """Stop streaming and let go of the camera. Calling it twice is harmless."""
         if self._closing.is_set():
@@ -190,17 +207,19 @@ class LibcameraCamera(Camera):
             rows += rows * row_us < least_us
             period_us = round((rows + INSIDE_ROW) * row_us)
             self._facts = with_rows(self._facts, rows, row_us)
-        self._stream.keep(held_exposure(seen[-1].told, self._wishes), period_us=period_us)
+        self._stream.period_us = period_us
+        self._stream.keep(held_exposure(seen[-1].told, self._wishes))
         last = (await self._next_frames(in_effect))[-1]
         exposure_us = last.told.get("ExposureTime")
         if exposure_us is not None:
-            self._facts = with_exposure(self._facts, exposure_us, is_raspberry_pi=self._is_raspberry_pi)
+            self._facts = with_exposure(self._facts, exposure_us, self._origin)
 
     async def _learn_period(self) -> None:
         """Learn at which rate a camera runs whose frame durations cannot be set."""
         seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
-        self._facts = with_period_of(self._facts, stamps_ns)
+        facts = with_period_of(self._facts, stamps_ns)
+        self._facts = with_exposure(facts, self._wishes.exposure_us, self._origin)
 
     async def _next_frames(self, count: int) -> list[FinishedFrame]:
         """The next so many frames, which go nowhere else. Raises CameraError where they do not come."""
@@ -218,7 +237,7 @@ class LibcameraCamera(Camera):
         if frame.stamp_ns is None:
             self._fail(CameraError(f"{self.id} stamps its frames in no clock of this machine"))
             return
-        self._last_frame_ns = self._clock.now_ns()
+        self._last_frame_ns, self._told = self._clock.now_ns(), frame.told
         if self._first_frames_wanted is not None:
             count, arrived = self._first_frames_wanted
             self._first_frames.append(frame)

@@ -5,11 +5,8 @@ from typing import Any
 
 from capture_app.cameras.libcamera.mode import Wishes
 
-_RASPBERRY_PI = "rpi"
-"""The vendor of controls that only the Raspberry Pi's pipelines have."""
 
-
-class CameraControls:
+class KnownControls:
     """What can be set for a camera, from one request on; libraries differ in what they have."""
 
     def __init__(self, camera: Any) -> None:
@@ -17,11 +14,6 @@ class CameraControls:
 
     def __contains__(self, name: str) -> bool:
         return name in self._known
-
-    @property
-    def is_raspberry_pi(self) -> bool:
-        """Whether it is a camera of a Raspberry Pi."""
-        return any(control.vendor == _RASPBERRY_PI for control, _ in self._known.values())
 
     def limits(self, name: str) -> tuple[Any, Any] | None:
         """Least and most of a control; None where there is none."""
@@ -40,12 +32,13 @@ def frame_duration(duration_us: int) -> dict[str, Any]:
     return {"FrameDurationLimits": (duration_us, duration_us)}
 
 
-def first_exposure(wishes: Wishes) -> dict[str, Any]:
-    """The settings of exposure and gain that a stream starts with: automatic where nothing is asked for."""
+def first_exposure(controls: KnownControls, wishes: Wishes) -> dict[str, Any]:
+    """The exposure and gain that a stream starts with: the camera's own where nothing is asked."""
     asked = {"ExposureTime": wishes.exposure_us, "AnalogueGain": wishes.gain}
     fixed = {name: value for name, value in asked.items() if value is not None}
-    # One alone stays automatic in the other, until both are held.
-    return {"AeEnable": len(fixed) < len(asked), **fixed}
+    # One of two alone leaves the other automatic, until both are held.
+    all_fixed = fixed and all(name in fixed for name in asked if name in controls)
+    return {"AeEnable": False, **fixed} if all_fixed else fixed
 
 
 def held_exposure(metadata: Mapping[str, Any], wishes: Wishes) -> dict[str, Any]:

@@ -1,20 +1,15 @@
 """Cameras of libcamera: finding and opening them."""
 
-import os
 from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
 
 from capture_app.cameras.base import Camera, CameraListing, in_node_clock
 from capture_app.cameras.libcamera.camera import LibcameraCamera
-from capture_app.cameras.libcamera.facts import KIND
-from capture_app.cameras.libcamera.library import load_library
+from capture_app.cameras.libcamera.facts import KIND, Origin, origin_of
+from capture_app.cameras.libcamera.library import Library, load_library
 from capture_app.cameras.libcamera.mode import parse_options
 from capture_app.cameras.system_packages import is_installed
 from capture_app.clock import NodeClock
 from capture_app.errors import NotAvailableError
-
-CHARACTER_DEVICES = Path("/sys/dev/char")
 
 
 def open_camera(device: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
@@ -36,13 +31,14 @@ def list_cameras() -> list[CameraListing]:
         library = load_library()
     except NotAvailableError as error:
         return [CameraListing(f"{KIND}:0", KIND, "", str(error), usable=False)]
-    return list(_listings(library.cameras))
+    return list(listings(library))
 
 
-def _listings(cameras: list[Any]) -> Iterator[CameraListing]:
-    for camera in cameras:
+def listings(library: Library) -> Iterator[CameraListing]:
+    """The cameras of a library but for webcams, which V4L2 lists, and drives better."""
+    for camera in library.cameras:
         properties = {control.name: value for control, value in camera.properties.items()}
-        if _is_webcam(properties.get("SystemDevices", ())):
+        if origin_of(camera) is Origin.WEBCAM:
             continue
         size = properties.get("PixelArraySize")
         moved = any(control.name == "FrameDurationLimits" for control in camera.controls)
@@ -51,9 +47,3 @@ def _listings(cameras: list[Any]) -> Iterator[CameraListing]:
         yield CameraListing(
             f"{KIND}:{camera.id}", KIND, str(properties.get("Model", camera.id)), sensor + detail
         )
-
-
-def _is_webcam(devices: tuple[int, ...]) -> bool:
-    """Whether a camera's device nodes are of a USB webcam, which is listed, and better driven, by V4L2."""
-    nodes = (CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}" for device in devices)
-    return any((node / "device" / "driver").resolve().name == "uvcvideo" for node in nodes)

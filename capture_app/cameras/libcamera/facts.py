@@ -1,7 +1,10 @@
 """What a camera of libcamera is: first as it is configured, then as its first frames show."""
 
+import os
 from collections.abc import Sequence
+from enum import Enum
 from itertools import pairwise
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -12,9 +15,31 @@ from capture_app.cameras.libcamera.mode import Wishes
 from capture_app.cameras.v4l2.layout import PixelFormat
 
 KIND = "libcamera"
+CHARACTER_DEVICES = Path("/sys/dev/char")
+_RASPBERRY_PI = "rpi"
+"""The vendor of controls that only the Raspberry Pi's pipelines have."""
 READOUT_DOUBT_ROWS, READOUT_DOUBT_NS = 16, 100_000
 """Assumed: rows that a sensor sends before the picture's first, and the stamp's way to the kernel."""
 _USUAL_RATE, _ROUND_NS = 3e-4, 10_000
+
+
+class Origin(Enum):
+    """Whose pipeline a camera has, as far as its stamps are known by that."""
+
+    RASPBERRY_PI = "raspberry-pi"
+    WEBCAM = "webcam"
+    OTHER = "other"
+
+
+def origin_of(camera: Any) -> Origin:
+    """Whose pipeline a camera of the library has."""
+    if any(control.vendor == _RASPBERRY_PI for control in camera.controls):
+        return Origin.RASPBERRY_PI
+    properties = {control.name: value for control, value in camera.properties.items()}
+    devices = properties.get("SystemDevices", ())
+    nodes = (CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}" for device in devices)
+    drivers = {(node / "device" / "driver").resolve().name for node in nodes}
+    return Origin.WEBCAM if "uvcvideo" in drivers else Origin.OTHER
 
 
 def facts_as_configured(
@@ -31,7 +56,6 @@ def facts_as_configured(
         period_ns=wishes.period_us * 1000,
         timestamp_source=TimestampSource.START_OF_EXPOSURE,
         phase_control=PhaseControl.RESET,
-        exposure_ns=None if wishes.exposure_us is None else wishes.exposure_us * 1000,
         min_frame_duration_ns=None if limits_us is None else limits_us[0] * 1000,
         max_frame_duration_ns=None if limits_us is None else limits_us[1] * 1000,
     )
@@ -45,28 +69,34 @@ def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
     )
 
 
-def with_exposure(facts: CameraFacts, exposure_us: int, *, is_raspberry_pi: bool) -> CameraFacts:
-    """The facts of a camera whose exposure is held, and whose stamps are late by it where that is known.
+def with_period_of(facts: CameraFacts, stamps_ns: Sequence[int]) -> CameraFacts:
+    """The facts of a camera whose frames had these stamps."""
+    return replace(facts, period_ns=usual_period_ns(median(b - a for a, b in pairwise(stamps_ns))))
+
+
+def with_exposure(facts: CameraFacts, exposure_us: int | None, origin: Origin) -> CameraFacts:
+    """The facts of a camera whose exposure is held, or None where it is not, and how late its stamps are.
 
     The Raspberry Pi's driver stamps the first row on its way from the sensor: its exposure is over then,
-    though libcamera calls that the time at which it was exposed.
+    though libcamera calls that the time at which it was exposed. Webcams are stamped as V4L2's are.
     """
-    exposure_ns, row_ns = exposure_us * 1000, facts.row_time_ns
-    if row_ns is None:
-        return replace(facts, exposure_ns=exposure_ns)
-    exposure_ns = round(exposure_ns / row_ns) * row_ns
+    row_ns = facts.row_time_ns
+    exposure_ns = None if exposure_us is None else exposure_us * 1000
+    if exposure_ns is not None and row_ns is not None:
+        # What is told is cut to microseconds; what is asked for lies between two rows, and is cut, too.
+        exposure_ns = int((exposure_ns + 1000) / row_ns) * row_ns
+    facts = replace(facts, exposure_ns=exposure_ns, stamp=None)
+    if origin is Origin.WEBCAM:
+        return replace(facts, stamp=replace(facts.assumed_stamp, source=StampSource.PROFILE))
+    if origin is not Origin.RASPBERRY_PI or exposure_ns is None or row_ns is None:
+        return facts
     late = StampAccuracy(
         bias_ns=exposure_ns,
         uncertainty_ns=READOUT_DOUBT_ROWS * row_ns + READOUT_DOUBT_NS,
         source=StampSource.PROFILE,
         exposure_ns=exposure_ns,
     )
-    return replace(facts, exposure_ns=exposure_ns, stamp=late if is_raspberry_pi else None)
-
-
-def with_period_of(facts: CameraFacts, stamps_ns: Sequence[int]) -> CameraFacts:
-    """The facts of a camera whose frames had these stamps."""
-    return replace(facts, period_ns=usual_period_ns(median(b - a for a, b in pairwise(stamps_ns))))
+    return replace(facts, stamp=late)
 
 
 def usual_period_ns(measured_ns: float) -> int:

@@ -7,13 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture_app.cameras.libcamera.buffers import MappedBuffers
-from capture_app.cameras.libcamera.controls import CameraControls, by_name, frame_duration
+from capture_app.cameras.libcamera.controls import KnownControls, by_name, frame_duration
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stamp_clock import StampClock
 from capture_app.cameras.v4l2.layout import PixelFormat
 from capture_app.cameras.v4l2.pictures import JpegPicture, RawPicture
 
-_TOLD = ("SensorTimestamp", "FrameDuration", "ExposureTime", "AnalogueGain", "ColourGains")
+_TOLD = (
+    "SensorTimestamp",
+    "FrameDuration",
+    "ExposureTime",
+    "AnalogueGain",
+    "ColourGains",
+    "ColourTemperature",
+    "LensPosition",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +46,9 @@ class RequestStream:
         camera: Any,
         stream: Any,
         layout: PixelFormat,
+        controls: KnownControls,
         *,
+        period_us: int,
         clock: StampClock,
         on_frame: Callable[[FinishedFrame], None],
         on_failure: Callable[[str], None],
@@ -49,17 +59,19 @@ class RequestStream:
         """
         self._library, self._camera, self._clock = library, camera, clock
         self._on_frame, self._on_failure = on_frame, on_failure
-        self._controls = CameraControls(camera)
+        self._controls = controls
         self._buffers = MappedBuffers(library.module, camera, stream, layout)
         self._requests = [library.new_request(camera, self._finish) for _ in self._buffers.buffers]
         self._buffer_of: dict[int, Any] = {}
         for request, buffer in zip(self._requests, self._buffers.buffers, strict=True):
             request.add_buffer(stream, buffer)
             self._buffer_of[request.cookie] = buffer
-        self._settings: dict[str, Any] = {}
+        self.settings: dict[str, Any] = {}
+        """What holds, by the names of the library's controls."""
         self._new_settings: dict[str, Any] = {}
         self._asked_us: deque[int] = deque()
-        self._period_us: int | None = None
+        self.period_us = period_us
+        """How long a frame lasts of which nothing else is asked."""
         self.running = False
         """Whether frames are handed on."""
 
@@ -68,11 +80,12 @@ class RequestStream:
         """How many frames come before one with new settings is even begun."""
         return len(self._requests)
 
-    def keep(self, settings: dict[str, Any], *, period_us: int) -> None:
-        """Let these settings, and this frame period, hold from the next request on, and over restarts."""
-        self._settings |= settings
-        self._new_settings |= settings
-        self._period_us = period_us
+    def keep(self, settings: dict[str, Any], *, forget: tuple[str, ...] = ()) -> None:
+        """Let these settings hold from the next request on, and over restarts; those to forget no longer."""
+        for kept in (self.settings, self._new_settings):
+            for name in forget:
+                kept.pop(name, None)
+            kept |= settings
 
     def ask(self, duration_us: int) -> None:
         """Let one coming frame last that long."""
@@ -82,7 +95,7 @@ class RequestStream:
         """Start the stream. Raises RuntimeError of the library."""
         self._asked_us.clear()
         self._new_settings = {}
-        self._camera.start(self._controls.of(self._settings | self._duration()))
+        self._camera.start(self._controls.of(self.settings | self._duration()))
         for request in self._requests:
             self._camera.queue_request(request)
 
@@ -108,8 +121,7 @@ class RequestStream:
         self._camera.release()
 
     def _duration(self) -> dict[str, Any]:
-        asked_us = self._asked_us.popleft() if self._asked_us else self._period_us
-        return {} if asked_us is None else frame_duration(asked_us)
+        return frame_duration(self._asked_us.popleft() if self._asked_us else self.period_us)
 
     def _finish(self, request: Any) -> None:
         if not self.running or request.status != self._library.module.Request.Status.Complete:

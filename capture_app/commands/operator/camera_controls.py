@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.camera_controls import Control, ControlState, ControlValue
+from capture_app.camera_controls import Control, ControlValue, describe
 from capture_app.commands.options import leader_option
 from capture_app.errors import BadInputError
 from capture_app.net.address import Address
@@ -103,17 +103,9 @@ def _show(found: "Sequence[ControlledCamera]", as_json: bool) -> None:
         talk("no camera is here")
         return
     rows: list[tuple[Any, ...]] = [
-        (one.camera, *(control_text(one.state.state(control)) for control in Control)) for one in found
+        (one.camera, *(describe(one.state.state(control)) for control in Control)) for one in found
     ]
     print_table(("camera", *NAMES), rows)
     for one in found:
         for problem in dict.fromkeys(one.state.problems.values()):
             talk(f"{one.camera}: {problem}")
-
-
-def control_text(state: ControlState | None) -> str:
-    """A control's value in words, a dash where there is none."""
-    if state is None:
-        return "-"
-    value = "?" if state.value is None else f"{state.value:g} {state.unit}"
-    return f"{value}, auto" if state.automatic else value

@@ -89,7 +89,12 @@ def show_take(done: "BurstStatus", as_json: bool) -> dict[str, Any]:
 
 
 def require_whole(kind: str, done: "BurstStatus") -> None:
-    """Raise IncompleteError where images of a take are missing, or there is no session."""
+    """Raise IncompleteError where images of a take are missing, or there is no session.
+
+    One without a number was taken by phones of their own app, which keep what they took.
+    """
+    if done.done and not done.burst:
+        return
     if done.session is None or done.received < done.expected:
         raise IncompleteError(f"{kind} {done.burst} is incomplete: {done.message}")
 

@@ -22,6 +22,8 @@ class ControlKeeper:
 
     def __init__(self, camera: Callable[[], Camera], after_change: Callable[[], None]) -> None:
         """`camera` returns the one that is open; `after_change` is called when it may expose otherwise."""
+        self.latest: tuple[ControlState, ...] = ()
+        """All controls, as they were when they were looked at last."""
         self._camera, self._after_change = camera, after_change
         self._busy = asyncio.Lock()
         self._wanted: dict[Control, float] = {}
@@ -53,7 +55,7 @@ class ControlKeeper:
     async def read(self) -> CameraControls:
         """Return all controls as they stand."""
         async with self._busy:
-            return CameraControls(controls=await self._camera().controls())
+            return CameraControls(controls=await self._look())
 
     async def apply(self, wanted: Mapping[Control, ControlValue]) -> CameraControls:
         """Set these controls as well as the camera can; return all as they stand then, and what it cannot."""
@@ -71,7 +73,7 @@ class ControlKeeper:
                 except CameraError as error:
                     problems[control] = str(error)
             self._after_change()
-            return CameraControls(controls=await self._camera().controls(), problems=problems)
+            return CameraControls(controls=await self._look(), problems=problems)
 
     async def restore(self) -> None:
         """Set again what is held: the camera was opened anew, and has forgotten it."""
@@ -82,6 +84,10 @@ class ControlKeeper:
                     await self._camera().set_control(control, value)
             if self._wanted:
                 self._after_change()
+
+    async def _look(self) -> tuple[ControlState, ...]:
+        self.latest = await self._camera().controls()
+        return self.latest
 
     async def _set(self, state: ControlState, value: ControlValue) -> str:
         """Set one; return what is not as it was asked for, empty where nothing is."""
@@ -110,21 +116,20 @@ class ControlKeeper:
         await self._camera().set_control(state.control, None)
         return ""
 
+    # What is locked for a burst is not told to the engine: an exposure that becomes known moves the moment of
+    # light that stamps are taken for, and with it the grid, just when a burst is picked.
+
     async def _lock(self) -> None:
         for state in await self._camera().controls():
             if state.automatic and state.control in self._live and state.value is not None:
                 await self._camera().set_control(state.control, state.value)
                 self._locked.add(state.control)
-        if self._locked:
-            self._after_change()
 
     async def _unlock(self) -> None:
         locked, self._locked = self._locked, set()
         for control in locked:
             await self._camera().set_control(control, None)
-        if locked:
-            self._after_change()
-        for state in await self._camera().controls():
+        for state in await self._look():
             if state.automatic and state.control in self._seen and self._seen[state.control] != state.value:
                 self._live.add(state.control)
             self._seen[state.control] = state.value

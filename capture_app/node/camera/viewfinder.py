@@ -10,6 +10,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from msgspec.structs import replace
+
 from capture_app.camera_facts import StampAccuracy
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError
@@ -152,7 +154,8 @@ class Viewfinder:
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
-                    await channel.send(DetailAnswer(detail=self._detail()))
+                    detail = replace(self._detail(), controls=self._controls.latest)
+                    await channel.send(DetailAnswer(detail=detail))
                 case ControlsRequest(wanted=wanted):
                     state = await (self._controls.apply(wanted) if wanted else self._controls.read())
                     await channel.send(ControlsAnswer(camera=self._name, state=state))

@@ -2,20 +2,24 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from capture_app.clock import NodeClock
-from capture_app.errors import NetworkError
+from capture_app.errors import BadInputError, NetworkError
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
+from capture_app.node.wire.messages import BurstRequest
 from capture_app.sync.foreign.app_leader import AppEvent, AppLeader, AppPhoneStatus
-from capture_app.sync.foreign.app_messages import CALL_PORT, TIME_PORT
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.foreign.app_messages import CALL_PORT, GOAL_PHASE_NS, PERIOD_NS, TIME_PORT
+from capture_app.sync.rig.frame_picks import MAX_FRAMES, Burst
 from capture_app.text import count
 
 LOOK_EVERY_S = 0.1
+LEAD_NS = 500_000_000
+"""Phones are told so long before: their own leader does so, too."""
+RECORD = "record, if they have RecSync"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,14 @@ class Take(Protocol):
     @property
     def finished(self) -> asyncio.Event:
         """Set when it is over."""
+
+
+class _Alone:
+    """A recording of phones only, between two times of the leader's clock in ns."""
+
+    def __init__(self, first_ns: int, last_ns: int) -> None:
+        self.burst = Burst(0, (first_ns, last_ns), PERIOD_NS, first_ns, (), streamed=True, video=True)
+        self.finished = asyncio.Event()
 
 
 class AppPhones:
@@ -87,18 +99,51 @@ class AppPhones:
             return
         burst = take.burst
         if burst.video:
-            task = asyncio.create_task(self._record(take))
-            self._recordings.add(task)
-            task.add_done_callback(self._recordings.discard)
-            text = f"{count(phones, 'phone')} with the app told to record, if they have RecSync"
+            self._begin_recording(take)
+            self._tell(phones, RECORD)
         else:
-            taken = self._engine.order_stills(burst.instants_ns, burst.period_ns, self._now_ns())
-            which = f"{len(taken)} of {count(burst.frames, 'instant')}"
-            text = (
-                f"{count(phones, 'phone')} with the app told to take {which}: one each half a second at most"
+            self._tell(phones, self._order(burst.instants_ns, burst.period_ns))
+
+    def take_alone(self, request: BurstRequest) -> str:
+        """Have phones take what was asked for where there is no camera; return what was told, if any is here.
+
+        Raises BadInputError for a recording without an end: nobody else would know when to end it.
+        """
+        if not (phones := len(self._engine.present())):
+            return ""
+        first_ns = request.at_leader_ns or self._now_ns() + LEAD_NS
+        # On the app's own grid.
+        first_ns += (GOAL_PHASE_NS - first_ns) % PERIOD_NS
+        step_ns = request.spacing * PERIOD_NS
+        if request.interval_s is not None:
+            step_ns = max(1, round(request.interval_s * 1e9 / PERIOD_NS)) * PERIOD_NS
+        if not request.video:
+            frames = request.frames or max(1, round((request.seconds or 0) * 1e9 / step_ns))
+            instants_ns = [first_ns + n * step_ns for n in range(min(frames, MAX_FRAMES))]
+            return self._tell(phones, self._order(instants_ns, PERIOD_NS))
+        if request.seconds is None:
+            raise BadInputError(
+                "phones alone record for a given time", hint="capture-app record --seconds 10"
             )
+        self._begin_recording(_Alone(first_ns, first_ns + round(request.seconds * 1e9)))
+        return self._tell(phones, RECORD)
+
+    def _order(self, instants_ns: Sequence[int], period_ns: int) -> str:
+        taken = self._engine.order_stills(instants_ns, period_ns, self._now_ns())
+        which = f"{len(taken)} of {count(len(instants_ns), 'instant')}"
+        return f"take {which}: one each half a second at most"
+
+    def _begin_recording(self, take: Take) -> None:
+        task = asyncio.create_task(self._record(take))
+        self._recordings.add(task)
+        task.add_done_callback(self._recordings.discard)
+
+    def _tell(self, phones: int, what: str) -> str:
         self._turn()
-        self._on_news(AppPhonesTold(f"{text}; what they take stays on them (capture-app sessions import)"))
+        text = f"{count(phones, 'phone')} with the app told to {what}"
+        text += "; what they take stays on them (capture-app sessions import)"
+        self._on_news(AppPhonesTold(text))
+        return text
 
     def set_exposure(self, exposure_ns: int, iso: int) -> None:
         """Have the phones that are here expose each frame for so long, at this sensitivity."""

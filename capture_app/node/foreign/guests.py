@@ -5,6 +5,7 @@ from collections.abc import Callable
 from capture_app.clock import NodeClock
 from capture_app.node.foreign.app_phones import AppNews, AppPhones, Take
 from capture_app.node.foreign.rpicam_sync import RpicamSync, SharedGrid
+from capture_app.node.wire.messages import BurstRequest
 from capture_app.sync.foreign.app_leader import AppPhoneStatus
 from capture_app.sync.phase.goal import Goal
 
@@ -39,6 +40,13 @@ class Guests:
         """Have phones with the app expose so."""
         if self._app_phones is not None:
             self._app_phones.set_exposure(exposure_ns, iso)
+
+    def take_alone(self, request: BurstRequest) -> str:
+        """Have them take it in a rig without a camera; return what was told whom, empty where nobody is here.
+
+        Raises BadInputError for a recording without an end.
+        """
+        return "" if self._app_phones is None else self._app_phones.take_alone(request)
 
     def take_part(self, take: Take) -> None:
         """Have those that can take their part of a burst."""

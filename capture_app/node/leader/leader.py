@@ -251,6 +251,9 @@ class LeaderNode:
         asked_ns = self._clock.now_ns()
         frames = request.frames or 0
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
+        if self._engine.goal is None and (told := self._guests.take_alone(request)):
+            yield replace(before, done=True, message=told)
+            return
         if request.wait_ready_s:
             async for reason in reasons_until_ready(self._views, request.wait_ready_s, request.nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")

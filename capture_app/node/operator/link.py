@@ -7,6 +7,7 @@ from typing import Any
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
+from capture_app.node.operator.camera_controls import ControlledCamera, match_cameras
 from capture_app.node.operator.requests import (
     ask_burst,
     ask_detail,
@@ -108,6 +109,10 @@ class RigLink:
     async def detail(self, name: str) -> NodeDetail:
         """Ask a node for all it knows of itself."""
         return await ask_detail(self._leader, name)
+
+    async def match_cameras(self, source: str) -> list[ControlledCamera]:
+        """Hold what one camera has chosen, and set it on all others that can."""
+        return await match_cameras(self._leader, source)
 
     async def stop_rig(self) -> None:
         """End the leader and the cameras that are its children."""

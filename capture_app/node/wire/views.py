@@ -4,6 +4,8 @@ from typing import Literal
 
 from msgspec import Struct
 
+from capture_app.camera_controls import ControlState
+
 Level = Literal["info", "warning", "error"]
 
 
@@ -44,6 +46,8 @@ class NodeDetail(Struct, frozen=True, kw_only=True):
     gain: float | None = None
     white_balance: tuple[float, float] | None = None
     """Red and blue gains over green."""
+    controls: tuple[ControlState, ...] = ()
+    """As they were a few seconds ago at most."""
     spool: str = ""
     """Folder of that machine that keeps images until the leader has them; empty where memory does."""
     disk_free_bytes: int | None = None

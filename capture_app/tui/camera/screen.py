@@ -9,7 +9,9 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
+from textual.notifications import SeverityLevel
 
+from capture_app.camera_controls import Control, describe
 from capture_app.errors import SimulshotError
 from capture_app.node.wire.status import NodeStatus
 from capture_app.node.wire.views import NodeDetail
@@ -21,7 +23,7 @@ from capture_app.tui.camera.wedge_plot import wedge_rows, wedge_title
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.drawing.news import news_lines
 from capture_app.tui.footer import KeyFooter
-from capture_app.tui.messages import PreviewReceived, StatusChanged
+from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
 from capture_app.tui.pictures.picture import Picture
 from capture_app.tui.question import Dialog
 from capture_app.tui.record import RigRecord
@@ -42,6 +44,13 @@ class CameraScreen(Dialog[None]):
         Binding("escape,backspace,enter", "leave", "Back", key_display="esc", id="camera.back"),
         Binding("left,up,k", "move(-1)", "Previous", id="camera.previous"),
         Binding("right,down,j", "move(1)", "Next", id="camera.next"),
+        Binding(
+            "m",
+            "match",
+            "Set all like this",
+            id="camera.match",
+            tooltip="its exposure, gain, white balance, focus",
+        ),
     ]
 
     def __init__(self, name: str, source: RigSource, record: RigRecord) -> None:
@@ -115,6 +124,23 @@ class CameraScreen(Dialog[None]):
             self._draw()
             self._ask()
 
+    @work(exclusive=True, group="match")
+    async def action_match(self) -> None:
+        """Set all cameras like this one: exposure, gain, white balance, focus; say what cannot be."""
+        try:
+            found = await self._source.match_cameras(self._camera)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+            return
+        problems = [
+            f"{one.camera}: {why}" for one in found for why in dict.fromkeys(one.state.problems.values())
+        ]
+        words = f"{count(len(found), 'camera')} set like {self._camera}"
+        if problems:
+            words += ", but for:\n" + "\n".join(problems)
+        severity: SeverityLevel = "warning" if problems else "information"
+        self.notify(printable(words), severity=severity, markup=False, timeout=20)
+
     @work(exclusive=True, group="detail")
     async def _ask(self) -> None:
         while True:
@@ -182,10 +208,12 @@ class CameraScreen(Dialog[None]):
         third = [f"{printable(facts.model)} {facts.width}x{facts.height}"]
         if facts.kind not in WITHOUT_CAMERA and not facts.stamp_accuracy.is_exact:
             third.append(f"stamps {describe_stamp(facts.stamp_accuracy)}")
-        if node.exposure_ns:
+        told = {state.control: f"{state.control} {describe(state)}" for state in detail.controls}
+        if Control.EXPOSURE not in told and node.exposure_ns:
             third.append(f"exposure {duration(node.exposure_ns)}")
-        if node.gain is not None:
+        if Control.GAIN not in told and node.gain is not None:
             third.append(f"gain {node.gain:.1f}")
+        third += map(printable, told.values())
         if node.disk_free_bytes is not None:
             third.append(f"{node.disk_free_bytes / 1e9:.0f} GB free")
         if detail.spool:

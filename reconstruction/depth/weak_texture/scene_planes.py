@@ -14,7 +14,9 @@ TOLERANCE = 0.006
 MIN_SHARE = 0.004
 """Share of a picture that must lie on a plane."""
 MAX_PLANES = 32
-TRIALS, JUDGES = 100, 4000
+EVERY = 2
+"""Of so many points of a picture one is taken."""
+TRIALS, JUDGES = 80, 3000
 """Points whose own planes are tried for the next plane, and points by which these are judged."""
 ROUNDS = 4
 NORMAL_REACH_PX = 3
@@ -52,10 +54,12 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     level, right, down = fit_planes(known, 3 * TOLERANCE * usual, reach=NORMAL_REACH_PX, rounds=3)
     facing = surface_normals(level, right, down, image.rays)
     rows, columns = np.nonzero(evident)
+    rows, columns = rows[::EVERY], columns[::EVERY]
     pixels = np.column_stack([columns, rows]).astype(float)
     places = image.view.unproject(pixels, 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float))
     normals = facing[rows, columns] @ image.view.rotation
-    return SurfacePoints(places, normals, np.broadcast_to(image.view.centre, places.shape))
+    centres = np.broadcast_to(image.view.centre, places.shape)
+    return SurfacePoints(*(part.astype(np.float32) for part in (places, normals, centres)))
 
 
 def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[ScenePlane]:
@@ -86,7 +90,8 @@ def _most_supported(points: SurfacePoints) -> ScenePlane:
 def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
     """The plane by least squares through the points on it, again and again."""
     for _ in range(ROUNDS):
-        on = _selected(points, plane.off(points) < TOLERANCE)
+        close = _selected(points, plane.off(points) < TOLERANCE)
+        on = SurfacePoints(*(part.astype(float) for part in close))
         if len(on.places) < 3:
             break
         weights = 1 / np.maximum(np.abs(plane.distance - on.centres @ plane.normal), 1e-9) ** 2
@@ -99,8 +104,9 @@ def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
 
 def _relative_gaps(normals: Array, distances: Array, points: SurfacePoints) -> Array:
     """Gaps (planes x points) along the rays between planes and points, over the points' planes' depth."""
-    gaps = np.abs(normals @ points.places.T - distances[:, None])
-    return np.asarray(gaps / np.maximum(np.abs(distances[:, None] - normals @ points.centres.T), 1e-9))
+    normals, distances = normals.astype(np.float32), distances.astype(np.float32)[:, None]
+    gaps = np.abs(normals @ points.places.T - distances)
+    return np.asarray(gaps / np.maximum(np.abs(normals @ points.centres.T - distances), 1e-9))
 
 
 def _selected(points: SurfacePoints, chosen: Array | slice) -> SurfacePoints:

@@ -2,7 +2,9 @@
 
 import asyncio
 import random
+import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from types import SimpleNamespace
@@ -24,6 +26,7 @@ NAMES = (
 IDS = {name: ControlId(name) for name in NAMES.split()} | {
     "StatsOutputEnable": ControlId("StatsOutputEnable", "rpi")
 }
+AUTO = IDS["AeEnable"]
 MODEL, SIZE, DEVICES = ControlId("Model"), ControlId("PixelArraySize"), ControlId("SystemDevices")
 
 
@@ -115,6 +118,8 @@ class Camera:
         self.controls[IDS["FrameDurationLimits"]] = SimpleNamespace(
             min=sensor.shortest_us, max=sensor.longest_us
         )
+        self.controls[IDS["ExposureTime"]] = SimpleNamespace(min=29, max=1_000_000)
+        self.controls[IDS["AnalogueGain"]] = SimpleNamespace(min=1.0, max=10.7)
         self._rng = random.Random(sensor.seed)
         self._queue: deque[Request] = deque()
         self._under_way: list[Request] = []
@@ -146,21 +151,45 @@ class Camera:
 
     def configure(self, configuration: Any) -> None:
         assert self.acquired
+        self._loop, self._thread = asyncio.get_running_loop(), threading.get_ident()
 
     def create_request(self, cookie: int) -> Request:
         return Request(cookie)
 
     def start(self, settings: dict[ControlId, Any]) -> None:
+        self._on_loop(self._start, settings)
+
+    def stop(self) -> None:
+        self._on_loop(self._stop)
+
+    def queue_request(self, request: Request) -> None:
+        assert request.status is Status.Pending, "a request must be reused first"
+        assert request.buffer is not None
+        self._queue.append(request)
+
+    # The sensor
+
+    def _on_loop(self, work: Callable[..., None], *arguments: Any) -> None:
+        """Do it on the loop whose time it is, also where a thread asks."""
+        if threading.get_ident() == self._thread:
+            work(*arguments)
+            return
+
+        async def do() -> None:
+            work(*arguments)
+
+        asyncio.run_coroutine_threadsafe(do(), self._loop).result()
+
+    def _start(self, settings: dict[ControlId, Any]) -> None:
         self.starts += 1
         self._settings = dict(settings)
         self._sequence = 0
         exposure_us = self._settings.get(IDS["ExposureTime"], 20_000)
         self._coming = deque([(self._rows(), exposure_us)] * LATENCY_FRAMES)
-        loop = asyncio.get_running_loop()
-        self._frame_ns = round((loop.time() + 0.2 + self._rng.random() / 30) * 1e9)
+        self._frame_ns = round((self._loop.time() + 0.2 + self._rng.random() / 30) * 1e9)
         self._expect()
 
-    def stop(self) -> None:
+    def _stop(self) -> None:
         if self._next is not None:
             self._next.cancel()
         self._next = None
@@ -170,26 +199,19 @@ class Camera:
         self._under_way.clear()
         self._queue.clear()
 
-    def queue_request(self, request: Request) -> None:
-        assert request.status is Status.Pending, "a request must be reused first"
-        assert request.buffer is not None
-        self._queue.append(request)
-
-    # The sensor
-
     def _rows(self) -> int:
         limits = self._settings.get(IDS["FrameDurationLimits"], (33_333, 33_333))
         duration_us = min(max(limits[0], self.sensor.shortest_us), self.sensor.longest_us)
         return int(duration_us * 1000 / self.sensor.row_ns)
 
     def _exposure_us(self) -> int:
-        if not self._settings.get(IDS["AeEnable"], True):
+        if not self._settings.get(AUTO, True):
             return self._settings[IDS["ExposureTime"]]
         return round(self.sensor.exposure_us * (1.0 + 1.0 / (1 + self._sequence)))
 
     def _expect(self) -> None:
         if not self.dead:
-            self._next = asyncio.get_running_loop().call_at(self._frame_ns / 1e9, self._begin_frame)
+            self._next = self._loop.call_at(self._frame_ns / 1e9, self._begin_frame)
 
     def _begin_frame(self) -> None:
         """A frame is read out: its request's settings are taken in, for the frame after the next."""
@@ -209,13 +231,13 @@ class Camera:
                 "SensorTimestamp": stamp_ns,
                 "FrameDuration": self._told_us(rows),
                 "ExposureTime": self._told_us(exposed_rows),
-                "AnalogueGain": 2.0,
+                "AnalogueGain": 2.0
+                if self._settings.get(AUTO, True)
+                else self._settings[IDS["AnalogueGain"]],
                 "ColourGains": (1.5, 1.25),
             }
             frame = Frame(self.starts, self._sequence, self._frame_ns - exposed_ns, self._frame_ns)
-            asyncio.get_running_loop().call_at(
-                self._frame_ns / 1e9 + 0.02, self._finish, request, frame, values
-            )
+            self._loop.call_at(self._frame_ns / 1e9 + 0.02, self._finish, request, frame, values)
         self._sequence += 1
         self._frame_ns += round(rows * self.sensor.row_ns * (1.0 + self.sensor.ppm * 1e-6))
         self._expect()

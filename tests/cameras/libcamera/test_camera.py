@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from capture_app.camera_controls import MICROSECONDS, Control
 from capture_app.camera_facts import PhaseControl, StampSource
 from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.libcamera.driver import listings
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.mode import parse_options
 from capture_app.cameras.libcamera.stamp_clock import StampClock
@@ -94,6 +96,41 @@ async def test_exposure_and_gain_that_were_asked_for_are_set_from_the_start() ->
     assert abs(opened.camera.facts.period_ns - 50_000_000) < ROW_NS
     assert opened.double._settings[IDS["AnalogueGain"]] == 1.5
     assert opened.double._settings[IDS["AeEnable"]] is False
+
+
+@in_stepped_time
+async def test_exposure_and_gain_are_told_set_and_given_back_to_the_camera() -> None:
+    opened = Opened()
+    await opened.start(0.1)
+    exposure, gain = await opened.camera.controls()
+    assert (exposure.control, exposure.unit, exposure.automatic) == (Control.EXPOSURE, MICROSECONDS, False)
+    assert (exposure.least, exposure.can_be_automatic) == (29, True)
+    assert exposure.most == pytest.approx(33_333, abs=20), "no exposure makes a frame longer"
+    assert (gain.control, gain.value, gain.most) == (Control.GAIN, 2.0, 10.7)
+    await opened.camera.set_control(Control.EXPOSURE, 2_000.0)
+    assert opened.camera.facts.exposure_ns == 105 * ROW_NS
+    assert opened.camera.facts.stamp.bias_ns == 105 * ROW_NS
+    await asyncio.sleep(0.5)
+    assert opened.frames[-1].exposure_ns == 105 * ROW_NS // 1000 * 1000
+    assert opened.frames[-1].gain == 2.0, "its gain stays where it was"
+    await opened.camera.set_control(Control.EXPOSURE, None)
+    assert opened.camera.facts.exposure_ns is None
+    assert opened.camera.facts.stamp_accuracy.source is StampSource.ASSUMED
+    await asyncio.sleep(0.5)
+    assert opened.frames[-1].exposure_ns > 8_000_000
+    assert (await opened.camera.controls())[0].automatic
+    with pytest.raises(CameraError, match="no control of its focus"):
+        await opened.camera.set_control(Control.FOCUS, 2.0)
+    await opened.camera.stop()
+
+
+@in_stepped_time
+async def test_cameras_are_listed_by_their_ids() -> None:
+    library = Library(libcamera_double(PI))
+    (listed,) = listings(library)
+    assert listed.spec == f"libcamera:{library.cameras[0].id}"
+    assert (listed.model, listed.usable) == ("imx219", True)
+    assert listed.detail == "sensor of 3280x2464, moved by frame durations"
 
 
 @in_stepped_time

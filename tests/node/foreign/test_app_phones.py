@@ -12,9 +12,10 @@ import pytest
 
 from benchmarks.clock.app_phone import PhoneOnSockets
 from capture_app.clock import HostClock, SimulatedClock
-from capture_app.errors import NetworkError
+from capture_app.errors import BadInputError, NetworkError
 from capture_app.node.foreign.app_phones import AppPhones
 from capture_app.node.leader.wording import News, news_line
+from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.sync.foreign.app_messages import CALL_PORT, PERIOD_NS
 from capture_app.sync.rig.frame_picks import Burst
@@ -112,6 +113,21 @@ async def test_a_recording_ends_with_the_leader(rig: PhoneRig) -> None:
     await until(lambda: rig.one.phone.recordings == ["start", "stop"])
 
 
+async def test_phones_take_pictures_where_there_is_no_camera(rig: PhoneRig) -> None:
+    told = rig.phones.take_alone(BurstRequest(frames=2, interval_s=3.0))
+    assert told.startswith("1 phone with the app told to take 2 of 2 instants")
+    await until(lambda: len(rig.one.phone.pictures) == 2)
+    first, second = (picture.leader_ns for picture in rig.one.phone.pictures)
+    assert abs(second - first - 3 * S) < 2 * PERIOD_NS
+
+
+async def test_phones_record_for_a_given_time_where_there_is_no_camera(rig: PhoneRig) -> None:
+    with pytest.raises(BadInputError, match="for a given time"):
+        rig.phones.take_alone(BurstRequest(video=True))
+    assert "told to record" in rig.phones.take_alone(BurstRequest(video=True, seconds=0.2))
+    await until(lambda: rig.one.phone.recordings == ["start", "stop"])
+
+
 async def test_a_port_that_another_program_has_is_named() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind((f"{HOST}.3", CALL_PORT))
@@ -126,5 +142,6 @@ async def test_without_phones_nothing_is_said(tmp_path: Path) -> None:
     phones.start(HostClock(), news.append)
     phones.take_part(Take(burst_of(time.monotonic_ns() + S)))
     await phones.close()
+    assert phones.take_alone(BurstRequest(frames=1)) == ""
     assert news == []
     assert phones.statuses() == ()

@@ -3,12 +3,14 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture_app.camera_controls import MICROSECONDS, CameraControls, Control, ControlState
 from capture_app.errors import NetworkError
+from capture_app.node.operator.camera_controls import ControlledCamera
 from capture_app.node.wire.views import NewsLine, NodeDetail
 from capture_app.tui.camera.histogram import histogram_rows, histogram_title
 from capture_app.tui.camera.screen import CameraScreen
 from capture_app.tui.camera.wedge_plot import wedge_rows, wedge_title
-from tests.tui.driving import make_app, settle, text
+from tests.tui.driving import make_app, settle, text, toasts
 from tests.tui.fake_rig import UNIX_NS, FakeRig
 
 SAMPLES = tuple((5_000_000 + (n * 7919 % 41 - 20) * n, 120_000 + 100 * n) for n in range(100))
@@ -48,6 +50,27 @@ async def test_enter_opens_a_camera_and_escape_leads_back(utc: None) -> None:
         await settle(pilot)
         assert not isinstance(app.screen, CameraScreen)
         assert rig.asked[-1] == ("want_previews", None, 320, 0.0)
+
+
+async def test_all_cameras_are_set_like_this_one() -> None:
+    rig = FakeRig(2)
+    exposure = ControlState(control=Control.EXPOSURE, value=4000.0, unit=MICROSECONDS, automatic=True)
+    rig.details["cam00"] = NodeDetail(camera="cam00", controls=(exposure,))
+    cannot = CameraControls(problems={Control.FOCUS: "it has no [b]focus"})
+    rig.matched = [
+        ControlledCamera(camera="cam00", state=CameraControls()),
+        ControlledCamera(camera="cam01", state=cannot),
+    ]
+    app = make_app(rig)
+    async with app.run_test(size=(100, 30), notifications=True) as pilot:
+        await settle(pilot)
+        await pilot.press("enter")
+        await settle(pilot)
+        assert "exposure 4000 µs, auto" in text(app, "#camera-facts")
+        await pilot.press("m")
+        await settle(pilot)
+        assert ("match_cameras", "cam00") in rig.asked
+        assert toasts(app) == ["2 cameras set like cam00, but for:\ncam01: it has no [b]focus"]
 
 
 async def test_a_camera_that_does_not_answer_says_so_and_one_that_left_too() -> None:

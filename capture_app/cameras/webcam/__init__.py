@@ -1,0 +1,1 @@
+"""Webcams by OpenCV, on systems whose own camera interface there is no driver for: the lowest grade."""

@@ -11,6 +11,8 @@ import msgspec
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel
+from capture_app.sync.foreign.app_leader import AppLeader
+from capture_app.sync.foreign.app_messages import TIME_PORT, Method, encode_call
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
 from capture_app.trust.keys import LeaderKeys
@@ -74,3 +76,29 @@ def read_pairing_word(data: bytes, folder: Path) -> None:
         _, attempt = desk.answer("a" * 32, data, "b" * 32)
         desk.accept(attempt, data)
         raise AssertionError("it was taken for a proof")
+
+
+def read_app_phone(data: bytes, folder: Path) -> None:
+    """Whatever comes to the ports of phones with the Android app: calls and times, a length byte before each.
+
+    An even length is of a call, an odd one of a time answer, whose first time is that of the latest request.
+    """
+    leader, now_ns, host = AppLeader(aligns=True), 10**12, ("192.0.2.9", 1)
+    leader.calls.receive_datagram(encode_call(Method.HEARTBEAT, "a,192.0.2.9,false"), host, now_ns)
+    asked, at = b"", 0
+    while at < len(data):
+        length, now_ns = data[at], now_ns + 3_000_000
+        datagram, at = data[at + 1 : at + 1 + length], at + 1 + length
+        for port in (leader.calls, leader.times):
+            port.handle_timer(now_ns)
+            for sent, to in port.datagrams_to_send(now_ns):
+                assert to[0] == host[0]
+                asked = sent if to[1] == TIME_PORT else asked
+        if length % 2:
+            leader.times.receive_datagram(asked + datagram[:16].ljust(16, b"\0"), host, now_ns)
+        else:
+            leader.calls.receive_datagram(datagram, host, now_ns)
+    for _ in range(3):
+        now_ns += 10**9
+        leader.calls.handle_timer(now_ns)
+        msgspec.json.encode(leader.statuses(now_ns))

@@ -16,7 +16,13 @@ from tests.fuzz.import_readers import (
     read_rig,
     read_table,
 )
-from tests.fuzz.network_readers import read_datagram, read_pairing_word, read_sealed, read_stream
+from tests.fuzz.network_readers import (
+    read_app_phone,
+    read_datagram,
+    read_pairing_word,
+    read_sealed,
+    read_stream,
+)
 from tests.fuzz.session_readers import (
     SESSION_FILES,
     read_ground_truth,
@@ -55,5 +61,6 @@ READERS: dict[str, Reader] = {
     "known-machines": read_known_machines,
     "sealed": read_sealed,
     "pairing": read_pairing_word,
+    "app-phone": read_app_phone,
 }
 """By name; the corpus of each is `corpus/NAME`."""

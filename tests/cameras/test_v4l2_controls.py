@@ -97,3 +97,11 @@ async def test_a_device_that_is_gone_is_told_in_words() -> None:
     with pytest.raises(CameraError, match="/dev/video0"):
         await camera.set_control(Control.EXPOSURE, 4000.0)
     await camera.stop()
+
+
+async def test_a_camera_that_was_stopped_has_none_and_takes_none() -> None:
+    camera = V4L2Camera(Webcam(), MJPG, PERIOD_NS)
+    await camera.stop()
+    assert await camera.controls() == ()
+    with pytest.raises(CameraError, match="was stopped"):
+        await camera.set_control(Control.GAIN, 1.0)

@@ -34,7 +34,7 @@ class Webcam:
         begin = len(self.frames)
         while len(self.frames) < begin + FRAMES:  # noqa: ASYNC110 - frames tell nobody
             await asyncio.sleep(0.05)
-        return [frame.exposure_ns for frame in self.frames[begin:]]
+        return [frame.exposure_ns for frame in self.frames[begin : begin + FRAMES]]
 
 
 async def main() -> dict[str, Any]:

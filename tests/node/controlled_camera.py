@@ -28,7 +28,7 @@ class ControlledCamera(Camera):
 
     def __init__(self, *states: ControlState) -> None:
         self.states = {state.control: state for state in states or (EXPOSURE, GAIN, WHITE_BALANCE)}
-        self.refuses = False
+        self.refuses = self.refuses_to_set = False
         self.set: list[tuple[Control, float | None]] = []
 
     @property
@@ -43,10 +43,12 @@ class ControlledCamera(Camera):
             self.states[Control.EXPOSURE] = replace(self.states[Control.EXPOSURE], value=value)
 
     async def controls(self) -> tuple[ControlState, ...]:
+        if self.refuses:
+            raise CameraError("the device is gone")
         return tuple(self.states.values())
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        if self.refuses:
+        if self.refuses or self.refuses_to_set:
             raise CameraError("the device is gone")
         self.set.append((control, value))
         before = self.states[control]

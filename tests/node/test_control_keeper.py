@@ -73,9 +73,23 @@ async def test_what_cannot_be_set_is_told_with_its_reason(node: Node) -> None:
 
 
 async def test_a_driver_that_refuses_is_told(node: Node) -> None:
-    node.camera.refuses = True
+    node.camera.refuses_to_set = True
     done = await node.keeper.apply({Control.GAIN: 3.0})
     assert "the device is gone" in done.problems[Control.GAIN]
+
+
+async def test_a_camera_that_is_gone_ends_nothing(node: Node) -> None:
+    await see_it_choose(node)
+    node.camera.refuses = True
+    assert (await node.keeper.read()).controls == ()
+    done = await node.keeper.apply({Control.GAIN: 3.0})
+    assert done.problems == {Control.GAIN: "it has no control of its gain"}
+    node.keeper.set_in_burst(True)
+    await settled(node)
+    node.keeper.set_in_burst(False)
+    await settled(node)
+    node.camera = ControlledCamera()
+    assert len((await node.keeper.read()).controls) == 3
 
 
 async def test_automatic_where_the_camera_can(node: Node) -> None:

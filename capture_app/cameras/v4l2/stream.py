@@ -134,7 +134,9 @@ class V4L2Camera(Camera):
         await self._in_worker(self._release)
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Those that the device has, as they stand."""
+        """Those that the device has, as they stand; none of one that is gone."""
+        if self._closing.is_set():
+            return ()
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(
             self._worker, controls.read_controls, self._device, self._facts.model
@@ -142,6 +144,8 @@ class V4L2Camera(Camera):
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
+        if self._closing.is_set():
+            raise CameraError(f"{self._device.path} was stopped")
         try:
             await asyncio.get_running_loop().run_in_executor(self._worker, self._set_control, control, value)
         except OSError as error:

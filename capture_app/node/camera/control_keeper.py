@@ -11,8 +11,10 @@ from contextlib import suppress
 
 from capture_app.camera_controls import CameraControls, Control, ControlState, ControlValue
 from capture_app.cameras.base import Camera
-from capture_app.errors import CameraError
+from capture_app.errors import SimulshotError
 
+REFUSALS = (SimulshotError, OSError)
+"""What a camera may raise that is asked for its controls."""
 LOOK_EVERY_S = 2.0
 """Between two looks at what the camera has chosen."""
 
@@ -48,7 +50,7 @@ class ControlKeeper:
                 async with asyncio.timeout(LOOK_EVERY_S):
                     await self._burst_changed.wait()
             self._burst_changed.clear()
-            with suppress(CameraError):
+            with suppress(*REFUSALS):
                 async with self._busy:
                     await (self._lock() if self._in_burst else self._unlock())
 
@@ -61,7 +63,7 @@ class ControlKeeper:
         """Set these controls as well as the camera can; return all as they stand then, and what it cannot."""
         problems: dict[Control, str] = {}
         async with self._busy:
-            before = CameraControls(controls=await self._camera().controls())
+            before = CameraControls(controls=await self._look())
             for control, value in wanted.items():
                 state = before.state(control)
                 if state is None:
@@ -70,7 +72,7 @@ class ControlKeeper:
                 try:
                     if problem := await self._set(state, value):
                         problems[control] = problem
-                except CameraError as error:
+                except REFUSALS as error:
                     problems[control] = str(error)
             self._after_change()
             return CameraControls(controls=await self._look(), problems=problems)
@@ -80,13 +82,16 @@ class ControlKeeper:
         async with self._busy:
             self._locked.clear()
             for control, value in self._wanted.items():
-                with suppress(CameraError):
+                with suppress(*REFUSALS):
                     await self._camera().set_control(control, value)
             if self._wanted:
                 self._after_change()
 
     async def _look(self) -> tuple[ControlState, ...]:
-        self.latest = await self._camera().controls()
+        self.latest = ()
+        # A camera that has failed is opened again by others, and none of its controls ends the node.
+        with suppress(*REFUSALS):
+            self.latest = await self._camera().controls()
         return self.latest
 
     async def _set(self, state: ControlState, value: ControlValue) -> str:
@@ -120,7 +125,7 @@ class ControlKeeper:
     # light that stamps are taken for, and with it the grid, just when a burst is picked.
 
     async def _lock(self) -> None:
-        for state in await self._camera().controls():
+        for state in await self._look():
             if state.automatic and state.control in self._live and state.value is not None:
                 await self._camera().set_control(state.control, state.value)
                 self._locked.add(state.control)

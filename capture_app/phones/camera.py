@@ -4,6 +4,9 @@ import asyncio
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from msgspec import structs
+
+from capture_app.camera_controls import Control, ControlState
 from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock, OnFailure, OnFrame
 from capture_app.errors import CameraError
@@ -73,8 +76,8 @@ class PhoneCamera(Camera):
 
     @property
     def facts(self) -> CameraFacts:
-        """What this camera is and can do."""
-        return self._facts
+        """What this camera is and can do; its exposure as it stands."""
+        return structs.replace(self._facts, exposure_ns=self._phone.exposure_ns)
 
     @property
     def device_clock(self) -> DeviceClock | None:
@@ -84,7 +87,7 @@ class PhoneCamera(Camera):
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Hand on the frames of the stream that is running. Raises CameraError where it is not any more."""
         loop, clock, page = asyncio.get_running_loop(), self._phone.clock, self._phone.page
-        if self._phone.facts != self._facts or page != self._page:
+        if self._phone.facts != self.facts or page != self._page:
             raise CameraError(f"{self._phone.name} has come back as another camera")
 
         def deliver(frame: TimedFrame) -> None:
@@ -94,6 +97,8 @@ class PhoneCamera(Camera):
                     stream=frame.stream,
                     timestamp_ns=clock.gateway_ns(frame.page_us),
                     picture=PhonePicture(self._phone, page, frame.id, loop),
+                    exposure_ns=self._phone.exposure_ns,
+                    gain=self._phone.gain,
                     clock_uncertainty_ns=clock.uncertainty_ns(frame.page_us),
                 )
             )
@@ -112,6 +117,14 @@ class PhoneCamera(Camera):
         if not isinstance(command, RestartStream):
             raise CameraError("a phone in a browser cannot change the length of single frames")
         await self._phone.restart(command.delay_ns)
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Those that the phone's browser has, as they stand."""
+        return self._phone.controls
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set a control, which the page holds through restarts. Raises CameraError where it cannot."""
+        await self._phone.set_control(control, value)
 
     async def stop(self) -> None:
         """Hand on no more frames; the phone's camera goes on. Calling it twice is harmless."""

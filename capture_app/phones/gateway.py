@@ -21,10 +21,11 @@ from capture_app.phones.door import Door
 from capture_app.phones.phone import Phone
 
 PAGE = Path(__file__).parent / "page"
+SCRIPTS = ("requirements.js", "controls.js", "opening.js", "page.js", "link.js", "camera.js")
 PARTS = {
     "": ("index.html", "text/html"),
     "page.css": ("page.css", "text/css"),
-    **{name: (name, "text/javascript") for name in ("requirements.js", "page.js", "link.js", "camera.js")},
+    **{name: (name, "text/javascript") for name in SCRIPTS},
 }
 DEFAULT_SIZE = (1280, 720)
 HEARTBEAT_S = 5.0

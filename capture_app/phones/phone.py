@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
+from capture_app.camera_controls import Control, ControlState
 from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
 from capture_app.errors import CameraError
 from capture_app.phones import wire
@@ -13,6 +14,8 @@ from capture_app.phones.phone_clock import PhoneClock
 _log = logging.getLogger(__name__)
 
 KIND = "phone"
+ORDER_S = 10.0
+MOST_EXPOSURE_US = 1e7
 PATIENCE_S = 15.0
 """So long a picture is waited for, over a link that comes back, too."""
 DELIVERY_NS = 100_000_000
@@ -48,6 +51,10 @@ class Phone:
         self._why_away = NEVER
         self._times = FrameTimes(0.0)
         self._pictures: dict[tuple[str, int, bool], asyncio.Future[bytes]] = {}
+        self.controls: tuple[ControlState, ...] = ()
+        """Those of its camera, as they stood when its page told of them last."""
+        self._orders: dict[int, asyncio.Future[str]] = {}
+        self._last_order = 0
         self._on_frame: OnFrame | None = None
         self._on_away: Callable[[str], None] | None = None
 
@@ -71,16 +78,19 @@ class Phone:
         if opened is None or period_ns is None or self._clock is None or not self._clock.is_known:
             raise CameraError(f"{self.name}: {self._why_away if opened is None else STARTING}")
         # Stamps are arrivals where all goes quickly: after the exposure, the readout and the way to the page.
-        half_ns = (2 * period_ns + DELIVERY_NS) // 2
+        exposure_ns, browser = self.exposure_ns, browser_name(self._hello.user_agent)
+        exposed_ns = period_ns if exposure_ns is None else min(exposure_ns, period_ns)
+        half_ns = (exposed_ns + period_ns + DELIVERY_NS) // 2
         return CameraFacts(
             kind=KIND,
-            model=(opened.label or browser_name(self._hello.user_agent))[:200],
+            model=" ".join(filter(None, (self._hello.model or browser, opened.label)))[:200],
             width=opened.width,
             height=opened.height,
             pixel_format="JPEG",
             period_ns=period_ns,
             timestamp_source=TimestampSource.UNKNOWN,
             phase_control=PhaseControl.RESET,
+            exposure_ns=exposure_ns,
             stamp=StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED),
         )
 
@@ -100,6 +110,38 @@ class Phone:
         if self._send is None or self._opened is None:
             raise CameraError(f"{self.name}: {self._why_away}")
         await self._send(wire.restart_request(at_us))
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set a control, None: let the camera choose it. Raises CameraError where that was not done."""
+        if self._send is None:
+            raise CameraError(f"{self.name}: {self._why_away}")
+        self._last_order += 1
+        number = self._last_order
+        answered = self._orders[number] = asyncio.get_running_loop().create_future()
+        try:
+            await self._send(wire.control_order(number, control, value))
+            async with asyncio.timeout(ORDER_S):
+                problem = await answered
+        except TimeoutError:
+            raise CameraError(f"{self.name} did not answer in {ORDER_S:g} s") from None
+        finally:
+            self._orders.pop(number, None)
+        if problem:
+            raise CameraError(f"{self.name}: {problem}")
+
+    @property
+    def exposure_ns(self) -> int | None:
+        """Of its frames, where its browser tells."""
+        exposure_us = self._value(Control.EXPOSURE)
+        return None if exposure_us is None else round(min(max(exposure_us, 0.0), MOST_EXPOSURE_US) * 1000)
+
+    @property
+    def gain(self) -> float | None:
+        """Of its frames, 1 for ISO 100, where its browser tells."""
+        return self._value(Control.GAIN)
+
+    def _value(self, control: Control) -> float | None:
+        return next((state.value for state in self.controls if state.control is control), None)
 
     async def tell(self, message: str) -> None:
         """Let its page show something; nothing where none is connected."""
@@ -165,10 +207,16 @@ class Phone:
         self.gone.set()
         self._stand_still(NEVER)
 
-    def take_text(self, message: wire.Opened | wire.Away) -> None:
+    def take_text(self, message: wire.Opened | wire.Controls | wire.Away) -> None:
         """Take in what the page says of its camera."""
         if isinstance(message, wire.Away):
             self._stand_still(message.why)
+            return
+        if isinstance(message, wire.Controls):
+            self.controls = message.controls
+            answered = self._orders.pop(message.answers or 0, None)
+            if answered is not None and not answered.done():
+                answered.set_result(message.problem)
             return
         if self._opened != message:
             self._times = FrameTimes(message.frame_rate)

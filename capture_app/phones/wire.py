@@ -19,6 +19,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
+from capture_app.camera_controls import Control, ControlState
+
 PING, FRAME, PICTURE, PREVIEW = 1, 2, 3, 4
 _PING = struct.Struct("<BIIdd")
 _PONG = struct.Struct("<BI")
@@ -42,6 +44,8 @@ class Hello(FromPage, frozen=True, kw_only=True, tag="hello"):
     page: Words
     """Of this load of the page: pictures of another are gone."""
     user_agent: Annotated[str, Meta(max_length=1000)] = ""
+    model: Words = ""
+    """Of the phone, where the browser tells."""
     resolution_us: Annotated[float, Meta(ge=0.0, le=1e6)]
     """The step of the browser's clock."""
     reader: Words = ""
@@ -57,6 +61,16 @@ class Opened(FromPage, frozen=True, kw_only=True, tag="opened"):
     frame_rate: Annotated[float, Meta(ge=0.0, le=1000.0)] = 0.0
     """As the browser sets it; 0 where it does not say."""
     label: Words = ""
+
+
+class Controls(FromPage, frozen=True, kw_only=True, tag="controls"):
+    """The camera's controls as they stand, in units that mean the same with all cameras."""
+
+    controls: Annotated[tuple[ControlState, ...], Meta(max_length=len(Control))]
+    answers: int | None = None
+    """The number of the order that this answers."""
+    problem: Words = ""
+    """Why it could not be carried out."""
 
 
 class Away(FromPage, frozen=True, kw_only=True, tag="away"):
@@ -95,12 +109,13 @@ class PictureBytes:
     data: bytes
 
 
-_DECODER = msgspec.json.Decoder(Hello | Opened | Away)
+Said = Hello | Opened | Controls | Away
+_DECODER = msgspec.json.Decoder(Hello | Opened | Controls | Away)
 
 
-def decode_text(text: str) -> Hello | Opened | Away:
+def decode_text(text: str) -> Said:
     """Read what a page says in JSON. Raises ValueError."""
-    message: Hello | Opened | Away = _DECODER.decode(text)
+    message: Said = _DECODER.decode(text)
     return message
 
 
@@ -135,6 +150,13 @@ def picture_request(number: int, width: int | None = None) -> str:
     if width is None:
         return msgspec.json.encode({"type": "picture", "id": number}).decode()
     return msgspec.json.encode({"type": "preview", "id": number, "width": width}).decode()
+
+
+def control_order(number: int, control: Control, value: float | None) -> str:
+    """Return the order to set a control and hold it; None lets the camera choose it."""
+    return msgspec.json.encode(
+        {"type": "control", "number": number, "control": control, "value": value}
+    ).decode()
 
 
 def restart_request(at_us: float) -> str:

@@ -1,5 +1,6 @@
 """A leader and the gateway of its phones, in this process, on the loopback, over real TLS."""
 
+import asyncio
 import contextlib
 import datetime
 import socket
@@ -18,7 +19,7 @@ from capture_app.phones.phone_nodes import PhoneNodes
 from capture_app.session.reading.reader import Session
 from capture_app.sync.wire.messages import NodeState
 from tests.phones.stand_in import StandInPhone
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 
 @dataclass
@@ -70,8 +71,18 @@ async def ready(place: Place, *names: str) -> None:
     await until(lambda: all(place.state(name) in (NodeState.READY, NodeState.COARSE) for name in names))
 
 
-async def burst(place: Place, frames: int) -> Session:
-    request = BurstRequest(frames=frames, wait_ready_s=300.0)
-    told = [status async for status in place.leader.take_burst(request)]
-    assert told[-1].session, told[-1].message
-    return Session.open(Path(told[-1].session))
+async def measured(place: Place, name: str) -> None:
+    """Wait until a phone is in the rig, its clock known; a browser's fake camera may never be even."""
+    known = (NodeState.ALIGNING, NodeState.READY, NodeState.COARSE)
+    await until(lambda: place.state(name) in known)
+
+
+async def burst(place: Place, frames: int, *, wait_ready_s: float = 300.0) -> Session:
+    """Take bursts until one is whole: on a starved machine frames come too late."""
+    request = BurstRequest(frames=frames, wait_ready_s=wait_ready_s)
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            told = [status async for status in place.leader.take_burst(request)]
+            assert told[-1].session, told[-1].message
+            if told[-1].received == told[-1].expected:
+                return Session.open(Path(told[-1].session))

@@ -30,6 +30,7 @@ class StandInPhone:
         self.restarts: list[float] = []
         self.states: list[str] = []
         self.asked = 0
+        self.exposure_us = 20_000.0
         self._zero_us = zero_us
         self._phase_us, self._stream, self._next = phase_us, 1, 0
         self._ring: dict[int, bytes] = {}
@@ -62,6 +63,7 @@ class StandInPhone:
     async def open_camera(self) -> None:
         opened = {"type": "opened", "width": WIDTH, "height": HEIGHT, "frame_rate": 30.0, "label": "back"}
         await self._socket.send_str(json.dumps(opened))
+        await self._tell_exposure()
         self._tasks.append(asyncio.create_task(self._shoot()))
 
     async def say(self, **message: Any) -> None:
@@ -90,6 +92,11 @@ class StandInPhone:
             said = json.loads(message.data)
             if said["type"] == "state":
                 self.states.append(said["state"])
+            elif said["type"] == "control":
+                problem = "" if said["value"] != 1e9 else "the browser refuses it"
+                if not problem:
+                    self.exposure_us = said["value"] or 33_000.0
+                await self._tell_exposure(answers=said["number"], problem=problem)
             elif said["type"] == "restart":
                 self.restarts.append(said["at_us"])
                 self._stream += 1
@@ -101,6 +108,10 @@ class StandInPhone:
                     struct.pack("<BI", kind, said["id"]) + self._ring.get(said["id"], b"")
                 )
 
+    async def _tell_exposure(self, **answer: Any) -> None:
+        exposure = {"control": "exposure", "unit": "µs", "value": self.exposure_us, "least": 100, "most": 2e9}
+        await self.say(type="controls", controls=[{**exposure, "can_be_automatic": True}], **answer)
+
     async def _ping(self) -> None:
         self._last = 0xFFFFFFFF, 0.0
         number = 0
@@ -111,9 +122,13 @@ class StandInPhone:
             await asyncio.sleep(0.01)
 
     async def _shoot(self) -> None:
+        stream, at_us = 0, 0.0
         while True:
-            index = self.now_us() // PERIOD_US + 1
-            stream, at_us = self._stream, index * PERIOD_US + self._phase_us
+            if stream != self._stream:
+                stream = self._stream
+                at_us = self.now_us() // PERIOD_US * PERIOD_US + self._phase_us
+            # However late this machine is, no frame is left out.
+            at_us += PERIOD_US
             await asyncio.sleep((at_us - self.now_us()) / 1e6)
             if stream != self._stream:
                 continue

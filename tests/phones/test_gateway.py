@@ -1,17 +1,22 @@
 """Phones that come, take part, go and come back, over real TLS and sockets, without a browser."""
 
+import asyncio
+import contextlib
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import aiohttp
 import pytest
 
+from capture_app.camera_controls import MICROSECONDS, CameraControls, Control
 from capture_app.camera_facts import StampSource
+from capture_app.errors import SimulshotError
+from capture_app.node.operator.requests import ask_controls
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from tests.phones.places import Place, burst, ready, serving
 from tests.phones.stand_in import JPEG
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 
 @pytest.fixture
@@ -64,6 +69,34 @@ async def test_a_page_in_the_background_is_told_and_comes_back(place: Place) -> 
     assert any("in the background" in line for line in place.said)
     await phone.open_camera()
     await until(lambda: place.state("left") not in (NodeState.FAILED, NodeState.LOST))
+
+
+async def test_controls_are_set_by_the_page_and_told(place: Place) -> None:
+    phone = await place.phone()
+    await phone.join()
+    await phone.open_camera()
+    await until(lambda: place.state("left") not in (None, NodeState.FAILED))
+    leader = place.leader.own_address
+
+    async def controls(**wanted: float) -> CameraControls:
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                with contextlib.suppress(SimulshotError):  # its viewfinder may not be open yet
+                    return await ask_controls(
+                        leader, "left", {Control(name): wanted[name] for name in wanted}
+                    )
+                await asyncio.sleep(0.05)
+
+    told = (await controls()).state(Control.EXPOSURE)
+    assert told is not None
+    assert (told.value, told.unit) == (20_000.0, MICROSECONDS)
+    answer = await controls(exposure=4_000.0)
+    assert answer.problems == {}
+    assert phone.exposure_us == 4_000.0
+    refused = await controls(exposure=1e9)
+    assert "the browser refuses it" in refused.problems[Control.EXPOSURE]
+    (image,) = (await burst(place, 1)).manifest.images
+    assert image.exposure_ns == 4_000_000
 
 
 async def test_who_has_no_secret_gets_nothing(place: Place) -> None:

@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
+from capture_app.camera_controls import Control
+from capture_app.node.operator.requests import ask_controls
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from tests.browser import CHROMIUM, Browser
-from tests.phones.places import Place, burst, ready, serving
+from tests.phones.places import Place, burst, measured, serving
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs a headless Chromium")
@@ -75,8 +77,8 @@ async def join(phone: PhoneBrowser, place: Place) -> None:
     await phone.shows("Start the camera")
     await phone.ask("document.getElementById('wish').value = 'window'")
     await phone.ask("document.getElementById('go').click()")
-    await ready(place, "window")
-    await phone.shows("Ready")
+    await measured(place, "window")
+    await phone.shows("known to ±")
 
 
 async def test_a_browser_joins_by_the_code_and_takes_a_burst(place: Place, tmp_path: Path) -> None:
@@ -84,7 +86,7 @@ async def test_a_browser_joins_by_the_code_and_takes_a_burst(place: Place, tmp_p
     try:
         await join(phone, place)
         assert not await phone.ask("location.hash")
-        session = await burst(place, 3)
+        session = await burst(place, 3, wait_ready_s=0)
         assert verify(session) == []
         assert len(session.manifest.images) == 3
         (camera,) = session.manifest.cameras
@@ -102,10 +104,15 @@ async def test_a_browser_that_was_hidden_or_killed_comes_back(place: Place, tmp_
     phone = PhoneBrowser(tmp_path / "profile", ALLOW)
     try:
         await join(phone, place)
+        set_to = await ask_controls(place.leader.own_address, "window", {Control.EXPOSURE: 4_000.0})
+        assert set_to.problems == {}
+        exposure = set_to.state(Control.EXPOSURE)
+        assert exposure is not None
+        assert exposure.value == 4_000.0
         await phone.hide()
         await until(lambda: place.state("window") is NodeState.FAILED)
         await phone.show()
-        await ready(place, "window")
+        await measured(place, "window")
     finally:
         phone.kill()
     await until(lambda: place.state("window") is NodeState.FAILED)
@@ -114,8 +121,8 @@ async def test_a_browser_that_was_hidden_or_killed_comes_back(place: Place, tmp_
     again = PhoneBrowser(tmp_path / "profile", ALLOW)
     try:
         await again.open(place.base)
-        await ready(place, "window")
-        assert len((await burst(place, 2)).manifest.images) == 2
+        await measured(place, "window")
+        assert len((await burst(place, 2, wait_ready_s=0)).manifest.images) == 2
     finally:
         again.kill()
 
@@ -128,8 +135,8 @@ async def test_a_browser_that_shows_frames_to_nobody_is_read_by_its_video(
     try:
         await phone.open(place.url, before=WITHOUT_PROCESSOR)
         await phone.ask("document.getElementById('go').click()")
-        await until(lambda: place.state("phone") not in (None, NodeState.FAILED, NodeState.JOINING))
-        assert len((await burst(place, 1)).manifest.images) == 1
+        await measured(place, "phone")
+        assert len((await burst(place, 1, wait_ready_s=0)).manifest.images) == 1
     finally:
         phone.kill()
 

@@ -1,19 +1,16 @@
 // What the user of the phone sees and does; the camera is opened here, read and sent in workers.
 "use strict";
-const RETRY_MS = 2000, SLOW_SHARE = 0.1;
+const RETRY_MS = 2000, CONTROLS_MS = 1000;
 const BLINKS = 8, LIT_MS = 200, DARK_MS = 350, UNEVEN_MS = 200, SPIN_MS = 4;
-const WANTED = document.documentElement.dataset.size.split("x").map(Number);
-// A phone that is too slow for pictures of the size that was asked for takes half.
-const SIZES = [WANTED, WANTED.map(side => Math.round(side / 2))];
 const seen = id => document.getElementById(id);
 const sleep = ms => new Promise(done => setTimeout(done, ms));
-const link = new Worker("link.js"), camera = new Worker("camera.js");
+const link = new Worker("link.js");
 const pipe = new MessageChannel();
 link.postMessage({camera: pipe.port1}, [pipe.port1]);
 camera.postMessage({link: pipe.port2}, [pipe.port2]);
 const page = random();
-let running = false, joining = false, linked = false, stream = null, number = 0, device = null, size = 0;
-let settings = null, wake = null, sent = 0, restarting = false, told = "";
+let running = false, joining = false, linked = false, wake = null, sent = 0, restarting = false, told = "";
+let model = "", controlsTold = "";
 
 function random() {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), one => one.toString(16).padStart(2, "0")).join("");
@@ -40,97 +37,6 @@ function offer(words, button = "Start the camera", mood = "wait", state = "Not s
   seen("go").textContent = button;
   seen("go").disabled = false;
   show(mood, state, words);
-}
-
-// Opening the camera
-
-function constraints() {
-  const [width, height] = SIZES[size];
-  const wanted = {width: {ideal: width}, height: {ideal: height}, frameRate: {ideal: 30}};
-  return {audio: false, video: {...wanted, ...(device ? {deviceId: {exact: device}} : {facingMode: "environment"})}};
-}
-
-async function openCamera(trial) {
-  const opened = await navigator.mediaDevices.getUserMedia(constraints());
-  if (!running) {
-    opened.getTracks().forEach(track => track.stop());
-    throw new DOMException("it was stopped", "AbortError");
-  }
-  stream = opened;
-  const track = stream.getVideoTracks()[0], own = ++number;
-  device = track.getSettings().deviceId || null;
-  track.onended = () => { if (own === number && running && !restarting) loseCamera(); };
-  seen("video").srcObject = stream;
-  document.body.classList.add("seeing");
-  if (typeof MediaStreamTrackProcessor === "undefined") {
-    camera.postMessage({begin: own, trial});
-    readVideo(own);
-  } else {
-    const readable = new MediaStreamTrackProcessor({track, maxBufferSize: 4}).readable;
-    camera.postMessage({begin: own, trial, readable}, [readable]);
-  }
-  return track;
-}
-
-// For browsers that show frames, and hand them to nobody: each is copied as it is shown.
-function readVideo(own) {
-  const video = seen("video");
-  const look = (shown_ms, frame) => {
-    if (own !== number) return;
-    video.requestVideoFrameCallback(look);
-    const arrived_us = performance.now() * 1000, captured = frame.captureTime;
-    const media_us = frame.mediaTime > 0 ? frame.mediaTime * 1e6 : (captured || shown_ms) * 1000;
-    const times = {media_us, arrived_us, capture_us: captured ? captured * 1000 : null, origin_ms: performance.timeOrigin};
-    createImageBitmap(video).then(
-      bitmap => camera.postMessage({bitmap, stream: own, times}, [bitmap]), () => { /* between two streams */ });
-  };
-  video.requestVideoFrameCallback(look);
-}
-
-function closeCamera() {
-  number++;
-  camera.postMessage({end: true});
-  if (stream) stream.getTracks().forEach(track => track.stop());
-}
-
-function tryOut() {
-  return new Promise((done, fail) => {
-    const over = setTimeout(() => fail(new DOMException("no picture came in 15 s", "TimeoutError")), 15000);
-    camera.onmessage = event => {
-      if (event.data.type !== "trial") return;
-      clearTimeout(over);
-      done(event.data);
-    };
-  });
-}
-
-const REFUSALS = {
-  NotAllowedError: "The camera was refused. Tap the sign before the address, then Permissions, Camera, Allow; or look in " +
-    "the phone's settings whether this browser may use the camera. Then try again.",
-  NotFoundError: "No camera was found on this device.",
-  NotReadableError: "The camera is in use: close the other app that has it, then try again.",
-  OverconstrainedError: "The camera cannot do what was asked of it.",
-  TimeoutError: "The camera was opened, but gave no picture. Close other apps that use it, then try again.",
-};
-
-async function openAndTry() {
-  for (;;) {
-    const trial = tryOut();
-    trial.catch(() => { /* told below */ });
-    const track = await openCamera(true);
-    const {width, height, frames, skipped} = await trial;
-    if (skipped > SLOW_SHARE * frames && size + 1 < SIZES.length) {
-      size++;
-      closeCamera();
-      show("wait", "Starting", "This phone is too slow for large pictures: smaller ones are tried.");
-      continue;
-    }
-    settings = {width, height, frame_rate: track.getSettings().frameRate || 0, label: track.label};
-    seen("size").textContent = `${width}×${height}`;
-    const can = track.getCapabilities ? track.getCapabilities() : {};
-    seen("blink").textContent = can.torch ? "Blink the light 8 times" : "Blink the screen 8 times";
-    return;
-  }
 }
 
 async function start() {
@@ -210,7 +116,7 @@ async function join() {
     seen("name").textContent = body.name;
     document.title = body.name;
     const hello = {
-      type: "hello", page, user_agent: navigator.userAgent, model: body.model || "", isolated: Boolean(self.crossOriginIsolated),
+      type: "hello", page, user_agent: navigator.userAgent, model, isolated: Boolean(self.crossOriginIsolated),
       reader: typeof MediaStreamTrackProcessor === "undefined" ? "video" : "processor",
     };
     linked = true;
@@ -223,7 +129,28 @@ async function join() {
 function say(message) { link.postMessage({say: message}); }
 
 function tellOpened() {
-  if (stream) say({type: "opened", ...settings});
+  if (!stream) return;
+  say({type: "opened", ...settings});
+  controlsTold = "";
+  tellControls();
+}
+
+// What the camera chooses by itself changes with the light.
+function tellControls(answer = null) {
+  const controls = controlStates(stream && stream.getVideoTracks()[0]), now = JSON.stringify(controls);
+  if (!linked || (!answer && now === controlsTold)) return;
+  controlsTold = now;
+  say({type: "controls", controls, ...answer});
+}
+
+async function obeyControl({number: asked, control, value}) {
+  let problem = "";
+  try {
+    await setControl(stream.getVideoTracks()[0], control, value);
+  } catch (error) {
+    problem = `the browser refuses it (${error.name})`;
+  }
+  tellControls({answers: asked, problem});
 }
 
 async function restart(at_ms) {
@@ -272,9 +199,9 @@ link.onmessage = event => {
     if (message.clock) seen("clock").textContent = message.clock;
     if (told && !wake) seen("words").textContent += ` ${told}`;
   } else if (message.type === "restart") restart(message.at_ms);
-  else if (message.type === "bye") {
-    stop(message.words);
-  } else if (message.type === "sent") {
+  else if (message.type === "control") obeyControl(message);
+  else if (message.type === "bye") stop(message.words);
+  else if (message.type === "sent") {
     sent++;
     seen("sent").textContent = `${sent} ${sent === 1 ? "picture" : "pictures"}`;
   }
@@ -345,7 +272,6 @@ seen("stop").onclick = () => stop("This phone has left. Start the camera to come
 seen("blink").onclick = blink;
 
 async function suggestName() {
-  let model = "";
   try { model = (await navigator.userAgentData.getHighEntropyValues(["model"])).model; } catch { /* not every browser tells */ }
   const kind = /iPhone|iPad/.exec(navigator.userAgent);
   return memory.get("name") || model || (kind ? kind[0] : "phone");
@@ -361,4 +287,5 @@ async function begin() {
   if (memory.get("joined") && allowed && !document.hidden) start();
 }
 
+setInterval(() => { if (running && stream && !restarting) tellControls(); }, CONTROLS_MS);
 begin();

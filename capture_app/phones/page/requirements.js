@@ -29,12 +29,19 @@
     }
     return;
   }
-  var script = document.createElement("script");
-  script.src = "page.js";
-  script.onerror = function () {
-    document.body.className = "bad";
-    element("state").textContent = "Cannot join";
-    element("words").textContent = "The rest of this page did not come: is the leader still there? Load it again.";
-  };
-  document.body.appendChild(script);
+  function load(name) {
+    var script = document.createElement("script");
+    script.src = name;
+    // In the order in which they are added.
+    script.async = false;
+    script.onerror = function () {
+      document.body.className = "bad";
+      element("state").textContent = "Cannot join";
+      element("words").textContent = "The rest of this page did not come: is the leader still there? Load it again.";
+    };
+    document.body.appendChild(script);
+  }
+  load("controls.js");
+  load("opening.js");
+  load("page.js");
 })();

@@ -54,7 +54,7 @@ from capture_app.usage import examples
     "--align",
     type=click.Choice(["auto", "none", "sound", "flash", "gopro", "timecode"]),
     default="auto",
-    help="Align videos without common times by this; auto takes what tells it, the most exact first.",
+    help="Align videos without common times by this; auto tries all, in this order.",
 )
 @click.option(
     "--sound-distance-m",
@@ -62,6 +62,13 @@ from capture_app.usage import examples
     metavar="M",
     default=1.0,
     help="How much farther from the clap one camera may be than another: it goes into the error bar.",
+)
+@click.option(
+    "--sound-delay-ms",
+    type=FiniteRange(min=0),
+    metavar="MS",
+    default=20.0,
+    help="How much later one camera's sound may be than its pictures, against another's; 0 for one model.",
 )
 @click.option("--start", type=int, metavar="N", default=0, help="First instant to import.")
 @click.option("--count", type=int, metavar="N", show_default="all", help="Number of instants to import.")

@@ -10,7 +10,7 @@ from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_cl
 from capture_app.session.alignment.flash import match_flashes
 from capture_app.session.alignment.gopro import GpsClock, match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.lights import Lights, read_lights
-from capture_app.session.alignment.sound import SOUND_M_PER_S, Sound, match_sounds, read_sound
+from capture_app.session.alignment.sound import Sound, match_sounds, read_sound
 from capture_app.session.alignment.timecode import Timecode, read_timecode
 from capture_app.session.format.common_times import CameraTimes, CommonTimes, TimesState
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
@@ -41,14 +41,14 @@ def align_recording(
     unknown: CommonTimes,
     by: AlignBy,
     *,
-    distance_m: float,
+    sound_error_s: float,
     rate_given: bool = False,
 ) -> CommonTimes:
     """The state of the times after alignment, each camera's with it; `unknown` where nothing tells.
 
-    `distance_m`: how much farther one camera may be from what sounds than another. `rate_given`: frames are
-    timed by a rate, not by their videos, so that sound has other times. Raises BadInputError where a method
-    was asked for that these sources cannot have.
+    `sound_error_s` (95 %): what the sounds of two cameras' pictures may be apart though they were one.
+    `rate_given`: frames are timed by a rate, not by their videos, so that sound has other times. Raises
+    BadInputError where a method was asked for that these sources cannot have.
     """
     videos = [source for source in sources if isinstance(source, Video)]
     if by is AlignBy.NONE or len(videos) < len(sources):
@@ -62,7 +62,7 @@ def align_recording(
     names = [source.name for source in videos]
     starts_s = _starts_s(timeline)
     makers: dict[AlignBy, Callable[[], Against]] = {
-        AlignBy.SOUND: lambda: _by_sound(videos, distance_m),
+        AlignBy.SOUND: lambda: _by_sound(videos, sound_error_s),
         AlignBy.FLASH: lambda: _by_flash(videos),
         # A GoPro's timecode is its own clock's, which is hardly ever set to the second.
         AlignBy.GOPRO: lambda: _by_gopro(videos),
@@ -108,7 +108,7 @@ def _starts_s(timeline: Timeline) -> Mapping[str, float]:
     return starts
 
 
-def _by_sound(videos: Sequence[Video], distance_m: float) -> Against:
+def _by_sound(videos: Sequence[Video], error_s: float) -> Against:
     sounds: dict[str, Sound | None] = {video.name: read_sound(video.path) for video in videos}
 
     def against(first: str, second: str) -> CameraTimes:
@@ -118,7 +118,7 @@ def _by_sound(videos: Sequence[Video], distance_m: float) -> Against:
         moments = match_sounds(reference, camera)
         if isinstance(moments, str):
             return CameraTimes(reason=moments)
-        return fit_clock_line(moments, AlignBy.SOUND, systematic_s=distance_m / SOUND_M_PER_S)
+        return fit_clock_line(moments, AlignBy.SOUND, systematic_s=error_s)
 
     return against
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
+from capture_app.session.alignment.sound import SOUND_M_PER_S
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.importers.aligning import AlignBy, align_recording, with_common_times
 from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
@@ -34,6 +35,8 @@ Talk = Callable[[str], None]
 """Called with a line for each assumption."""
 
 SOUND_DISTANCE_M = 1.0
+SOUND_DELAY_MS = 20.0
+"""Assumed: nobody has measured how late cameras' sound is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +53,8 @@ class ImportOptions(TimeOptions):
     """What a recording without common times is aligned by."""
     sound_distance_m: float = SOUND_DISTANCE_M
     """How much farther one camera may be from what sounds than another."""
+    sound_delay_ms: float = SOUND_DELAY_MS
+    """How much later one camera's sound may be than its pictures, against another's (95 %)."""
     calibration: Sequence[str] = field(default_factory=tuple)
     """PATH or NAME=PATH, see `read_views`."""
     unit: str | None = None
@@ -85,7 +90,7 @@ def import_recording(
             timeline,
             common,
             options.align,
-            distance_m=options.sound_distance_m,
+            sound_error_s=options.sound_distance_m / SOUND_M_PER_S + options.sound_delay_ms / 1000,
             rate_given=options.fps is not None,
         )
         talk(

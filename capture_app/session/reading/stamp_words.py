@@ -23,7 +23,8 @@ def describe_stamp(stamp: StampAccuracy) -> str:
     if stamp.is_exact and not stamp.bias_ns:
         return f"exact, {_SOURCES[stamp.source]}"
     late = f"{duration(abs(stamp.bias_ns))} ±{duration(stamp.uncertainty_ns)}"
-    return f"{late} {'late' if stamp.bias_ns >= 0 else 'early'}, {_SOURCES[stamp.source]}"
+    against = f" against {stamp.against}, of which nobody knows it" if stamp.against else ""
+    return f"{late} {'late' if stamp.bias_ns >= 0 else 'early'}, {_SOURCES[stamp.source]}{against}"
 
 
 def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:

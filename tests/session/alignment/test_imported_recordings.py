@@ -46,7 +46,8 @@ def claps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_claps_align_videos(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    session = imported(claps, "--times", "video", "--sound-distance-m", "0", "--start", "60", "--count", "40")
+    exact = ("--sound-distance-m", "0", "--sound-delay-ms", "0")
+    session = imported(claps, "--times", "video", *exact, "--start", "60", "--count", "40")
     times = session.manifest.burst.common_times
     assert times is not None
     assert (times.state, times.reference) == (TimesState.ALIGNED, "a")
@@ -69,7 +70,8 @@ def test_claps_align_videos(claps: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_the_way_of_sound_is_in_the_error_bar(claps: Path) -> None:
     times = imported(claps, "--times", "video", "--start", "60", "--count", "3").manifest.burst.common_times
     assert times is not None
-    assert (times.cameras["b"].uncertainty_ns or 0) > 1 / 343 * 1e9
+    # And how late a camera's sound is, which it does not tell.
+    assert (times.cameras["b"].uncertainty_ns or 0) > 1 / 343 * 1e9 + 20e6
 
 
 def test_what_was_not_asked_for_is_not_done(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,6 +24,7 @@
 # make bench-app   stand-ins for phones with the paper's Android app, five minutes over emulated WiFi (root, 6 min)
 # make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, and 50 kills (30 min, 30 GB; BENCH="--seconds 60 --kills 0")
 # make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
+# make bench-stamps   a rig with a camera whose stamps are 15 ms late, before and after that is measured by motion (5 min)
 # make bench-phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make soak SECONDS=120   burst after burst, and whether threads, memory, open files or phase errors grow (SOAK="--cameras 5 --every 20")
@@ -46,7 +47,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-libcamera test-gige test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-libcamera test-gige test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones bench-stamps
 .DEFAULT_GOAL := help
 
 help:
@@ -122,6 +123,9 @@ bench-app: $(VENV)/.installed
 
 bench-joining: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.joining.first_evening $(BENCH)
+
+bench-stamps: $(VENV)/.installed
+	$(VENV)/bin/python -m benchmarks.time_offsets.biased_camera $(BENCH)
 
 bench-phones: $(VENV)/.installed-dev
 	$(BIN)/python -m benchmarks.phones.phone_link $(BENCH)

@@ -122,9 +122,10 @@ def _run(
         time.time_ns() - time.monotonic_ns()
     )
     bursts = []
+    # A fake camera is not even on a busy machine, and may be out of step again: nobody waits for it.
     for _ in range(options.bursts):
-        ask = ("burst", "--leader", f"{LEADER}:{PORT}", "--frames", "5", "--wait-s", "120", "--json")
-        done = json.loads(read_output(leader, *CAPTURE_APP, *ask, "--min-nodes", "2"))
+        ask = ("burst", "--leader", f"{LEADER}:{PORT}", "--frames", "5", "--json")
+        done = json.loads(read_output(leader, *CAPTURE_APP, *ask))
         bursts.append(done["session"])
     time.sleep(options.seconds)
     told = [one for one in served.told if one["at_s"] > began_s]

@@ -218,7 +218,11 @@ class Phone:
             if answered is not None and not answered.done():
                 answered.set_result(message.problem)
             return
-        if self._opened != message:
+        before = self._opened
+        if before is not None and (before.width, before.height) != (message.width, message.height):
+            # Its pictures are another camera's from now on.
+            self._stand_still("it was turned, and joins anew")
+        if before != message:
             self._times = FrameTimes(message.frame_rate)
         self._opened = message
 

@@ -171,11 +171,6 @@ def state_message(name: str, state: str, words: str, clock: str) -> str:
     ).decode()
 
 
-def farewell(words: str) -> str:
-    """Return the message after which the page stops."""
-    return msgspec.json.encode({"type": "bye", "words": words}).decode()
-
-
 def _check_times(*times_us: float) -> None:
     if not all(abs(time_us) < _LONGEST_US for time_us in times_us):
         raise ValueError("a time that no clock shows")

@@ -8,9 +8,11 @@ from typing import Any
 
 import msgspec
 
-from capture_app.errors import SimulshotError
+from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel
+from capture_app.phones import wire
+from capture_app.phones.phone import Phone
 from capture_app.sync.foreign.app_leader import AppLeader
 from capture_app.sync.foreign.app_messages import TIME_PORT, Method, encode_call
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -76,6 +78,39 @@ def read_pairing_word(data: bytes, folder: Path) -> None:
         _, attempt = desk.answer("a" * 32, data, "b" * 32)
         desk.accept(attempt, data)
         raise AssertionError("it was taken for a proof")
+
+
+def read_phone_page(data: bytes, folder: Path) -> None:
+    """What a phone's page says: messages, a length byte before each; those that begin with `{` are text."""
+    now_ns, at = 10**12, 0
+    phone = Phone("fuzzed", lambda: now_ns)
+
+    def assert_honest(page_us: float) -> None:
+        assert isinstance(phone.clock.gateway_ns(page_us), int)
+        assert 0 <= phone.clock.uncertainty_ns(page_us) <= phone.clock.hard_bound_ns(page_us)
+
+    phone.link_opened(_swallow, wire.Hello(page="1", resolution_us=5.0))
+    phone.watch(lambda frame: assert_honest(frame.page_us), lambda _: None)
+    phone.take_text(wire.Opened(width=640, height=480, frame_rate=30.0))
+    while at < len(data):
+        length, now_ns = data[at], now_ns + 3_000_000
+        message, at = data[at + 1 : at + 1 + length], at + 1 + length
+        with suppress(ValueError):
+            if message.startswith(b"{"):
+                said = wire.decode_text(message.decode(errors="replace"))
+                if not isinstance(said, wire.Hello):
+                    phone.take_text(said)
+                continue
+            told = wire.decode_binary(message)
+            if isinstance(told, wire.Ping):
+                phone.clock.note_pong(told, now_ns, now_ns)
+            phone.take_binary(told, now_ns)
+    with suppress(CameraError):
+        msgspec.json.encode(phone.facts)
+
+
+async def _swallow(_: str | bytes) -> None:
+    """The way to a page that is not there."""
 
 
 def read_app_phone(data: bytes, folder: Path) -> None:

@@ -20,6 +20,7 @@ from tests.fuzz.network_readers import (
     read_app_phone,
     read_datagram,
     read_pairing_word,
+    read_phone_page,
     read_sealed,
     read_stream,
 )
@@ -37,6 +38,7 @@ READERS: dict[str, Reader] = {
     "datagram": read_datagram,
     "stream-of-node": read_stream(messages.ToLeader),
     "stream-of-leader": read_stream(messages.FromLeader),
+    "phone-page": read_phone_page,
     **{f"session-{Path(name).stem}": read_session_file(name) for name in SESSION_FILES},
     "repair": repair_session,
     "ground-truth": read_ground_truth,

@@ -71,6 +71,18 @@ async def test_a_page_in_the_background_is_told_and_comes_back(place: Place) -> 
     await until(lambda: place.state("left") not in (NodeState.FAILED, NodeState.LOST))
 
 
+async def test_a_phone_that_is_turned_joins_anew(place: Place) -> None:
+    phone = await place.phone()
+    await phone.join()
+    await phone.open_camera()
+    await until(lambda: place.state("left") not in (None, NodeState.FAILED))
+    await phone.say(type="opened", width=240, height=320, frame_rate=30.0, label="back")
+    await until(lambda: any("another camera is connected" in line for line in place.said))
+    await until(lambda: place.state("left") not in (NodeState.FAILED, NodeState.LOST))
+    (camera,) = (await burst(place, 1)).manifest.cameras
+    assert (camera.facts.width, camera.facts.height) == (240, 320)
+
+
 async def test_controls_are_set_by_the_page_and_told(place: Place) -> None:
     phone = await place.phone()
     await phone.join()

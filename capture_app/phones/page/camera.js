@@ -3,7 +3,7 @@
 const QUALITY = 0.9, PREVIEW_QUALITY = 0.6, WAITING = 6;
 const KEPT_MS = 5000, KEPT_WHILE_ASKED_MS = 30000, ASKED_MS = 10000;
 const KEPT_BYTES = (navigator.deviceMemory || 4) <= 2 ? 64e6 : 160e6;
-let link = null, stream = 0, next = 0, waiting = 0, bytes = 0, askedMs = -Infinity, trial = null, canvas = null;
+let link = null, stream = 0, next = 0, waiting = 0, bytes = 0, askedMs = -Infinity, trial = null, canvas = null, sized = null;
 const ring = new Map();
 const now_us = () => performance.now() * 1000;
 
@@ -31,6 +31,9 @@ async function read(readable, own) {
 }
 
 function take(image, width, height, times) {
+  // A phone that is turned gives pictures of another shape.
+  if (sized && !trial && (sized[0] !== width || sized[1] !== height)) postMessage({type: "turned", width, height});
+  sized = [width, height];
   if (trial) trial.frames++;
   if (waiting >= WAITING) {
     // It counts as a frame that was dropped: nobody is promised a picture that is never made.

@@ -126,6 +126,13 @@ async function join() {
   joining = false;
 }
 
+camera.addEventListener("message", event => {
+  if (event.data.type !== "turned" || !settings) return;
+  settings = {...settings, width: event.data.width, height: event.data.height};
+  seen("size").textContent = `${settings.width}×${settings.height}`;
+  tellOpened();
+});
+
 function say(message) { link.postMessage({say: message}); }
 
 function tellOpened() {
@@ -200,7 +207,6 @@ link.onmessage = event => {
     if (told && !wake) seen("words").textContent += ` ${told}`;
   } else if (message.type === "restart") restart(message.at_ms);
   else if (message.type === "control") obeyControl(message);
-  else if (message.type === "bye") stop(message.words);
   else if (message.type === "sent") {
     sent++;
     seen("sent").textContent = `${sent} ${sent === 1 ? "picture" : "pictures"}`;

@@ -1,6 +1,5 @@
 """A grey picture with its view, and source pictures warped onto it and compared window by window."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -43,6 +42,11 @@ class CalibratedImage:
         variance = box_filter(self.grey * self.grey, self.window) - self.mean**2
         return np.asarray(np.sqrt(np.maximum(variance, 0) + self.noise))
 
+    @cached_property
+    def pattern(self) -> Array:
+        """Grey levels less their window's mean, by its deviation."""
+        return np.asarray((self.grey - self.mean) / self.deviation, np.float32)
+
     @property
     def blank(self) -> Array:
         """Where a window holds no more than noise, and is black or burnt out (bool)."""
@@ -77,25 +81,35 @@ class SourceView:
         rotation, translation = other_from_reference(reference.view, source.view)
         self.rotation, self.translation = rotation, translation
         self._turn = source.view.matrix @ rotation
-        self._shift = source.view.matrix @ translation
+        self.shift = source.view.matrix @ translation
+        """How far a pixel of the source moves with inverse depth, before the division by z (3,)."""
 
-    def warp_by_plane(self, inverse_depth: float) -> Array:
-        """The source's grey levels through a plane that faces the reference, 1 / inverse_depth away."""
-        view = self.reference.view
-        matrix = (self._turn + np.outer(self._shift, [0, 0, inverse_depth])) @ np.linalg.inv(view.matrix)
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        size = view.width, view.height
-        return np.asarray(
-            cv2.warpPerspective(self.source.grey, matrix, size, flags=flags, borderValue=OUTSIDE)
-        )
+    def plane_warp(self, inverse_depth: float) -> Array:
+        """The homography (3x3) from the reference's pixels to the source's over a plane that faces it."""
+        turn = self._turn + np.outer(self.shift, [0, 0, inverse_depth])
+        return np.asarray(turn @ np.linalg.inv(self.reference.view.matrix))
 
     def project(self, inverse_depth: Array) -> tuple[Array, Array, Array]:
         """Source pixels x, y of the reference's pixels at these inverse depths, and z times inverse depth."""
         xs, ys, zs = self._turned
-        shift = self._shift.astype(np.float32)
+        shift = self.shift.astype(np.float32)
         z = zs + shift[2] * inverse_depth
         far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
         return (xs + shift[0] * inverse_depth) * far, (ys + shift[1] * inverse_depth) * far, z
+
+    def project_rows(self, inverse_depth: Array, rows: slice) -> tuple[Array, Array]:
+        """Source pixels x, y as by `project`, of some rows; far beside the picture where it is behind."""
+        xs, ys, zs = self._turned[:, rows]
+        shift = self.shift.astype(np.float32)
+        far = zs + shift[2] * inverse_depth
+        np.maximum(far, 1e-6, out=far)
+        np.divide(1.0, far, out=far)
+        x, y = shift[0] * inverse_depth, shift[1] * inverse_depth
+        x += xs
+        y += ys
+        x *= far
+        y *= far
+        return x, y
 
     def warp_by_depth(self, inverse_depth: Array) -> Array:
         """The source's grey levels seen through a map of inverse depths."""
@@ -125,50 +139,11 @@ class SourceView:
         return np.asarray((rays * to_source).sum(0) / np.maximum(lengths, 1e-9))
 
     @cached_property
+    def source_pattern(self) -> Array:
+        """The source's pattern in windows of the reference's size."""
+        return replace(self.source, window=self.reference.window).pattern
+
+    @cached_property
     def _turned(self) -> Array:
         turn = self._turn.astype(np.float32)
         return np.asarray(np.einsum("ij,jhw->ihw", turn, self.reference.rays))
-
-    def matching_cost(self, warped: Array) -> Array:
-        """1 - correlation in each pixel's window, 0 (the same) to 1; 1 where the source does not reach."""
-        window, reference = self.reference.window, self.reference
-        mean = box_filter(warped, window)
-        variance = box_filter(warped * warped, window)
-        variance -= mean * mean
-        np.maximum(variance, 0, out=variance)
-        variance += self.source.noise
-        np.sqrt(variance, out=variance)
-        variance *= reference.deviation
-        both = box_filter(warped * reference.grey, window)
-        both -= mean * reference.mean
-        both /= variance
-        np.subtract(1.0, both, out=both)
-        both[mean < 0] = 1.0
-        return np.asarray(np.minimum(both, 1.0, out=both))
-
-
-BETTER_OF_TWO = 0.65
-"""Weight of the better of two sources: beside something near one of them sees that instead."""
-
-
-def combine_costs(costs: Sequence[Array]) -> Array:
-    """The cost of one to four sources together: one of them may see something in front."""
-    if len(costs) == 2:
-        better, worse = np.minimum(*costs), np.maximum(*costs)
-        return np.asarray(cv2.addWeighted(better, BETTER_OF_TWO, worse, 1 - BETTER_OF_TWO, 0))
-    return mean_of_lowest(costs, {1: 1, 3: 2}.get(len(costs), 3))
-
-
-def mean_of_lowest(costs: Sequence[Array], best: int) -> Array:
-    """Mean of the `best` (1, 2 or 3) lowest of several cost maps, pixel by pixel."""
-    lowest = [np.array(costs[0], copy=True)]
-    for cost in costs[1:]:
-        carried = cost
-        for i, low in enumerate(lowest):
-            lowest[i], carried = np.minimum(low, carried), np.maximum(low, carried)
-        if len(lowest) < best:
-            lowest.append(carried)
-    total = lowest[0]
-    for low in lowest[1:best]:
-        total = total + low
-    return np.asarray(total / min(best, len(lowest)))

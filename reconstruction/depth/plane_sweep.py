@@ -1,19 +1,18 @@
-"""One view's depth on the CPU: plane sweep, semi-global smoothing, then sweeps along the surface found."""
+"""One view's depth: plane sweep, semi-global smoothing, then sweeps along the surface found."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
-from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs
+from reconstruction.depth.backends.cost_volume import WORST_COST
+from reconstruction.depth.backends.engine import CPU, SweepEngine
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.edge_moves import move_edges
 from reconstruction.depth.plane_fitting import fit_planes
 
-WORST_COST = 255
-"""Matching cost where the pictures have nothing in common."""
 TOLERANCE = 1.0
 """Neighbours on one plane are within so many steps of the first sweep of it."""
 
@@ -38,6 +37,8 @@ class SweepOptions:
     """Distance between the depths of the first sweep, in the source in which it is largest."""
     window: int = 5
     """Side of the window that is matched, px."""
+    by_pattern: bool = False
+    """Whether windows are compared by their patterns in the first sweep, see `cost_volume`."""
     fine_window: int = 7
     """The same in sweeps along the surface."""
     small_step: int = 20
@@ -82,20 +83,21 @@ def sweep_view(
     nearest: float,
     farthest: float,
     options: SweepOptions,
+    engine: SweepEngine = CPU,
 ) -> Surface:
     """The surface that the reference view sees between two depths (the rig's unit)."""
     span = (1 / farthest, 1 / nearest)
     scale, count = _plan_first_sweep(reference, sources, span, options)
     small = reference.scaled(scale)
     source_views = [SourceView(small, source.scaled(scale)) for source in sources]
-    surface = sweep_planes(small, source_views, np.linspace(*span, count), options)
+    surface = sweep_planes(small, source_views, np.linspace(*span, count), options, engine)
     step = (span[1] - span[0]) / (count - 1)
     if scale < 1.0:
         surface = _enlarge_surface(surface, reference)
     fine = replace(reference, window=options.fine_window)
     plan = options.refinements if scale == 1.0 else (*options.refinements, Refinement(0.25 * scale, 4))
     source_views = [SourceView(fine, source) for source in sources]
-    return _refine_surface(surface, fine, source_views, step, plan, options)
+    return _refine_surface(surface, fine, source_views, step, plan, options, engine)
 
 
 def adopt_proposals(
@@ -105,6 +107,7 @@ def adopt_proposals(
     sources: Sequence[CalibratedImage],
     reach: tuple[float, float],
     options: SweepOptions,
+    engine: SweepEngine = CPU,
 ) -> Surface:
     """The surface with proposals for some of its pixels where they match too.
 
@@ -122,7 +125,7 @@ def adopt_proposals(
     fine = replace(reference, window=options.fine_window)
     source_views = [SourceView(fine, source) for source in sources]
     plan = (Refinement(0.25, 3),)
-    swept = _refine_surface(Surface(*planes, surface.cost), fine, source_views, step, plan, options)
+    swept = _refine_surface(Surface(*planes, surface.cost), fine, source_views, step, plan, options, engine)
     # What moves between the pictures is elsewhere in this one than others have confirmed.
     highest = np.full_like(surface.cost, options.max_proposed_cost)
     choose = np.where(proposals.sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
@@ -136,14 +139,18 @@ def adopt_proposals(
 
 
 def sweep_planes(
-    reference: CalibratedImage, source_views: Sequence[SourceView], levels: Array, options: SweepOptions
+    reference: CalibratedImage,
+    source_views: Sequence[SourceView],
+    levels: Array,
+    options: SweepOptions,
+    engine: SweepEngine = CPU,
 ) -> Surface:
     """The surface by these evenly spaced inverse depths alone."""
     step = float(levels[1] - levels[0])
     reference = replace(reference, window=options.window)
     source_views = [SourceView(reference, source_view.source) for source_view in source_views]
-    costs = ([one.matching_cost(one.warp_by_plane(float(level))) for one in source_views] for level in levels)
-    place, cost = _find_cheapest(reference, costs, len(levels), options.small_step, options.large_step)
+    volume = engine.cost_volume(source_views, None, levels, by_pattern=options.by_pattern)
+    place, cost = engine.find_cheapest(volume, reference.grey, options.small_step, options.large_step)
     found = (levels[0] + place * step).astype(np.float32)
     planes = fit_planes(found, 2 * TOLERANCE * step, reach=2, stride=2, rounds=3)
     return Surface(*planes, cost / WORST_COST)
@@ -156,33 +163,23 @@ def _refine_surface(
     step: float,
     plan: Sequence[Refinement],
     options: SweepOptions,
+    engine: SweepEngine,
 ) -> Surface:
     """The surface after sweeps along itself: windows bend with it, so that slanted surfaces match."""
     for share, reach, edges_share in plan:
         planes = surface.inverse_depth, surface.slope_x, surface.slope_y
         if edges_share:
             edges_px = max(1, round(edges_share * reference.view.width))
-            planes = move_edges(planes, source_views, edges_px)
+            planes = move_edges(planes, source_views, edges_px, engine)
         level, slope_x, slope_y = planes
         offsets = np.arange(-reach, reach + 1) * (step * share)
-        moved = (level + np.float32(offset) for offset in offsets)
-        costs = ([one.matching_cost(one.warp_by_depth(levels)) for one in source_views] for levels in moved)
+        volume = engine.cost_volume(source_views, level, offsets)
         steps = options.fine_small_step, options.fine_large_step
-        place, cost = _find_cheapest(reference, costs, len(offsets), *steps)
+        place, cost = engine.find_cheapest(volume, reference.grey, *steps)
         found = level + (place - reach) * np.float32(step * share)
         planes = fit_planes(found, TOLERANCE * step, slopes=(slope_x, slope_y), reach=2, stride=2)
         surface = Surface(*planes, cost / WORST_COST)
     return surface
-
-
-def _find_cheapest(
-    reference: CalibratedImage, source_costs: Iterable[Sequence[Array]], count: int, small: int, large: int
-) -> tuple[Array, Array]:
-    """Number and cost of each pixel's cheapest of `count` depths, by every source's costs of each depth."""
-    volume = np.empty((reference.view.height, count, reference.view.width), np.uint8)
-    for number, costs in enumerate(source_costs):
-        np.multiply(combine_costs(costs), WORST_COST, out=volume[:, number, :], casting="unsafe")
-    return cheapest_depths(aggregate_costs(volume, reference.grey, small, large), volume)
 
 
 def _plan_first_sweep(

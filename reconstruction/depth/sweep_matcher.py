@@ -1,4 +1,4 @@
-"""Depth of all cameras of an instant on the CPU: each by itself, then only what other cameras confirm."""
+"""Depth of all cameras of an instant: each by itself, then only what other cameras confirm."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -8,6 +8,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory_budget import memory_budget
+from reconstruction.depth.backends.engine import CPU, SweepEngine
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
@@ -45,6 +46,7 @@ def match_all_views(
     sources: Mapping[str, Sequence[str]],
     reach: Mapping[str, tuple[float, float]],
     *,
+    engine: SweepEngine = CPU,
     done: Callable[[str], None] = lambda name: None,
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera that has sources, between its nearest and farthest depth in `reach`.
@@ -58,7 +60,7 @@ def match_all_views(
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
-        found = sweep_view(images[name], others, *reach[name], options)
+        found = sweep_view(images[name], others, *reach[name], options, engine)
         done(name)
         return found
 
@@ -78,7 +80,7 @@ def match_all_views(
             matched = {o: _matched_depth(surfaces[o], kept[o], options) for o in sources[name]}
             proposed = np.where(sure > 0, sure, from_others(matched))
         proposals = Proposals(np.where(kept[name] > 0, 0, proposed), sure > 0)
-        return adopt_proposals(surfaces[name], proposals, images[name], others, reach[name], options)
+        return adopt_proposals(surfaces[name], proposals, images[name], others, reach[name], options, engine)
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))

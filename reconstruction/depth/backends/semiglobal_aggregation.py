@@ -1,10 +1,12 @@
 """Semi-global matching over a cost volume, row by row in numpy (Hirschmueller 2008)."""
 
+import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
 
-BAND = 120
+BAND_CELLS = 12_000
+"""Of a column, depths times rows, that are turned at once: they stay in the processor's cache."""
 JUMP_GREY = 8
 """Grey levels from one pixel to the next that halve the price of a jump."""
 MIN_JUMP = 1.5
@@ -21,15 +23,18 @@ def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
     for way in (1, -1):
         _sweep(costs[::way], total[::way], grey[::way], small, large, (0, 1, -1))
     # Paths along rows do not meet: a band of rows at a time keeps the turned copies small.
-    for top in range(0, len(costs), BAND):
-        band = slice(top, top + BAND)
-        sideways = np.ascontiguousarray(costs[band].transpose(2, 1, 0))
+    rows = max(1, BAND_CELLS // costs.shape[1])
+    for top in range(0, len(costs), rows):
+        band = slice(top, top + rows)
+        sideways = np.empty((costs.shape[2], costs.shape[1], len(costs[band])), np.uint8)
+        for depth in range(costs.shape[1]):
+            sideways[:, depth] = cv2.transpose(costs[band, depth])
         across = np.zeros(sideways.shape, np.int16)
         flipped = np.ascontiguousarray(grey[band].T)
         for way in (1, -1):
             _sweep(sideways[::way], across[::way], flipped[::way], small, large, (0,))
-        for row, line in enumerate(total[band]):
-            line += across[:, :, row].T
+        for depth in range(costs.shape[1]):
+            total[band, depth] += cv2.transpose(across[:, depth])
     return total
 
 

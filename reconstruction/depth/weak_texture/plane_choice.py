@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.depth.backends.cost_volume import WORST_COST, combine_likeness, correlate_windows
 from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs
-from reconstruction.depth.calibrated_image import SourceView, combine_costs
-from reconstruction.depth.plane_sweep import WORST_COST
+from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.weak_texture.blank_part import MIDDLE, BlankPart
 from reconstruction.depth.weak_texture.scene_planes import ScenePlane
 
@@ -79,8 +79,8 @@ def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[A
     seeing = len(warped) - np.sum([one < 0 for one in warped], axis=0)
     # What lies outside says nothing, rather than being like nothing: wide windows often reach beyond.
     inside = [np.where(one < MIDDLE / 2, np.float32(MIDDLE), one) for one in warped]
-    costs = [one.matching_cost(part) for one, part in zip(source_views, inside, strict=True)]
-    return combine_costs(costs), np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
+    likeness = [correlate_windows(one, part) for one, part in zip(source_views, inside, strict=True)]
+    return 1 - combine_likeness(likeness), np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
 
 
 def _evident_patches(number: Array, likeness: Array) -> Array:

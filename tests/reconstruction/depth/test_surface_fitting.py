@@ -5,25 +5,24 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
+from reconstruction.depth.backends.cost_volume import combine_likeness
 from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
-from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs, mean_of_lowest
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.edge_moves import move_edges
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from tests.reconstruction.depth.small_views import FOCAL, HEIGHT, PAINT, WIDTH, photo_of, view_at
 
 
-def test_mean_of_best_leaves_out_the_worst() -> None:
-    costs = [np.full((1, 1), value, np.float32) for value in (0.9, 0.1, 0.4, 0.2)]
-    for best, mean in ((1, 0.1), (2, 0.15), (3, 0.7 / 3)):
-        assert mean_of_lowest(costs, best)[0, 0] == pytest.approx(mean)
-
-
 def test_of_two_sources_one_that_sees_something_in_front_spoils_little() -> None:
-    same, other = (np.full((2, 2), value, np.float32) for value in (0.1, 0.9))
-    assert combine_costs([same])[0, 0] == pytest.approx(0.1)
-    assert combine_costs([same, other])[0, 0] == pytest.approx(0.38)
-    assert combine_costs([other, same, same])[0, 0] == pytest.approx(0.1)
-    assert combine_costs([same, same, other, same])[0, 0] == pytest.approx(0.1)
+    def together(*likeness: float) -> float:
+        return float(combine_likeness([np.full((2, 2), value, np.float32) for value in likeness])[0, 0])
+
+    same, other = 0.9, 0.1
+    assert together(same) == pytest.approx(0.9)
+    assert together(same, other) == together(other, same) == pytest.approx(0.62)
+    assert together(other, same, same) == pytest.approx(0.9)
+    assert together(same, same, other, same) == pytest.approx(0.9)
+    assert together(0.1, 0.9, 0.6, 0.8) == pytest.approx(2.3 / 3)
 
 
 def test_an_edge_moves_to_where_the_pictures_match() -> None:

@@ -1,0 +1,126 @@
+"""How unlike the sources' windows are to a reference's at many depths: OpenCV, a band of rows at a time.
+
+A band's arrays stay in the processor's cache; of a whole picture each step would go to memory and back.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import OUTSIDE, SourceView, box_filter
+
+WORST_COST = 255
+"""Matching cost where the pictures have nothing in common."""
+BETTER_OF_TWO = 0.65
+"""Weight of the better of two sources: beside something near one of them sees that instead."""
+BAND_PIXELS = 32_000
+
+
+def cost_volume(
+    source_views: Sequence[SourceView], base: Array | None, offsets: Array, *, by_pattern: bool = False
+) -> Array:
+    """Costs (height x depths x width, uint8, 0 = the same) at inverse depths `base` plus `offsets`.
+
+    `base` (height x width) None is a plane that faces the reference. Windows are compared by their
+    correlation; `by_pattern` takes the sum of products of the two pictures' patterns for it, which is
+    quicker and finds more beside edges, but knows a surface's place less exactly.
+    """
+    reference = source_views[0].reference
+    height, width = reference.view.height, reference.view.width
+    volume = np.empty((height, len(offsets), width), np.uint8)
+    margin = reference.window // 2
+    rows = max(2 * reference.window, BAND_PIXELS // width)
+    for top in range(0, height, rows):
+        bottom = min(top + rows, height)
+        low, high = max(top - margin, 0), min(bottom + margin, height)
+        inner = slice(top - low, bottom - low)
+        bands = [_Band(one, slice(low, high), by_pattern) for one in source_views]
+        for number, offset in enumerate(offsets):
+            together = combine_likeness([band.likeness(base, float(offset)) for band in bands])[inner]
+            np.minimum(together, 1.0, out=together)
+            together *= -WORST_COST
+            np.add(together, WORST_COST, out=volume[top:bottom, number], casting="unsafe")
+    return volume
+
+
+def combine_likeness(likeness: Sequence[Array]) -> Array:
+    """The likeness (0 to 1) to some sources together: one of them may see something in front.
+
+    Of three and more the worst is left out.
+    """
+    total = likeness[0]
+    if len(likeness) == 1:
+        return total
+    least = np.minimum(likeness[0], likeness[1])
+    for one in likeness[2:]:
+        np.minimum(least, one, out=least)
+    for one in likeness[1:]:
+        total += one
+    if len(likeness) == 2:
+        total *= BETTER_OF_TWO
+        least *= 1 - 2 * BETTER_OF_TWO
+        total += least
+        return total
+    total -= least
+    total *= 1 / (len(likeness) - 1)
+    return total
+
+
+class _Band:
+    """Some rows of a reference, compared with a source."""
+
+    def __init__(self, source_view: SourceView, rows: slice, by_pattern: bool) -> None:
+        reference = source_view.reference
+        self._view = source_view
+        self._rows = rows
+        self._size = reference.view.width, rows.stop - rows.start
+        self._by_pattern = by_pattern
+        self._picture = source_view.source_pattern if by_pattern else source_view.source.grey
+        self._outside = 0.0 if by_pattern else OUTSIDE
+        self._pattern = reference.pattern[rows] if by_pattern else None
+
+    def likeness(self, base: Array | None, offset: float) -> Array:
+        """0 (nothing in common, or beyond the source's picture) to about 1, float32."""
+        warped = self._warp(base, offset)
+        if not self._by_pattern:
+            return correlate_windows(self._view, warped, self._rows)
+        warped *= self._pattern
+        both = box_filter(warped, self._view.reference.window)
+        return np.asarray(np.maximum(both, 0.0, out=both))
+
+    def _warp(self, base: Array | None, offset: float) -> Array:
+        if base is not None:
+            level = base[self._rows] + np.float32(offset)
+            x, y = self._view.project_rows(level, self._rows)
+            return np.asarray(cv2.remap(self._picture, x, y, cv2.INTER_LINEAR, borderValue=self._outside))
+        matrix = self._view.plane_warp(offset)
+        matrix[:, 2] += self._rows.start * matrix[:, 1]
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return np.asarray(
+            cv2.warpPerspective(self._picture, matrix, self._size, flags=flags, borderValue=self._outside)
+        )
+
+
+def correlate_windows(source_view: SourceView, warped: Array, rows: slice = slice(None)) -> Array:
+    """Correlation (0 to 1, float32) of a source's warped grey levels with the reference's, window by window.
+
+    0 where the source does not reach. `rows` are those of the reference that `warped` covers; it is changed.
+    """
+    reference = source_view.reference
+    window, own_mean = reference.window, reference.mean[rows]
+    mean = box_filter(warped, window)
+    both = box_filter(warped * reference.grey[rows], window)
+    both -= mean * own_mean
+    np.multiply(warped, warped, out=warped)
+    spread = box_filter(warped, window)
+    spread -= mean * mean
+    np.maximum(spread, 0.0, out=spread)
+    spread += source_view.source.noise
+    np.sqrt(spread, out=spread)
+    spread *= reference.deviation[rows]
+    both /= spread
+    # A window that touches what the source does not show.
+    both[mean < 0] = 0.0
+    return np.asarray(np.maximum(both, 0.0, out=both))

@@ -1,4 +1,4 @@
-"""What finds the depth of all cameras of an instant: the plane sweep on the CPU, or PatchMatch on a GPU."""
+"""What finds the depth of all cameras of an instant: the plane sweep, or COLMAP's PatchMatch on a GPU."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,10 +6,14 @@ from enum import StrEnum
 from pathlib import Path
 
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth.backends.engine import CPU, SweepEngine
+from reconstruction.depth.backends.gpu import find_engine
 from reconstruction.depth.colmap_workspace import read_maps, write_workspace
 from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
+
+FINDS_MORE = "it finds more than PatchMatch does"
 
 
 class Matcher(StrEnum):
@@ -27,10 +31,11 @@ class Matcher(StrEnum):
 
 @dataclass(frozen=True)
 class ChosenMatcher:
-    """What matches, and why: PatchMatch on a GPU; without one the sweep."""
+    """What matches, and why: PatchMatch on a GPU, or the sweep and what it runs on."""
 
     gpu: CudaGpu | None = None
-    note: str = "it finds more than PatchMatch does"
+    note: str = FINDS_MORE
+    engine: SweepEngine = CPU
 
     @property
     def name(self) -> str:
@@ -47,7 +52,9 @@ def choose_matcher(asked: Matcher) -> ChosenMatcher:
     if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
         return ChosenMatcher(gpu, f"on {gpu.name}")
-    return ChosenMatcher(note="asked for") if asked is Matcher.SWEEP else ChosenMatcher()
+    found = find_engine()
+    why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
+    return ChosenMatcher(note="; ".join(filter(None, (why, found.note))), engine=found.engine)
 
 
 def match_cameras(
@@ -61,7 +68,13 @@ def match_cameras(
     """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there."""
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
-        return match_all_views(calibrated, sources, reach, done=lambda name: announce(f"depth of {name}"))
+        return match_all_views(
+            calibrated,
+            sources,
+            reach,
+            engine=matcher.engine,
+            done=lambda name: announce(f"depth of {name}"),
+        )
     announce(f"PatchMatch on {matcher.gpu.name}")
     whole = min(reach[c][0] for c in images), max(reach[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), reach=whole)

@@ -1,0 +1,183 @@
+"""The sweep's kernels, their own text compiled for the CPU, beside the array version; all but CuPy itself."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.backends.cost_volume import BETTER_OF_TWO, cost_volume
+from reconstruction.depth.backends.engine import CPU
+from reconstruction.depth.backends.gpu import GpuEngine, GpuVolume, use_gpu
+from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
+from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
+from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.sweep_matcher import match_all_views
+from tests.reconstruction.depth.cuda_stand_in import COMPILER, StandIn
+from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, photo_of, view_at
+
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="no g++ here to compile the kernels for the CPU")
+GPU = GpuEngine(StandIn())
+OFFSETS = np.linspace(0.3, 0.7, 21)
+
+
+def source_views(count: int, window: int) -> list[SourceView]:
+    places = [(-0.15, 0.0), (0.15, 0.03), (0.0, 0.2), (-0.1, -0.15)][:count]
+    reference = replace(photo_of(view_at(0.0))[0], window=window)
+    return [SourceView(reference, photo_of(view_at(*at), seed=i + 1)[0]) for i, at in enumerate(places)]
+
+
+def array_version(views: list[SourceView], base: Array | None, offsets: Array, *, by_pattern: bool) -> Array:
+    """The costs by plain NumPy in float32, step by step in the kernel's order."""
+    one = np.float32(1)
+    reference, radius = views[0].reference, views[0].reference.window // 2
+    height, width = reference.grey.shape
+    ys, xs = np.pad(np.mgrid[0:height, 0:width], ((0, 0), (radius, radius), (radius, radius)), "reflect")
+    shown = (reference.pattern if by_pattern else reference.grey)[ys, xs]
+    near = np.zeros(ys.shape, np.float32) if base is None else base[ys, xs]
+    xs, ys = xs.astype(np.float32), ys.astype(np.float32)
+    outside = np.float32(0 if by_pattern else OUTSIDE)
+
+    def window_sum(values: Array) -> Array:
+        total = np.zeros((height, width), np.float32)
+        for dy in range(2 * radius + 1):
+            for dx in range(2 * radius + 1):
+                total += values[dy : dy + height, dx : dx + width]
+        return total * (one / np.float32((2 * radius + 1) ** 2))
+
+    costs = np.empty((height, len(offsets), width), np.uint8)
+    for number, offset in enumerate(offsets.astype(np.float32)):
+        found = []
+        for view in views:
+            m, shift = view.plane_warp(0.0).astype(np.float32), view.shift.astype(np.float32)
+            w = near + offset
+            u, v, z = (m[i, 0] * xs + m[i, 1] * ys + m[i, 2] + shift[i] * w for i in range(3))
+            z = np.maximum(z, np.float32(1e-6))
+            picture = view.source_pattern if by_pattern else view.source.grey
+            warped = bilinear(picture, u / z, v / z, outside)
+            both = window_sum(warped * shown)
+            if not by_pattern:
+                mean = window_sum(warped)
+                spread = np.maximum(window_sum(warped * warped) - mean * mean, 0) + np.float32(
+                    view.source.noise
+                )
+                both = (both - mean * reference.mean) / (np.sqrt(spread) * reference.deviation)
+                both[mean < 0] = 0
+            found.append(np.maximum(both, 0))
+        total, least = np.zeros_like(found[0]), np.min(found, axis=0)
+        for likeness in found:
+            total += likeness
+        if len(found) == 2:
+            better = np.float32(BETTER_OF_TWO)
+            total = total * better + least * (one - np.float32(2) * better)
+        elif len(found) > 2:
+            total = (total - least) * (one / np.float32(len(found) - 1))
+        costs[:, number] = (np.float32(255) - np.float32(255) * np.minimum(total, one)).astype(np.uint8)
+    return costs
+
+
+def bilinear(picture: Array, u: Array, v: Array, outside: np.float32) -> Array:
+    height, width = picture.shape
+    bordered = np.pad(picture, 1, constant_values=outside)
+    there = (u > -1) & (v > -1) & (u < width) & (v < height)
+    u, v = np.where(there, u, 0), np.where(there, v, 0)
+    x, y = np.floor(u).astype(int), np.floor(v).astype(int)
+    right, down = u - x.astype(np.float32), v - y.astype(np.float32)
+    tl, tr, bl, br = (bordered[y + 1 + dy, x + 1 + dx] for dy in (0, 1) for dx in (0, 1))
+    above, below = tl + (tr - tl) * right, bl + (br - bl) * right
+    return np.where(there, above + (below - above) * down, outside)
+
+
+def on_host(volume: GpuVolume) -> Array:
+    """Height x depths x width, as on the CPU."""
+    return np.asarray(volume.costs)[..., : volume.count].transpose(0, 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("count", "window", "by_pattern", "curved"),
+    [(1, 5, False, False), (2, 7, False, True), (4, 5, True, False), (3, 7, True, True)],
+)
+def test_costs_are_those_of_the_array_version(
+    count: int, window: int, by_pattern: bool, curved: bool
+) -> None:
+    views = source_views(count, window)
+    ys, xs = np.mgrid[0 : views[0].reference.grey.shape[0], 0 : views[0].reference.grey.shape[1]]
+    base = (0.1 * np.sin(xs / 17) + 0.001 * ys).astype(np.float32) if curved else None
+    found = on_host(GPU.cost_volume(views, base, OFFSETS, by_pattern=by_pattern))
+    exact = array_version(views, base, OFFSETS, by_pattern=by_pattern)
+    assert np.array_equal(found, exact)
+    assert exact.std() > 20
+    # OpenCV rounds otherwise, by a grey level's fraction.
+    quick = cost_volume(views, base, OFFSETS, by_pattern=by_pattern)
+    off = np.abs(quick.astype(int) - exact)
+    assert off.mean() < 0.6
+    assert np.mean(off > 8) < 0.002
+
+
+@pytest.mark.parametrize("shape", [(37, 13, 53), (53, 40, 37), (5, 3, 60), (24, 150, 20), (9, 9, 1)])
+def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int]) -> None:
+    height, depths, width = shape
+    rng = np.random.default_rng(sum(shape))
+    costs = rng.integers(0, 256, shape).astype(np.uint8)
+    grey = (rng.random((height, width)) * 255).astype(np.float32)
+    padded = np.full((height, width, -(-depths // 4) * 4), 255, np.uint8)
+    padded[..., :depths] = costs.transpose(0, 2, 1)
+    place, own = GPU.find_cheapest(GpuVolume(StandIn().asarray(padded), depths), grey, 20, 800)
+    expected = cheapest_depths(aggregate_costs(costs, grey, 20, 800), costs)
+    assert np.array_equal(place, expected[0])
+    assert np.array_equal(own, expected[1])
+
+
+def test_the_whole_sweep_finds_the_same_on_either_way() -> None:
+    images = {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}
+    sources = choose_by_depth({name: image.view for name, image in images.items()})
+    reach = find_coarse_scene(images).reach
+    cpu = match_all_views(images, sources, reach)
+    gpu = match_all_views(images, sources, reach, engine=GPU)
+    for name in images:
+        one, other = cpu[name].depth, gpu[name].depth
+        assert np.mean((one > 0) == (other > 0)) > 0.99
+        both = (one > 0) & (other > 0)
+        assert np.median(np.abs(one - other)[both] / one[both]) < 0.001
+        assert np.mean(np.abs(one - other)[both] < 0.01 * one[both]) > 0.98
+
+
+class Cuda:
+    """`cupy.cuda` of a machine with so many GPUs."""
+
+    def __init__(self, count: int) -> None:
+        self.runtime = SimpleNamespace(
+            getDeviceCount=lambda: count, getDeviceProperties=lambda number: {"name": b"Some GPU"}
+        )
+
+
+class Machine(StandIn):
+    """CuPy on it; a module that does not compile as with a driver that is too old."""
+
+    def __init__(self, count: int, *, fault: str = "") -> None:
+        self.cuda = Cuda(count)
+        if fault:
+            self.RawModule = self.refuse  # type: ignore[assignment]
+        self.fault = fault
+
+    def refuse(self, *, code: str, options: tuple[str, ...]) -> None:
+        raise RuntimeError(self.fault)
+
+
+def test_a_gpu_is_used_where_it_does_what_it_should() -> None:
+    found = use_gpu(Machine(1))
+    assert isinstance(found.engine, GpuEngine)
+    assert found.note == "on Some GPU"
+
+
+@pytest.mark.parametrize(
+    ("machine", "note"),
+    [
+        (Machine(0), "on the CPU: CuPy finds no GPU"),
+        (Machine(1, fault="no nvrtc\nat line 3"), "on the CPU: the GPU cannot be used (no nvrtc)"),
+    ],
+)
+def test_without_a_usable_gpu_the_cpu_sweeps_and_the_note_says_why(machine: Machine, note: str) -> None:
+    found = use_gpu(machine)
+    assert (found.engine, found.note) == (CPU, note)

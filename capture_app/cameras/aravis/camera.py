@@ -8,14 +8,14 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
 
+from capture_app.camera_controls import Control, ControlState
 from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
-from capture_app.cameras.aravis.device import DeviceFrame, DeviceSetup
-from capture_app.cameras.aravis.device_clock import DeviceClock, EnvelopeClock, LatchedClock
+from capture_app.cameras.aravis.device_clock import CounterClock, EnvelopeClock, LatchedClock
 from capture_app.cameras.aravis.frame_numbers import FrameNumbers
+from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup, MachineDevice
 from capture_app.cameras.aravis.pictures import MachinePicture
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock, OnFailure, OnFrame
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration
 
@@ -26,36 +26,12 @@ FIRST_READINGS, READING_NS = 16, 1_000_000_000
 """Of the counter: so many before the stream starts, and later one each so often."""
 SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
 """For so long it is read more often, until it is known how fast it runs."""
-LATCH_NS = 200_000
-"""95 % error that is stated for a counter read over a cable, half of a long round trip."""
 FIRST_FRAME_NS, SILENCE_NS, MOST_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
 NEAR_NS = 2_000_000_000
 """A stamp that a counter's readings put this far from the frame's arrival is not of that counter."""
 MOST_TRIES = 3
 LATE_NS = 5_000_000
 """So much after a frame is due its end is taken for granted."""
-
-
-class MachineDevice(Protocol):
-    """A connected camera, as `device.AravisDevice`; every call blocks."""
-
-    address: str
-    setup: DeviceSetup
-
-    def read_counter(self) -> tuple[int, int, int] | None:
-        """Host time before, counter, host time after, in ns; None where the counter cannot be read."""
-
-    def set_period(self, period_ns: int) -> None:
-        """Let frames last so long from now on. Raises CameraError."""
-
-    def start(self, on_lost: Callable[[], None]) -> None:
-        """Let frames come; `on_lost` is called from any thread. Raises CameraError."""
-
-    def next_frame(self, timeout_s: float) -> DeviceFrame | None:
-        """Wait for a frame, for so long at most."""
-
-    def close(self) -> None:
-        """Let go of the camera."""
 
 
 class AravisCamera(Camera):
@@ -76,7 +52,7 @@ class AravisCamera(Camera):
         self._fetching: threading.Thread | None = None
         self._closing = threading.Event()
         self._device: MachineDevice | None = None
-        self._clock: DeviceClock | None = None
+        self._clock: CounterClock | None = None
         self._facts: CameraFacts | None = None
         self._wanted_ns: deque[int] = deque()
         """Durations of one coming frame each, until they are asked for."""
@@ -92,6 +68,28 @@ class AravisCamera(Camera):
         if self._facts is None:
             raise CameraError("a machine-vision camera is known when it was started")
         return self._facts
+
+    @property
+    def device_clock(self) -> DeviceClock | None:
+        """The camera's counter against the host's clock; None where it cannot be read."""
+        return self._clock.accuracy(time.monotonic_ns()) if isinstance(self._clock, LatchedClock) else None
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Exposure and gain as they stand. Raises CameraError."""
+        device = self._connected
+        return await self._loop.run_in_executor(self._worker, device.controls)
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set exposure (µs) or gain, and hold it there; None: let the camera choose. Raises CameraError."""
+        device = self._connected
+        await self._loop.run_in_executor(self._worker, device.set_control, control, value)
+        self._facts = self._facts_of(device.setup)
+
+    @property
+    def _connected(self) -> MachineDevice:
+        if self._device is None or self._closing.is_set():
+            raise CameraError("the camera is not connected")
+        return self._device
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError where it is missing, busy, refuses or sends no pictures."""
@@ -158,7 +156,7 @@ class AravisCamera(Camera):
         stamp = None
         if isinstance(self._clock, LatchedClock):
             # GenICam's SFNC has a frame's timestamp at its start; some cameras stamp the end of its exposure.
-            doubt_ns = (setup.period_ns if exposure_ns is None else exposure_ns) + LATCH_NS
+            doubt_ns = setup.period_ns if exposure_ns is None else exposure_ns
             stamp = StampAccuracy(
                 bias_ns=0, uncertainty_ns=doubt_ns, source=StampSource.PROFILE, exposure_ns=exposure_ns
             )
@@ -222,6 +220,9 @@ class AravisCamera(Camera):
             timestamp_ns=stamp_ns,
             picture=picture,
             exposure_ns=facts.exposure_ns,
+            clock_uncertainty_ns=(
+                self._clock.uncertainty_ns(stamp_ns) if isinstance(self._clock, LatchedClock) else 0
+            ),
         )
         with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
             self._loop.call_soon_threadsafe(self._deliver, captured)

@@ -3,10 +3,13 @@
 import contextlib
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from capture_app.camera_controls import Control, ControlState
+from capture_app.cameras.aravis import controls
 from capture_app.cameras.aravis.library import camera_errors, load_aravis
+from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup
 from capture_app.cameras.aravis.pictures import USABLE_FORMATS
 from capture_app.errors import BadInputError, CameraError
 
@@ -41,35 +44,6 @@ class DeviceRequest:
     row_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceSetup:
-    """How a camera is set up; times in ns."""
-
-    model: str
-    width: int
-    height: int
-    pixel_format: str
-    period_ns: int
-    durations_ns: tuple[int, int] | None
-    """Shortest and longest duration of a frame; None where it cannot be set."""
-    exposure_ns: int | None
-    exposures_ns: tuple[int, int] | None
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceFrame:
-    """One frame as the library delivered it."""
-
-    number: int
-    """Of the transport: 16 bits without 0, or more."""
-    counter_ns: int
-    """The camera's stamp, by its own counter."""
-    arrival_ns: int
-    """When its first packet came, by the host's monotonic clock."""
-    data: bytes | None
-    """None where packets of it are missing."""
-
-
 class AravisDevice:
     """A connected camera. Not thread-safe but for `next_frame`, which one other thread may call."""
 
@@ -102,6 +76,18 @@ class AravisDevice:
             answered_ns = time.monotonic_ns()
             ticks = self._device.read_register(_HIGH) << 32 | self._device.read_register(_LOW)
             return sent_ns, self._from_ticks(ticks, ""), answered_ns
+
+    def controls(self) -> tuple[ControlState, ...]:
+        """Exposure and gain as they stand. Raises CameraError."""
+        with camera_errors(self.address):
+            return controls.read_controls(self._camera, self._aravis.Auto.OFF, self.setup)
+
+    def set_control(self, control: Control, value: float | None) -> None:
+        """Set a control and hold it there; None: let the camera choose. `setup` tells the exposure then."""
+        with camera_errors(self.address):
+            controls.set_control(self._camera, self._aravis.Auto, control, value)
+            exposure_ns, exposures_ns = self._exposure()
+            self.setup = replace(self.setup, exposure_ns=exposure_ns, exposures_ns=exposures_ns)
 
     def set_period(self, period_ns: int) -> None:
         """Let frames last so long from now on. Raises CameraError."""
@@ -175,20 +161,26 @@ class AravisDevice:
 
     def _set_exposure(self, exposure_us: float | None) -> tuple[int | None, tuple[int, int] | None]:
         camera = self._camera
-        if not camera.is_exposure_time_available():
-            return None, None
-        least_us, most_us = camera.get_exposure_time_bounds()
         if exposure_us is not None:
+            if not camera.is_exposure_time_available():
+                raise CameraError(f"{self.address} has no control of its exposure")
+            least_us, most_us = camera.get_exposure_time_bounds()
             if not least_us <= exposure_us <= most_us:
                 raise CameraError(
                     f"{self.address} cannot expose for {exposure_us:g} us",
                     hint=f"from {least_us:g} to {most_us:g} us",
                 )
-            if camera.is_exposure_auto_available():
-                camera.set_exposure_time_auto(self._aravis.Auto.OFF)
-            camera.set_exposure_time(exposure_us)
+            controls.set_control(camera, self._aravis.Auto, Control.EXPOSURE, exposure_us)
+        return self._exposure()
+
+    def _exposure(self) -> tuple[int | None, tuple[int, int] | None]:
+        """Exposure in ns, None where the camera chooses it, and its limits."""
+        camera = self._camera
+        if not camera.is_exposure_time_available():
+            return None, None
+        least_us, most_us = camera.get_exposure_time_bounds()
         limits_ns = round(least_us * 1000), round(most_us * 1000)
-        if camera.is_exposure_auto_available() and camera.get_exposure_time_auto() != self._aravis.Auto.OFF:
+        if controls.is_automatic(camera, Control.EXPOSURE, self._aravis.Auto.OFF):
             return None, limits_ns
         return round(camera.get_exposure_time() * 1000), limits_ns
 

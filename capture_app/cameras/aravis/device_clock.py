@@ -3,6 +3,7 @@
 from itertools import pairwise
 from typing import Protocol
 
+from capture_app.cameras.base import DeviceClock
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.likely_line import lower_hull
 from capture_app.sync.clock.priors import MAX_SKEW
@@ -13,7 +14,7 @@ _SET_NS = 1_000_000_000
 """No frame is that much quicker or slower than the one before it."""
 
 
-class DeviceClock(Protocol):
+class CounterClock(Protocol):
     """The map from a camera's counter to the host's clock."""
 
     def host_ns(self, counter_ns: int) -> int | None:
@@ -36,13 +37,19 @@ class LatchedClock:
         self._map = self._filter.time_map(answered_ns)
 
     def host_ns(self, counter_ns: int) -> int | None:
-        """See `DeviceClock.host_ns`."""
+        """See `CounterClock.host_ns`."""
         return None if self._map is None else self._map.local_from_leader(counter_ns)
 
-    @property
-    def hard_bound_ns(self) -> float | None:
-        """The most that `host_ns` can be wrong now; None before the first reading."""
-        return None if self._map is None else self._map.hard_bound_ns
+    def uncertainty_ns(self, host_ns: int) -> int:
+        """95 % error of a host's time that `host_ns` gave."""
+        return 0 if self._map is None else round(self._map.uncertainty_at(host_ns))
+
+    def accuracy(self, now_ns: int) -> DeviceClock | None:
+        """How well the counter is known at a time of the host; None before the first reading."""
+        if self._map is None:
+            return None
+        bound_ns = round(self._map.hard_bound_at(now_ns))
+        return DeviceClock(uncertainty_ns=self.uncertainty_ns(now_ns), hard_bound_ns=bound_ns)
 
 
 class EnvelopeClock:
@@ -73,7 +80,7 @@ class EnvelopeClock:
         self._fit()
 
     def host_ns(self, counter_ns: int) -> int | None:
-        """See `DeviceClock.host_ns`."""
+        """See `CounterClock.host_ns`."""
         if not self._quickest:
             return None
         return counter_ns + self._delay_ns + round(self._slope * (counter_ns - self._origin_ns))

@@ -3,8 +3,10 @@
 import queue
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
-from capture_app.cameras.aravis.device import DeviceFrame, DeviceSetup
+from capture_app.camera_controls import MICROSECONDS, Control, ControlState
+from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup
 from capture_app.errors import CameraError
 
 SETUP = DeviceSetup(
@@ -25,10 +27,10 @@ class FakeDevice:
     """Gives the frames that a test puts in, and keeps what it was asked for."""
 
     address = "fake"
-    setup = SETUP
 
     def __init__(self, *, counter_offset_ns: int | None = 0) -> None:
         """`counter_offset_ns`: the counter minus the host's clock; None where it cannot be read."""
+        self.setup = SETUP
         self._offset_ns = counter_offset_ns
         self._frames: queue.Queue[DeviceFrame] = queue.Queue()
         self.periods_ns: list[int] = []
@@ -49,6 +51,15 @@ class FakeDevice:
             return None
         now_ns = time.monotonic_ns()
         return now_ns - 1000, now_ns + self._offset_ns, now_ns + 1000
+
+    def controls(self) -> tuple[ControlState, ...]:
+        exposure_us = None if self.setup.exposure_ns is None else self.setup.exposure_ns / 1000
+        return (ControlState(control=Control.EXPOSURE, unit=MICROSECONDS, value=exposure_us),)
+
+    def set_control(self, control: Control, value: float | None) -> None:
+        if control is not Control.EXPOSURE:
+            raise CameraError(f"this camera has no control of its {control}")
+        self.setup = replace(self.setup, exposure_ns=None if value is None else round(value * 1000))
 
     def set_period(self, period_ns: int) -> None:
         if self.refuses:

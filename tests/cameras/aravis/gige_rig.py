@@ -30,12 +30,17 @@ PICTURES = "width=64,height=48,exposure_us=5000"
 MATCH_NS = 5_000_000
 
 
-def build_sensor(folder: Path) -> Path:
-    """Compile what is preloaded into the fake cameras; skip the test where that cannot be."""
+def load_or_skip() -> Any:
+    """Return the library; skip the test where there is none."""
     try:
-        load_aravis()
+        return load_aravis()
     except NotAvailableError as error:
         pytest.skip(str(error))
+
+
+def build_sensor(folder: Path) -> Path:
+    """Compile what is preloaded into the fake cameras; skip the test where that cannot be."""
+    load_or_skip()
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("no C compiler here; apt-get install gcc")

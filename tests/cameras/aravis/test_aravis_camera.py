@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Callable
 
 import pytest
 
+from capture_app.camera_controls import Control
 from capture_app.camera_facts import PhaseControl, StampSource, TimestampSource
 from capture_app.cameras.aravis.camera import AravisCamera
 from capture_app.cameras.aravis.frame_numbers import FrameNumbers
@@ -71,12 +72,16 @@ async def test_stamps_of_a_counter_that_is_read_are_the_hosts(begin: Begin) -> N
     assert facts.timestamp_source is TimestampSource.START_OF_EXPOSURE
     assert facts.stamp is not None
     assert facts.stamp.source is StampSource.PROFILE
-    assert facts.stamp.uncertainty_ns > 3_000_000, "nobody knows which end of the exposure it stamps"
+    assert facts.stamp.uncertainty_ns == 3_000_000, "nobody knows which end of the exposure it stamps"
     begun_ns = streaming.device.put(7)
     await until(lambda: streaming.frames)
     frame = streaming.frames[0]
     assert abs(frame.timestamp_ns - begun_ns) < 100_000
     assert (frame.sequence, frame.exposure_ns) == (0, 3_000_000)
+    assert 0 < frame.clock_uncertainty_ns < 1_000_000
+    clock = streaming.camera.device_clock
+    assert clock is not None
+    assert clock.uncertainty_ns <= clock.hard_bound_ns
     assert frame.picture.held_bytes == len(PIXELS)
     streaming.device.put(8, whole=False)
     streaming.device.put(9, counter_ns=5)
@@ -90,6 +95,7 @@ async def test_a_counter_that_cannot_be_read_promises_little(begin: Begin) -> No
     await streaming.start()
     assert streaming.camera.facts.timestamp_source is TimestampSource.UNKNOWN
     assert streaming.camera.facts.stamp_accuracy.source is StampSource.ASSUMED
+    assert streaming.camera.device_clock is None
     begun_ns = streaming.device.put(3)
     await until(lambda: streaming.frames)
     assert abs(streaming.frames[0].timestamp_ns - (begun_ns + 8_000_000)) < 1_000_000, "its arrival"
@@ -109,6 +115,25 @@ async def test_one_frame_is_changed_by_two_words(begin: Begin) -> None:
     await until(lambda: streaming.device.periods_ns[3:] == [1_050_000_000, SETUP.period_ns])
     with pytest.raises(CameraError, match="duration of its frames"):
         await streaming.camera.apply(RestartStream(0))
+
+
+async def test_an_exposure_that_is_set_holds_for_frames_and_facts(begin: Begin) -> None:
+    streaming = begin(FakeDevice())
+    with pytest.raises(CameraError, match="not connected"):
+        await streaming.camera.controls()
+    await streaming.start()
+    await streaming.camera.set_control(Control.EXPOSURE, 250.0)
+    (state,) = await streaming.camera.controls()
+    assert state.value == 250.0
+    facts = streaming.camera.facts
+    assert facts.exposure_ns == 250_000
+    assert facts.stamp is not None
+    assert (facts.stamp.uncertainty_ns, facts.stamp.exposure_ns) == (250_000, 250_000)
+    streaming.device.put(20)
+    await until(lambda: streaming.frames)
+    assert streaming.frames[0].exposure_ns == 250_000
+    with pytest.raises(CameraError, match="no control of its focus"):
+        await streaming.camera.set_control(Control.FOCUS, 1.0)
 
 
 async def test_what_goes_wrong_is_told(begin: Begin) -> None:

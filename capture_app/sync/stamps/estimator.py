@@ -251,7 +251,9 @@ class PhaseEstimator:
 
     def _time_at(self, index: int) -> float:
         line = self._line
-        return self._origin_ns + line.height_ns + line.period_ns * index + self.shifts.certain_at(index)
+        # What was shifted since a frame that is over was not yet in effect at it.
+        shifted_ns = self.shifts.seen_at(index) if index < self._index else self.shifts.certain_at(index)
+        return self._origin_ns + line.height_ns + line.period_ns * index + shifted_ns
 
     def _end_disturbance(self) -> None:
         """End a disturbance once the last few frames lie on a line again, moved, or unmoved for too long."""

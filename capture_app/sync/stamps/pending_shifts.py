@@ -1,5 +1,6 @@
 """Moves of the phase that were commanded, and which of them are in effect at a frame."""
 
+from bisect import bisect_right
 from collections import deque
 from statistics import median
 
@@ -7,6 +8,8 @@ LATENCY_FRAMES = (2, 13)
 """A command takes effect so many frames after the newest one, at the earliest and at the latest."""
 USUAL_LATENCY_FRAMES = 4
 REMEMBERED_LATENCIES = 15
+REMEMBERED_FRAMES = 20_000
+"""Of so many frames it is known what was in effect: those that a ring buffer may hold."""
 
 
 class PendingShifts:
@@ -19,6 +22,8 @@ class PendingShifts:
         self._newest = -LATENCY_FRAMES[1]
         self._felt = 0
         """How many of those waiting the newest frame has shown to be in effect."""
+        self._seen: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_FRAMES)
+        """Each frame and what was in effect at it, where that is more or less than at the one before."""
 
     @property
     def latency_frames(self) -> float:
@@ -35,6 +40,7 @@ class PendingShifts:
         self.done_ns = self._felt = 0
         self._newest = -LATENCY_FRAMES[1]
         self._waiting.clear()
+        self._seen.clear()
 
     def expect(self, index: int, shift_ns: int) -> None:
         """A shift was commanded when `index` was the newest frame."""
@@ -62,7 +68,14 @@ class PendingShifts:
         if self._waiting and abs(seen_ns - best_ns) < abs(self._waiting[0][1]):
             self._latencies.extend(index - self._waiting[i][0] for i in range(self._felt, felt))
             self._felt = felt
+        if not self._seen or self._seen[-1][1] != best_ns:
+            self._seen.append((index, best_ns))
         return best_ns
+
+    def seen_at(self, index: int) -> int:
+        """Sum of the shifts that were in effect at a frame that has come, as far as it showed."""
+        place = bisect_right(self._seen, index, key=lambda change: change[0])
+        return self._seen[max(0, place - 1)][1] if self._seen else 0
 
     def certain_at(self, index: int) -> int:
         """Sum of the shifts that are in effect for certain at the frame of an index: felt, or overdue."""

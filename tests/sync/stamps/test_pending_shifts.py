@@ -24,3 +24,14 @@ def test_shifts_count_in_their_order() -> None:
     shifts.expect(101, -ROW)
     assert shifts.effective_at(104, 2.9 * ROW) == 3 * ROW
     assert shifts.effective_at(105, 2.1 * ROW) == 2 * ROW
+
+
+def test_what_a_frame_felt_is_remembered() -> None:
+    shifts = PendingShifts()
+    for index in range(60):
+        if index in (10, 30):
+            shifts.expect(index, ROW)
+        shifts.effective_at(index, (index >= 14) * ROW + (index >= 34) * ROW)
+    assert [shifts.seen_at(index) for index in (0, 13, 14, 33, 34, 59)] == [0, 0, ROW, ROW, 2 * ROW, 2 * ROW]
+    shifts.clear()
+    assert shifts.seen_at(20) == 0

@@ -190,3 +190,22 @@ def test_whatever_is_lost_the_phase_stays(lost: set[int], seed: int) -> None:
     phase = fed([s for s in stream(90, seed=seed) if s.sequence not in lost])
     assert phase.drops == len(lost)
     assert phase.time_of(90) == pytest.approx(10**9 + 90 * PERIOD_NS, abs=10_000)
+
+
+def test_frames_from_before_the_latest_shifts_lie_on_their_line() -> None:
+    """A camera held by a small step every other frame, as one that drifts by 50 ppm is."""
+    rng, phase, step_ns, latency = random.Random(4), PhaseEstimator(period_ns=NOMINAL_NS), 3_400, 3
+    commanded: list[int] = []
+    stamps: list[FrameStamp] = []
+    for number in range(400):
+        in_effect = sum(at + latency <= number for at in commanded)
+        true_ns = 10**9 + number * PERIOD_NS + in_effect * step_ns
+        stamps.append(FrameStamp(number, 0, true_ns + round(rng.gauss(0, 1_000))))
+        phase.add(stamps[-1])
+        if number > 100 and number % 2:
+            phase.expect_shift(step_ns)
+            commanded.append(number)
+    for past in stamps[250:]:
+        assert phase.stamp_error(past.timestamp_ns).outlier_ns == 0
+    late_ns = stamps[300].timestamp_ns + 60_000
+    assert phase.stamp_error(late_ns).outlier_ns == pytest.approx(60_000, abs=8_000)

@@ -30,7 +30,7 @@ from capture_app.node.wire.operating import (
     Vitals,
 )
 from capture_app.node.wire.views import NodeDetail, Preview
-from tests.node.controlled_camera import ControlledCamera
+from tests.node.camera.controlled_camera import ControlledCamera
 from tests.node.joining import joined
 
 pytestmark = pytest.mark.usefixtures("open_rig")

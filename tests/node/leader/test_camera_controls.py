@@ -16,7 +16,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.operator.camera_controls import match_cameras, read_all, set_cameras
 from capture_app.node.operator.requests import ask_controls
 from capture_app.node.wire.views import NodeDetail
-from tests.node.controlled_camera import EXPOSURE, GAIN, ControlledCamera
+from tests.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera
 from tests.node.joining import joined
 from tests.waiting import until
 

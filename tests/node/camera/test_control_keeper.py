@@ -6,7 +6,7 @@ import pytest
 
 from capture_app.camera_controls import Control
 from capture_app.node.camera.control_keeper import ControlKeeper
-from tests.node.controlled_camera import EXPOSURE, ControlledCamera
+from tests.node.camera.controlled_camera import EXPOSURE, ControlledCamera
 from tests.waiting import until
 
 

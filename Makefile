@@ -125,7 +125,7 @@ bench-joining: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.joining.first_evening $(BENCH)
 
 bench-stamps: $(VENV)/.installed
-	$(VENV)/bin/python -m benchmarks.time_offsets.biased_camera $(BENCH)
+	$(BIN)/python -m benchmarks.time_offsets.biased_camera $(BENCH)
 
 bench-phones: $(VENV)/.installed-dev
 	$(BIN)/python -m benchmarks.phones.phone_link $(BENCH)

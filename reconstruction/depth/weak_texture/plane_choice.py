@@ -15,6 +15,9 @@ from reconstruction.depth.weak_texture.scene_planes import ScenePlane
 
 CHANGE = 60
 """Penalty of a change of plane between neighbours, where 255 is the cost of no likeness."""
+ALIKE, ALIKE_PRICE = 0.05, 0.005
+"""Added to the cost (0 to 1) where a plane with more points is within this share: both match nearly as well,
+and the other is more exact."""
 MIN_VISIBLE = 0.02
 """Share of a picture that a plane must cover to be tried there."""
 MIN_SOURCES = 2
@@ -44,8 +47,8 @@ def choose_planes(
 ) -> PlaneChoice:
     """The plane that fits best by wide windows, the same for neighbours where nothing speaks against it.
 
-    `found`: the inverse depth that the view had found, of the small picture's size. `reach`: the nearest and
-    the farthest depth.
+    `found`: the inverse depth that the view had found, of the small picture's size. `planes`: those with
+    most points first. `reach`: the nearest and the farthest depth.
     """
     image = part.image
     low, high = 1 / reach[1], 1 / reach[0]
@@ -64,7 +67,9 @@ def choose_planes(
         seen &= (level > low) & (level < high)
         if number == AS_FOUND:
             there = there & seen
-        cost = np.where(there, np.where(seen, cost, 1.0), 0.5)
+        alike = [np.abs(level - other) < ALIKE * other for other in levels[1:number]]
+        cost = cost + np.float32(ALIKE_PRICE) * np.any(alike, axis=0) if alike else cost
+        cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
         np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
     number = aggregate_costs(volume, part.shade, CHANGE, CHANGE).argmin(1)
     number[~there] = AS_FOUND

@@ -45,7 +45,7 @@ def test_a_webcam_is_watched_and_restarted() -> None:
     assert 3e6 < found.starts.spread_ns < 40e6
 
 
-def test_coarse_stamps_and_drops_are_found() -> None:
+def test_drops_are_counted() -> None:
     assert measured("sim:perfect,drops=0.1,seed=2").drops > 10
 
 

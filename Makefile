@@ -15,6 +15,7 @@
 # make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
+# make bench-time   how wrong offsets are that a blinking torch (10 min) and a second of motion (BENCH="--trials 1") tell, beside doing nothing
 # make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
@@ -47,7 +48,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-libcamera test-gige test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones bench-stamps
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-libcamera test-gige test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones bench-stamps
 .DEFAULT_GOAL := help
 
 help:
@@ -144,6 +145,10 @@ bench-multiview: $(VENV)/.installed
 
 bench-pairs: $(VENV)/.installed
 	@$(BIN)/python -m benchmarks.reconstruction.stereo_pairs $(BENCH)
+
+bench-time: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.time_offsets.light $(BENCH)
+	$(BIN)/python -m benchmarks.time_offsets.motion $(BENCH)
 
 bench-panel: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.panel.read_photographs $(BENCH)

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_app.session.format.row_exposures import RowExposures, row_exposures
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.pairs.features import match_features
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
@@ -21,11 +21,14 @@ from reconstruction.time_offsets.epipolar_crossings import (
 )
 from reconstruction.time_offsets.moving_points import MovingPoints, find_moving_points, match_moving_points
 from reconstruction.time_offsets.offset_fit import OffsetFit, StillErrors, fit_offset
+from reconstruction.time_offsets.pair_geometry import mend_pair
 
 REACH_MS = 300.0
 """Offsets up to this are looked for."""
 FARTHEST_PERIODS = 2.5
 """Points are not followed to an image further away than this."""
+STILL_INSTANTS = 9
+"""At so many, spread over the session, what stands still is looked at."""
 MAX_FRAMES = 20
 """And no more frames to either side than this."""
 
@@ -48,6 +51,8 @@ class PairOffsets:
         self.dataset = rig.dataset
         self.reach_ms = min(REACH_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
         self._points = lru_cache(maxsize=None)(self._find_points)
+        self._still_features = lru_cache(maxsize=STILL_INSTANTS)(rig.features)
+        self._geometry = lru_cache(maxsize=None)(self._mend_geometry)
 
     def measure(
         self, first: str, second: str, max_instants: int | None = None, *, rough: RoughOffset | None = None
@@ -109,9 +114,13 @@ class PairOffsets:
             np.full(len(at), np.nan) if k is None else times.of_rows_ms(second, k, at[:, 1])
             for k, at in zip((beside[0], other, beside[1]), path, strict=True)
         ]
-        views = self.rig.views[first], self.rig.views[second]
+        views = self._geometry(*sorted((first, second)))
         return find_crossings(
-            views, now, at_a, times.of_rows_ms(first, now, at_a[:, 1]), Path(np.stack(path), np.stack(when))
+            (views[first], views[second]),
+            now,
+            at_a,
+            times.of_rows_ms(first, now, at_a[:, 1]),
+            Path(np.stack(path), np.stack(when)),
         )
 
     def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
@@ -139,15 +148,28 @@ class PairOffsets:
         return find_moving_points(data.grey(camera, instant), movers, before, after)
 
     def _still_errors(self, first: str, second: str) -> StillErrors:
-        if self.all_moves:
-            return StillErrors()
-        points = self.rig.features(len(self.dataset.instants_ns) // 2)
-        if first not in points or second not in points:
-            return StillErrors()
-        at_a, at_b = match_features(points[first], points[second])
+        at_a, at_b = self._still_matches(first, second)
         if not len(at_a):
             return StillErrors()
-        return StillErrors.of(epipolar_errors_px(self.rig.views[first], self.rig.views[second], at_a, at_b))
+        views = self._geometry(*sorted((first, second)))
+        return StillErrors.of(epipolar_errors_px(views[first], views[second], at_a, at_b))
+
+    def _mend_geometry(self, first: str, second: str) -> dict[str, View]:
+        """Both views by the rig's calibration, mended by what stands still."""
+        a, b = self.rig.views[first], self.rig.views[second]
+        at_a, at_b = self._still_matches(first, second)
+        return {first: a, second: mend_pair(a, b, at_a, at_b) if len(at_a) else b}
+
+    def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
+        """Where both show what stands still, (n, 2) px each, at a few instants."""
+        found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
+        every = range(len(self.dataset.instants_ns))
+        for k in () if self.all_moves else evenly_spread(every, STILL_INSTANTS):
+            points = self._still_features(k)
+            if first in points and second in points:
+                found.append(match_features(points[first], points[second]))
+        at_a, at_b = (np.concatenate(of) for of in zip(*found, strict=True))
+        return at_a, at_b
 
 
 class ImageTimes:

@@ -15,7 +15,7 @@ WORST_COST = 255
 """Matching cost where the pictures have nothing in common."""
 BETTER_OF_TWO = 0.65
 """Weight of the better of two sources: beside something near one of them sees that instead."""
-BAND_PIXELS = 32_000
+BAND_PIXELS = 64_000
 
 
 def cost_volume(

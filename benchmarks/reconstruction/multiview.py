@@ -6,6 +6,7 @@
     python -m benchmarks.reconstruction.multiview --scene path/to/scene.py --json
     python -m benchmarks.reconstruction.multiview --session sample_sessions/jumper --instants 13
 
+Where there is a GPU that CuPy can use, the package's sweep is measured on it too.
 Each method runs in a process of its own, on the same pictures, after the other. Shares are of all pixels
 that have a true depth, empty ones counted as wrong, of the rig's middle camera. Simulated pictures.
 With --session, `reconstruct multiview` runs on every instant of a session, synchronized and offset;
@@ -29,6 +30,8 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth.backends.engine import CPU, SweepEngine
+from reconstruction.depth.backends.gpu import find_engine
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
 from reconstruction.depth.sweep_matcher import match_all_views
@@ -43,14 +46,20 @@ from reconstruction.scores.depth_truth import depth_shares, right_depth
 Result = dict[str, Any]
 
 
-def ours(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+def ours(
+    views: dict[str, View],
+    condition: Condition,
+    reference: str,
+    scratch: Path,
+    engine: SweepEngine = CPU,
+) -> Result:
     """The package: every view's depth, checked by the others, fused."""
     begun, cpu = time.perf_counter(), time.process_time()
     images = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
     calibrated = {name: image.calibrated for name, image in images.items()}
     scene = find_coarse_scene(calibrated)
     sources = choose_source_views(views, scene.points)
-    found = match_all_views(calibrated, sources, scene.reach)
+    found = match_all_views(calibrated, sources, scene.reach, engine=engine)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
     write_workspace(scratch / "workspace", views, colours, found)
@@ -67,6 +76,12 @@ def ours(views: dict[str, View], condition: Condition, reference: str, scratch: 
     facing = found[reference].normals
     result["normals_deg"] = normal_error_deg(facing, condition.depth[reference], views[reference])
     return result
+
+
+def ours_on_gpu(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+    """The same with its costs and scan on a GPU, found and warmed up before."""
+    engine = find_engine().engine
+    return ours(views, condition, reference, scratch, engine)
 
 
 def straightforward(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
@@ -101,6 +116,8 @@ METHODS: dict[str, Callable[[dict[str, View], Condition, str, Path], Result]] = 
     "straightforward sweep": straightforward,
     "SGBM, best pair": sgbm,
 }
+if find_engine().engine is not CPU:
+    METHODS["multiview on a GPU"] = ours_on_gpu
 
 
 def _shares(depth: Array, condition: Condition, reference: str) -> Result:

@@ -178,9 +178,8 @@ def _solve(
     told = np.array([count + 1 + 3 * k for k, name in enumerate(names) if seen[name].told], int)
     wrong = WIDER_ROWS * float(np.abs(found[told]).max(initial=0.0))
     if wrong > TOLD_ROWS:
-        # Shared out among all of them what is wrong stays small; how sure that is is another matter.
         priors[told] = 1 / wrong**2
-        _, spread = _robust_fit(design, values, sds, priors, spare)
+        found, spread = _robust_fit(design, values, sds, priors, spare)
     solved = {}
     for camera, name in enumerate(names):
         at, row_ns = count + 3 * camera, 1e6 * seen[name].rows.row_ms

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import socket
 import ssl
+import time
 from collections.abc import Iterable
 
 from aiohttp import web
@@ -25,11 +26,17 @@ class Door:
         self._sweeping: asyncio.Task[None] | None = None
         self._since_s: dict[asyncio.BaseTransport, float] = {}
         self._trusted: set[asyncio.BaseTransport] = set()
+        self._stamped: dict[asyncio.BaseTransport, _StampedProtocol] = {}
+
+    def received_ns(self, transport: asyncio.BaseTransport | None) -> int:
+        """Return when bytes came last on a connection, by the monotonic clock: perhaps late, never early."""
+        stamped = self._stamped.get(transport) if transport is not None else None
+        return time.monotonic_ns() if stamped is None else stamped.received_ns
 
     async def open(self, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
         """Accept what comes on a socket that listens."""
         self._server = await asyncio.get_running_loop().create_server(
-            self._web,
+            lambda: _StampedProtocol(self._web(), self._stamped),
             sock=listening,
             ssl=tls,
             ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
@@ -61,6 +68,40 @@ class Door:
             oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
             late = [one for one in oldest_first if now_s - self._since_s[one] >= STRANGER_S]
             _abort((*late, *oldest_first[MOST_STRANGERS:]))
+
+
+class _StampedProtocol(asyncio.Protocol):
+    """Notes when bytes come, before the task that they are for is woken up, and hands all on."""
+
+    def __init__(
+        self, handler: asyncio.Protocol, open_now: "dict[asyncio.BaseTransport, _StampedProtocol]"
+    ) -> None:
+        self.received_ns = 0
+        self._handler, self._open_now = handler, open_now
+        self._transport: asyncio.BaseTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+        self._open_now[transport] = self
+        self._handler.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        self.received_ns = time.monotonic_ns()
+        self._handler.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        return self._handler.eof_received()
+
+    def pause_writing(self) -> None:
+        self._handler.pause_writing()
+
+    def resume_writing(self) -> None:
+        self._handler.resume_writing()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._transport is not None:
+            self._open_now.pop(self._transport, None)
+        self._handler.connection_lost(exc)
 
 
 def _abort(transports: Iterable[asyncio.BaseTransport]) -> None:

@@ -113,14 +113,19 @@ class PhoneGateway:
             self._door.trust(request.transport)
         self._links.add(socket_)
         try:
-            await self._serve(socket_, admitted)
+            await self._serve(socket_, admitted, request.transport)
         except ValueError:
             await socket_.close(code=1003, message=b"This page is of another version: load it again.")
         finally:
             self._links.discard(socket_)
         return socket_
 
-    async def _serve(self, link: web.WebSocketResponse, admitted: Admitted) -> None:
+    def _received_ns(self, transport: asyncio.BaseTransport | None) -> int:
+        return time.monotonic_ns() if self._door is None else self._door.received_ns(transport)
+
+    async def _serve(
+        self, link: web.WebSocketResponse, admitted: Admitted, transport: asyncio.BaseTransport | None
+    ) -> None:
         hello = wire.decode_text(await link.receive_str(timeout=HELLO_S))
         if not isinstance(hello, wire.Hello):
             raise ValueError("a page begins with its hello")
@@ -138,7 +143,7 @@ class PhoneGateway:
             self._on_phone(phone)
         try:
             async for message in link:
-                received_ns = time.monotonic_ns()
+                received_ns = self._received_ns(transport)
                 if message.type is WSMsgType.BINARY:
                     told = wire.decode_binary(message.data)
                     if isinstance(told, wire.Ping):

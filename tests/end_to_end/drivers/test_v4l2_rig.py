@@ -11,7 +11,7 @@ from statistics import median
 import pytest
 
 from capture_app.session.reading.reader import Session
-from tests.end_to_end.camera_vm import PLUG_IN_AGAIN, REPOSITORY, Rig, boot, find_camera_vm
+from tests.end_to_end.drivers.camera_vm import PLUG_IN_AGAIN, REPOSITORY, Rig, boot, find_camera_vm
 
 pytestmark = [pytest.mark.v4l2, pytest.mark.timeout(1800)]
 

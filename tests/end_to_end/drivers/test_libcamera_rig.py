@@ -12,8 +12,8 @@ from statistics import median
 import pytest
 
 from capture_app.session.reading.reader import Session
-from tests.end_to_end.camera_vm import PLUG_IN_AGAIN, REPOSITORY, Rig, boot, find_camera_vm, skip
-from tests.end_to_end.debian_root import ENVIRONMENT, NoRootError, debian_root
+from tests.end_to_end.drivers.camera_vm import PLUG_IN_AGAIN, REPOSITORY, Rig, boot, find_camera_vm, skip
+from tests.end_to_end.drivers.debian_root import ENVIRONMENT, NoRootError, debian_root
 
 pytestmark = [pytest.mark.libcamera, pytest.mark.timeout(1800)]
 

@@ -8,7 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 SUITE, PYTHON = "trixie", "3.13"
 PACKAGES = "python3 python3-venv python3-libcamera libcamera-ipa udev"
 ENVIRONMENT = "opt/simulshot"

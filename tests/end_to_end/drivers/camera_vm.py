@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 BOOT_SECONDS = 1500
 """On a busy machine; on a quiet one the rigs need two minutes."""
 

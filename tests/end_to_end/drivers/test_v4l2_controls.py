@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.end_to_end.camera_vm import REPOSITORY, boot, find_camera_vm
+from tests.end_to_end.drivers.camera_vm import REPOSITORY, boot, find_camera_vm
 
 pytestmark = [pytest.mark.v4l2, pytest.mark.timeout(1800)]
 

@@ -182,7 +182,7 @@ class AravisCamera(Camera):
         """Take frames until the camera is stopped or fails; durations are set as frames come."""
         assert self._device is not None
         period_ns = self._device.setup.period_ns
-        begun_ns = heard_ns = read_ns = time.monotonic_ns()
+        begun_ns = heard_ns = read_ns = fresh_ns = time.monotonic_ns()
         while not self._closing.is_set():
             left_ns = period_ns if self._restore_at_ns is None else self._restore_at_ns - time.monotonic_ns()
             frame = self._device.next_frame(min(max(left_ns, 0), MOST_WAIT_NS) / 1e9)
@@ -193,10 +193,12 @@ class AravisCamera(Camera):
             elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
                 self._fail_later(f"{self._device.address} sends no pictures any more")
                 return
-            # A frame that lacks packets is given up when the next one begins: too late to go by.
-            self._change_duration(
-                now_ns, fresh=frame is not None and now_ns - frame.arrival_ns < period_ns // 2
-            )
+            # One that lacks packets is given up when the next one begins, and of several that this thread was
+            # late for only the first tells where the camera is: nothing to go by.
+            whole = frame is not None and frame.data is not None
+            fresh = whole and now_ns - fresh_ns > period_ns // 2
+            fresh_ns = now_ns if fresh else fresh_ns
+            self._change_duration(now_ns, fresh=fresh)
             pace_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
             if now_ns - read_ns >= pace_ns and isinstance(self._clock, LatchedClock):
                 read_ns = now_ns

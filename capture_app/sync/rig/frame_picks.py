@@ -99,7 +99,8 @@ class Burst:
 class Pick(Generic[F]):
     """The frame picked for an instant; times in ns, the error bars those of its leader time.
 
-    They are the clock's and, on top, those of the stamp: of its bias, and of coarse steps that it comes in.
+    They are the clock's and, on top, those of the stamp: of its bias, its scatter, and the steps that it
+    comes in.
     `outlier_ns` is how far the driver's own stamp lay off the line of its stream's frames; where that is not
     0 the times are the line's.
     """

@@ -147,13 +147,13 @@ class PhaseEstimator:
         return self._index + round((local_ns - self._time_at(self._index)) / self._line.period_ns)
 
     def stamp_error(self, stamp_ns: int) -> StampError:
-        """How far a timestamp lies off its stream's line, 0 within the noise, and what its step hides.
+        """How far a timestamp lies off its stream's line, 0 within the noise; what noise and step hide.
 
         A stamp in coarse steps is off by whatever the line shows, if the line hides less than a step. Frames
         from before the phase last moved are not judged by the line: theirs is not kept.
         """
         step_ns, run = self.quantum_ns, self._line.run
-        as_told = StampError(0, step_ns, step_ns)
+        as_told = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
         if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
             return as_told
         if stamp_ns < self._origin_ns + run[0][1]:

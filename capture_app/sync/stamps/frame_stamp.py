@@ -17,12 +17,12 @@ class FrameStamp:
 
 @dataclass(frozen=True, slots=True)
 class StampError:
-    """What is known of one timestamp's error beside its noise; times in ns."""
+    """What is known of one timestamp's error; times in ns."""
 
     outlier_ns: int = 0
     """How far it lies off the line of its stream's frames; where not 0, the line tells the frame's time."""
     uncertainty_ns: float = 0.0
-    """How far off that time may be, in 95 of 100 cases, for the step that the timestamps come in."""
+    """How far off that time may be, in 95 of 100 cases, for the stamps' noise and the step they come in."""
     hard_bound_ns: float = 0.0
     """How far at most, for that step."""
 

@@ -209,3 +209,17 @@ def test_frames_from_before_the_latest_shifts_lie_on_their_line() -> None:
         assert phase.stamp_error(past.timestamp_ns).outlier_ns == 0
     late_ns = stamps[300].timestamp_ns + 60_000
     assert phase.stamp_error(late_ns).outlier_ns == pytest.approx(60_000, abs=8_000)
+
+
+@pytest.mark.parametrize("noise_ns", [2_000, 100_000, 1_000_000])
+def test_a_stamp_is_known_no_better_than_it_scatters(noise_ns: int) -> None:
+    rng, phase = random.Random(8), PhaseEstimator(period_ns=NOMINAL_NS)
+    errors_ns, stamps = [], []
+    for number in range(300):
+        errors_ns.append(round(rng.gauss(0, noise_ns)))
+        stamps.append(10**9 + number * PERIOD_NS + errors_ns[-1])
+        phase.add(FrameStamp(number, 0, stamps[-1]))
+    bars_ns = [phase.stamp_error(stamp).uncertainty_ns for stamp in stamps[200:]]
+    within = [abs(error) <= bar for error, bar in zip(errors_ns[200:], bars_ns, strict=True)]
+    assert sum(within) >= 92
+    assert max(bars_ns) < 2.6 * noise_ns

@@ -6,6 +6,7 @@
 # make test-gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test-phones   the page of phones in a real browser (Chromium)
 # make test-libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
+# make test-mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as test-gige, and Chromium)
 # make test-slurm   batches on a real SLURM of this one machine (root)
 # make test-slow   the tests that take minutes
 # make test-docs   every command line of README and docs, run beside a simulated rig (some minutes)
@@ -48,7 +49,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-libcamera test-gige test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones bench-stamps
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-libcamera test-gige test-mixed test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones bench-stamps
 .DEFAULT_GOAL := help
 
 help:
@@ -83,6 +84,9 @@ test-phones: $(VENV)/.installed-dev
 
 test-libcamera: $(VENV)/.installed-dev
 	$(BIN)/pytest -m libcamera tests/end_to_end
+
+test-mixed: $(VENV)/.installed-dev
+	$(BIN)/pytest -m mixed -s tests/end_to_end/mixed
 
 test-slurm: $(VENV)/.installed-dev
 	@{ [ -x /usr/sbin/slurmctld ] && [ -x /usr/sbin/munged ]; } || { \

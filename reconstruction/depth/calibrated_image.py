@@ -42,11 +42,6 @@ class CalibratedImage:
         variance = box_filter(self.grey * self.grey, self.window) - self.mean**2
         return np.asarray(np.sqrt(np.maximum(variance, 0) + self.noise))
 
-    @cached_property
-    def pattern(self) -> Array:
-        """Grey levels less their window's mean, by its deviation."""
-        return np.asarray((self.grey - self.mean) / self.deviation, np.float32)
-
     @property
     def blank(self) -> Array:
         """Where a window holds no more than noise, and is black or burnt out (bool)."""
@@ -137,11 +132,6 @@ class SourceView:
         )
         lengths = np.sqrt((rays * rays).sum(0) * (to_source * to_source).sum(0))
         return np.asarray((rays * to_source).sum(0) / np.maximum(lengths, 1e-9))
-
-    @cached_property
-    def source_pattern(self) -> Array:
-        """The source's pattern in windows of the reference's size."""
-        return replace(self.source, window=self.reference.window).pattern
 
     @cached_property
     def _turned(self) -> Array:

@@ -37,12 +37,6 @@ class SweepOptions:
     """Distance between the depths of the first sweep, in the source in which it is largest."""
     window: int = 5
     """Side of the window that is matched, px."""
-    by_pattern: bool = False
-    """Whether windows are compared by their patterns in the first sweep, see `cost_volume`.
-
-    It finds 0.7 and 1.4 points more of the benchmark's studio and plain scene, but is twice as far off on a
-    plane at a strong slant, so it is not the default.
-    """
     fine_window: int = 7
     """The same in sweeps along the surface."""
     small_step: int = 20
@@ -153,7 +147,7 @@ def sweep_planes(
     step = float(levels[1] - levels[0])
     reference = replace(reference, window=options.window)
     source_views = [SourceView(reference, source_view.source) for source_view in source_views]
-    volume = engine.cost_volume(source_views, None, levels, by_pattern=options.by_pattern)
+    volume = engine.cost_volume(source_views, None, levels)
     place, cost = engine.find_cheapest(volume, reference.grey, options.small_step, options.large_step)
     found = (levels[0] + place * step).astype(np.float32)
     planes = fit_planes(found, 2 * TOLERANCE * step, reach=2, stride=2, rounds=3)

@@ -18,14 +18,11 @@ BETTER_OF_TWO = 0.65
 BAND_PIXELS = 64_000
 
 
-def cost_volume(
-    source_views: Sequence[SourceView], base: Array | None, offsets: Array, *, by_pattern: bool = False
-) -> Array:
+def cost_volume(source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
     """Costs (height x depths x width, uint8, 0 = the same) at inverse depths `base` plus `offsets`.
 
     `base` (height x width) None is a plane that faces the reference. Windows are compared by their
-    correlation; `by_pattern` takes the sum of products of the two pictures' patterns for it, which is
-    quicker and finds more beside edges, but knows a surface's place less exactly.
+    correlation.
     """
     reference = source_views[0].reference
     height, width = reference.view.height, reference.view.width
@@ -36,7 +33,7 @@ def cost_volume(
         bottom = min(top + rows, height)
         low, high = max(top - margin, 0), min(bottom + margin, height)
         inner = slice(top - low, bottom - low)
-        bands = [_Band(one, slice(low, high), by_pattern) for one in source_views]
+        bands = [_Band(one, slice(low, high)) for one in source_views]
         for number, offset in enumerate(offsets):
             together = combine_likeness([band.likeness(base, float(offset)) for band in bands])[inner]
             np.minimum(together, 1.0, out=together)
@@ -71,36 +68,26 @@ def combine_likeness(likeness: Sequence[Array]) -> Array:
 class _Band:
     """Some rows of a reference, compared with a source."""
 
-    def __init__(self, source_view: SourceView, rows: slice, by_pattern: bool) -> None:
+    def __init__(self, source_view: SourceView, rows: slice) -> None:
         reference = source_view.reference
         self._view = source_view
         self._rows = rows
         self._size = reference.view.width, rows.stop - rows.start
-        self._by_pattern = by_pattern
-        self._picture = source_view.source_pattern if by_pattern else source_view.source.grey
-        self._outside = 0.0 if by_pattern else OUTSIDE
-        self._pattern = reference.pattern[rows] if by_pattern else None
 
     def likeness(self, base: Array | None, offset: float) -> Array:
         """0 (nothing in common, or beyond the source's picture) to about 1, float32."""
-        warped = self._warp(base, offset)
-        if not self._by_pattern:
-            return correlate_windows(self._view, warped, self._rows)
-        warped *= self._pattern
-        both = box_filter(warped, self._view.reference.window)
-        return np.asarray(np.maximum(both, 0.0, out=both))
+        return correlate_windows(self._view, self._warp(base, offset), self._rows)
 
     def _warp(self, base: Array | None, offset: float) -> Array:
+        picture = self._view.source.grey
         if base is not None:
             level = base[self._rows] + np.float32(offset)
             x, y = self._view.project_rows(level, self._rows)
-            return np.asarray(cv2.remap(self._picture, x, y, cv2.INTER_LINEAR, borderValue=self._outside))
+            return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderValue=OUTSIDE))
         matrix = self._view.plane_warp(offset)
         matrix[:, 2] += self._rows.start * matrix[:, 1]
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return np.asarray(
-            cv2.warpPerspective(self._picture, matrix, self._size, flags=flags, borderValue=self._outside)
-        )
+        return np.asarray(cv2.warpPerspective(picture, matrix, self._size, flags=flags, borderValue=OUTSIDE))
 
 
 def correlate_windows(source_view: SourceView, warped: Array, rows: slice = slice(None)) -> Array:

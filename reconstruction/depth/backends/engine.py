@@ -14,14 +14,7 @@ from reconstruction.depth.calibrated_image import SourceView
 class SweepEngine(Protocol):
     """The two functions in which the CPU and a GPU part; all else of the sweep is one text."""
 
-    def cost_volume(
-        self,
-        source_views: Sequence[SourceView],
-        base: Array | None,
-        offsets: Array,
-        *,
-        by_pattern: bool = False,
-    ) -> Any:
+    def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Any:
         """Costs as by `cost_volume`, in a form and a memory of the engine's own."""
 
     def find_cheapest(self, volume: Any, grey: Array, small: int, large: int) -> tuple[Array, Array]:
@@ -34,16 +27,9 @@ class SweepEngine(Protocol):
 class CpuEngine:
     """NumPy and OpenCV."""
 
-    def cost_volume(
-        self,
-        source_views: Sequence[SourceView],
-        base: Array | None,
-        offsets: Array,
-        *,
-        by_pattern: bool = False,
-    ) -> Array:
+    def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
         """Height x depths x width, uint8."""
-        return cost_volume(source_views, base, offsets, by_pattern=by_pattern)
+        return cost_volume(source_views, base, offsets)
 
     def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """As `cheapest_depths`."""

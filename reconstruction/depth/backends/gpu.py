@@ -41,18 +41,13 @@ class GpuEngine:
         self._compiled = cache(self._compile)
 
     def cost_volume(
-        self,
-        source_views: Sequence[SourceView],
-        base: Array | None,
-        offsets: Array,
-        *,
-        by_pattern: bool = False,
+        self, source_views: Sequence[SourceView], base: Array | None, offsets: Array
     ) -> GpuVolume:
         """As `cost_volume` of the CPU, but for rounding."""
         xp = self._cupy
         reference = source_views[0].reference
         height, width = reference.grey.shape
-        pictures = [one.source_pattern if by_pattern else one.source.grey for one in source_views]
+        pictures = [one.source.grey for one in source_views]
         begins = np.cumsum([0, *(picture.size for picture in pictures[:-1])])
         info = [(begin, p.shape[1], p.shape[0]) for begin, p in zip(begins, pictures, strict=True)]
         numbers = np.concatenate([_numbers(one) for one in source_views])
@@ -64,7 +59,7 @@ class GpuEngine:
             grid,
             (*TILE, 1),
             (
-                self._upload(reference.pattern if by_pattern else reference.grey),
+                self._upload(reference.grey),
                 self._upload(reference.mean),
                 self._upload(reference.deviation),
                 xp.zeros((height, width), np.float32) if base is None else xp.asarray(base, np.float32),
@@ -77,8 +72,7 @@ class GpuEngine:
                 np.int32(height),
                 np.int32(width),
                 np.int32(padded),
-                np.float32(0.0 if by_pattern else OUTSIDE),
-                np.int32(by_pattern),
+                np.float32(OUTSIDE),
                 np.float32(BETTER_OF_TWO),
                 out,
             ),

@@ -29,7 +29,7 @@ __device__ float sample(const float* picture, int w, int h, float u, float v, fl
 extern "C" __global__ void costs(const float* grey, const float* mean, const float* deviation,
                                  const float* base, const float* offsets, int n,
                                  const float* sources, const int* info, const float* numbers, int count,
-                                 int H, int W, int P, float outside, int by_pattern, float better,
+                                 int H, int W, int P, float outside, float better,
                                  unsigned char* out) {
   __shared__ float warped[CELLS], shown[CELLS], near_[CELLS];
   __shared__ int xs[CELLS], ys[CELLS];
@@ -71,9 +71,7 @@ extern "C" __global__ void costs(const float* grey, const float* mean, const flo
           c += warped[i] * shown[i];
         }
       a *= part; b *= part; c *= part;
-      float likeness = c;
-      if (!by_pattern)
-        likeness = a < 0.f ? 0.f : (c - a * mine) / (sqrtf(fmaxf(b - a * a, 0.f) + m[12]) * spread);
+      float likeness = a < 0.f ? 0.f : (c - a * mine) / (sqrtf(fmaxf(b - a * a, 0.f) + m[12]) * spread);
       likeness = fmaxf(likeness, 0.f);
       total += likeness;
       least = s ? fminf(least, likeness) : likeness;

@@ -28,16 +28,16 @@ def source_views(count: int, window: int) -> list[SourceView]:
     return [SourceView(reference, photo_of(view_at(*at), seed=i + 1)[0]) for i, at in enumerate(places)]
 
 
-def array_version(views: list[SourceView], base: Array | None, offsets: Array, *, by_pattern: bool) -> Array:
+def array_version(views: list[SourceView], base: Array | None, offsets: Array) -> Array:
     """The costs by plain NumPy in float32, step by step in the kernel's order."""
     one = np.float32(1)
     reference, radius = views[0].reference, views[0].reference.window // 2
     height, width = reference.grey.shape
     ys, xs = np.pad(np.mgrid[0:height, 0:width], ((0, 0), (radius, radius), (radius, radius)), "reflect")
-    shown = (reference.pattern if by_pattern else reference.grey)[ys, xs]
+    shown = reference.grey[ys, xs]
     near = np.zeros(ys.shape, np.float32) if base is None else base[ys, xs]
     xs, ys = xs.astype(np.float32), ys.astype(np.float32)
-    outside = np.float32(0 if by_pattern else OUTSIDE)
+    outside = np.float32(OUTSIDE)
 
     def window_sum(values: Array) -> Array:
         total = np.zeros((height, width), np.float32)
@@ -54,16 +54,12 @@ def array_version(views: list[SourceView], base: Array | None, offsets: Array, *
             w = near + offset
             u, v, z = (m[i, 0] * xs + m[i, 1] * ys + m[i, 2] + shift[i] * w for i in range(3))
             z = np.maximum(z, np.float32(1e-6))
-            picture = view.source_pattern if by_pattern else view.source.grey
-            warped = bilinear(picture, u / z, v / z, outside)
+            warped = bilinear(view.source.grey, u / z, v / z, outside)
             both = window_sum(warped * shown)
-            if not by_pattern:
-                mean = window_sum(warped)
-                spread = np.maximum(window_sum(warped * warped) - mean * mean, 0) + np.float32(
-                    view.source.noise
-                )
-                both = (both - mean * reference.mean) / (np.sqrt(spread) * reference.deviation)
-                both[mean < 0] = 0
+            mean = window_sum(warped)
+            spread = np.maximum(window_sum(warped * warped) - mean * mean, 0) + np.float32(view.source.noise)
+            both = (both - mean * reference.mean) / (np.sqrt(spread) * reference.deviation)
+            both[mean < 0] = 0
             found.append(np.maximum(both, 0))
         total, least = np.zeros_like(found[0]), np.min(found, axis=0)
         for likeness in found:
@@ -95,21 +91,19 @@ def on_host(volume: GpuVolume) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("count", "window", "by_pattern", "curved"),
-    [(1, 5, False, False), (2, 7, False, True), (4, 5, True, False), (3, 7, True, True)],
+    ("count", "window", "curved"),
+    [(1, 5, False), (2, 7, True), (4, 5, False), (3, 7, True)],
 )
-def test_costs_are_those_of_the_array_version(
-    count: int, window: int, by_pattern: bool, curved: bool
-) -> None:
+def test_costs_are_those_of_the_array_version(count: int, window: int, curved: bool) -> None:
     views = source_views(count, window)
     ys, xs = np.mgrid[0 : views[0].reference.grey.shape[0], 0 : views[0].reference.grey.shape[1]]
     base = (0.1 * np.sin(xs / 17) + 0.001 * ys).astype(np.float32) if curved else None
-    found = on_host(GPU.cost_volume(views, base, OFFSETS, by_pattern=by_pattern))
-    exact = array_version(views, base, OFFSETS, by_pattern=by_pattern)
+    found = on_host(GPU.cost_volume(views, base, OFFSETS))
+    exact = array_version(views, base, OFFSETS)
     assert np.array_equal(found, exact)
     assert exact.std() > 20
     # OpenCV rounds otherwise, by a grey level's fraction.
-    quick = cost_volume(views, base, OFFSETS, by_pattern=by_pattern)
+    quick = cost_volume(views, base, OFFSETS)
     off = np.abs(quick.astype(int) - exact)
     assert off.mean() < 0.6
     assert np.mean(off > 8) < 0.002

@@ -1,5 +1,6 @@
 """What a camera is and can do: one struct, which drivers fill in, nodes send and sessions keep."""
 
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated
 
@@ -69,6 +70,9 @@ class StampAccuracy(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """The exposure that it holds for; None where it holds for any, or that is not known."""
     against: Text = ""
     """The camera by whose stamps it was measured, though nobody knows how late those are; empty for none."""
+    against_uncertainty_ns: Annotated[int, Meta(ge=0, le=MOST_STAMP_NS)] | None = None
+    """95 % error of what those stamps were taken for: not in `uncertainty_ns`, as it cancels between the
+    cameras that share it."""
 
     @property
     def is_exact(self) -> bool:
@@ -110,6 +114,18 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         if self.stamp is not None:
             return self.stamp
         return EXACT_STAMPS if self.kind == SIMULATED else self.assumed_stamp
+
+    @property
+    def shared_uncertainty_ns(self) -> int:
+        """95 % error of its stamps that it has in common with cameras measured against the same one.
+
+        Where nobody said how well that one's are known, as little as of this camera before it was measured.
+        """
+        known = self.stamp_accuracy
+        if not known.against:
+            return 0
+        told_ns = known.against_uncertainty_ns
+        return self.assumed_stamp.uncertainty_ns if told_ns is None else told_ns
 
     @property
     def assumed_stamp(self) -> StampAccuracy:
@@ -160,3 +176,14 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         if not known or exposure_ns is None or self.row_time_ns is None:
             return None
         return stamp_ns - exposure_ns - (self.height - 1) * self.row_time_ns
+
+
+def unshared_uncertainties_ns(cameras: Mapping[str, CameraFacts]) -> dict[str, int]:
+    """95 % error of each camera's stamps that its `uncertainty_ns` leaves out and the others do not share.
+
+    0 where all were measured against one camera, in one mode of it: what nobody knows of that one cancels
+    between them. Against a camera whose stamps are known, or were measured against another, it does not.
+    """
+    shared_ns = {name: camera.shared_uncertainty_ns for name, camera in cameras.items()}
+    origins = {(camera.stamp_accuracy.against, shared_ns[name]) for name, camera in cameras.items()}
+    return dict.fromkeys(cameras, 0) if len(origins) < 2 else shared_ns

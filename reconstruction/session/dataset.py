@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from capture_app.camera_facts import unshared_uncertainties_ns
 from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
 from capture_app.session.files.array_file import read_arrays
 from capture_app.session.format.calibration import Calibration
@@ -223,9 +224,11 @@ class Dataset:
         sure = all(record.uncertainty_ns is not None for record in records)
         if not records or not sure or self.session.manifest.origin == "imported":
             return None
-        stamps = {camera.name: camera.facts.stamp for camera in self.session.manifest.cameras}
-        unknown_ns = {name: stamp.uncertainty_ns for name, stamp in stamps.items() if stamp is not None}
-        return max(abs(one.residual_ns) + unknown_ns.get(one.camera, 0) for one in records) / 1000
+        facts = {camera.name: camera.facts for camera in self.session.manifest.cameras}
+        unknown_ns = unshared_uncertainties_ns(facts)
+        for name, one in facts.items():
+            unknown_ns[name] += 0 if one.stamp is None else one.stamp.uncertainty_ns
+        return max(abs(one.residual_ns) + unknown_ns[one.camera] for one in records) / 1000
 
     def worst_hard_bound_us(self) -> float | None:
         """Largest hard bound on the error of an image's time, us; None where that of any has none."""

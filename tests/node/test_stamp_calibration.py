@@ -54,12 +54,14 @@ def test_where_no_camera_knows_its_stamps_they_are_right_against_each_other_only
     assert {one.against for one in found.values()} == {"a"}
     assert {one.source for one in found.values()} == {StampSource.LIGHT}
     assert found["a"].uncertainty_ns == 0
+    assert {one.against_uncertainty_ns for one in found.values()} == {ASSUMED.uncertainty_ns}
     # Measured again, against one that was measured before: its error is added.
     again = stamps(
         b=(make_facts(kind="v4l2", stamp=found["b"]), REFERENCE),
         c=(WEBCAM, MeasuredTime(offset_ms=1.0, sd_ms=0.05, source="light")),
     )
     assert again["c"].against == "a"
+    assert again["c"].against_uncertainty_ns == ASSUMED.uncertainty_ns, "of a's stamps, not of b's"
     assert again["c"].uncertainty_ns == pytest.approx(1.414 * found["b"].uncertainty_ns, rel=0.01)
 
 
@@ -70,6 +72,15 @@ def test_what_could_not_be_told_or_is_known_better_stays_as_it_was() -> None:
     )
     unseen = MeasuredTime(reason="nothing moves before it")
     assert stamps(a=(EXACT, REFERENCE), b=(driver, rough), c=(WEBCAM, unseen)) == {}
+
+
+def test_what_a_driver_knows_is_not_given_up_for_what_is_right_against_an_unknown_only() -> None:
+    driver = make_facts(
+        kind="aravis", stamp=StampAccuracy(bias_ns=0, uncertainty_ns=MS, source=StampSource.DRIVER)
+    )
+    fine = MeasuredTime(offset_ms=0.3, sd_ms=0.05, source="light")
+    assert stamps(a=(WEBCAM, REFERENCE), b=(driver, fine)).keys() == {"a"}
+    assert stamps(a=(EXACT, REFERENCE), b=(driver, fine)).keys() == {"b"}
 
 
 def test_the_reference_is_the_camera_that_knows_its_stamps_best() -> None:

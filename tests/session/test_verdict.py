@@ -3,7 +3,15 @@
 import pytest
 from msgspec.structs import replace
 
-from capture_app.session.format.manifest import BurstRecord, ImageRecord, Manifest, MissingImage
+from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy, StampSource
+from capture_app.session.format.common_times import CommonTimes, TimesState
+from capture_app.session.format.manifest import (
+    BurstRecord,
+    CameraRecord,
+    ImageRecord,
+    Manifest,
+    MissingImage,
+)
 from capture_app.session.reading.synchronization import sync_record
 from capture_app.session.reading.verdict import GRADE_LIMITS, Grade, describe_displacement, grade_of, judge
 
@@ -92,3 +100,57 @@ def test_displacement_is_the_distance_that_things_move_meanwhile() -> None:
     assert "4.50 px" in words
     unsure = [replace(one, uncertainty_ns=None) for one in images]
     assert "not known" in describe_displacement(sync_record(CAMERAS, BURST, unsure, []))
+
+
+def measured(name: str, against: str = "hall", unknown_ns: int | None = 20 * MS) -> CameraRecord:
+    """A webcam, right to 0.1 ms against one of which nobody knows how late it stamps."""
+    stamp = StampAccuracy(
+        bias_ns=15 * MS,
+        uncertainty_ns=100 * US,
+        source=StampSource.MOTION,
+        against=against,
+        against_uncertainty_ns=unknown_ns,
+    )
+    return camera_record(name, kind="v4l2", stamp=stamp)
+
+
+def take_of(*cameras: CameraRecord) -> Manifest:
+    """A take of one instant, of which each camera's time is known to 150 us."""
+    images = tuple(image(camera.name, 0, 0, 150 * US) for camera in cameras)
+    return replace(take(*images), cameras=cameras, burst=replace(BURST, instants_ns=(0,)))
+
+
+def test_what_nobody_knows_of_a_camera_cancels_only_between_those_measured_against_it() -> None:
+    left, right, exact = measured("left"), measured("right"), camera_record("exact")
+    untold = measured("right", unknown_ns=None)
+
+    def error_ns(*cameras: CameraRecord) -> int:
+        error_ns = judge(take_of(*cameras)).spread_error_ns
+        assert error_ns is not None
+        return error_ns // 2
+
+    assert error_ns(left, right) == 150 * US, "the hall's camera is not here, and need not be"
+    assert error_ns(left, right, exact) == 150 * US + 20 * MS
+    assert error_ns(left, measured("right", against="door")) == 150 * US + 20 * MS
+    assert error_ns(left, measured("right", unknown_ns=14 * MS)) == 150 * US + 20 * MS, (
+        "in another mode of it"
+    )
+    assert error_ns(untold, exact) == 150 * US + untold.facts.assumed_stamp.uncertainty_ns
+
+
+def test_a_verdict_says_which_camera_was_measured_against_others_than_the_rest() -> None:
+    left, right, exact = measured("left"), measured("right"), camera_record("exact", stamp=EXACT_STAMPS)
+    assert judge(take_of(left, right)).stamps == ""
+    mixed = judge(take_of(left, exact))
+    assert mixed.grade is Grade.POOR
+    assert mixed.stamps == (
+        "how late the stamps of left are, to ±20 ms, nobody has measured but against hall:"
+        " capture-app cameras calibrate-time does"
+    )
+
+
+def test_times_that_the_pictures_told_are_right_whatever_the_stamps_are() -> None:
+    mixed = take_of(measured("left"), camera_record("exact"))
+    aligned = CommonTimes(state=TimesState.ALIGNED, cameras={})
+    told = judge(replace(mixed, burst=replace(mixed.burst, common_times=aligned)))
+    assert told.spread_error_ns == 300 * US

@@ -78,6 +78,7 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
     is_known = own.source not in UNMEASURED
     against = own.against if is_known else measured.reference
     base_ns = own.uncertainty_ns if is_known else 0
+    common_ns = records[measured.reference].facts.shared_uncertainty_ns if is_known else own.uncertainty_ns
     found = {}
     for name, time in measured.cameras.items():
         if time.offset_ms is None or time.sd_ms is None or name not in records:
@@ -88,8 +89,11 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
             clocks = (records[one].clock for one in (name, measured.reference))
             parts_ns += [clock.uncertainty_ns for clock in clocks if clock is not None]
         error_ns = round(math.hypot(*parts_ns))
-        if known.source not in UNMEASURED and known.uncertainty_ns <= error_ns:
-            continue
+        if known.source not in UNMEASURED:
+            alike = known.against == against
+            before_ns = known.uncertainty_ns + (0 if alike else facts.shared_uncertainty_ns)
+            if before_ns <= error_ns + (0 if alike else common_ns):
+                continue
         found[name] = StampAccuracy(
             # Light that was later than told had stamps that were less late than was taken off them.
             bias_ns=known.bias_ns - round(time.offset_ms * 1e6),
@@ -97,6 +101,7 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
             source=StampSource.LIGHT if _by_light(measured, name) else StampSource.MOTION,
             exposure_ns=facts.exposure_ns,
             against=against,
+            against_uncertainty_ns=common_ns if against else None,
         )
     return found
 

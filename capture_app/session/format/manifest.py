@@ -182,7 +182,11 @@ class SyncRecord(_Record, frozen=True, kw_only=True):
     """The most that the middles of one row's exposure are apart at any instant, by rolling shutters that
     differ included; None where no two cameras tell their exposure and row time."""
     uncertainty_ns: Count | None = None
-    """The worst of the images; None where that of any is not known."""
+    """The worst of the images, against the others'; None where that of any is not known.
+
+    Where not all cameras' stamps were measured against one and the same, what nobody knows of those that they
+    were measured against is added.
+    """
     hard_bound_ns: Count | None = None
     dropped: Count = 0
     """Images that are missing because their camera dropped the frame."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from capture_app.camera_facts import CameraFacts, StampAccuracy, StampSource
+from capture_app.camera_facts import CameraFacts, StampAccuracy, StampSource, unshared_uncertainties_ns
 from capture_app.text import count, duration
 
 UNMEASURED = (StampSource.ASSUMED, StampSource.PROFILE)
@@ -28,17 +28,21 @@ def describe_stamp(stamp: StampAccuracy) -> str:
 
 
 def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:
-    """Say whose stamps nobody has measured, and what does; empty where all are known."""
+    """Say whose stamps nobody has measured, or not against all others', and what does; empty for nobody's."""
     unsure = {
         name: camera.stamp_accuracy.uncertainty_ns
         for name, camera in cameras.items()
         if camera.stamp_accuracy.source in UNMEASURED
     }
+    # What was measured, though against other cameras than the rest, is left to be said where all were.
+    against = {name: error_ns for name, error_ns in unshared_uncertainties_ns(cameras).items() if error_ns}
+    unsure = unsure or against
     if not unsure:
         return ""
     worst = max(unsure, key=lambda name: unsure[name])
     others = f" and of {count(len(unsure) - 1, 'more camera')}" if len(unsure) > 1 else ""
+    by_what = f" but against {cameras[worst].stamp_accuracy.against}" if unsure is against else ""
     return (
         f"how late the stamps of {worst}{others} are, to ±{duration(unsure[worst])},"
-        f" nobody has measured: {REMEDY} does"
+        f" nobody has measured{by_what}: {REMEDY} does"
     )

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
+from capture_app.camera_facts import unshared_uncertainties_ns
 from capture_app.session.format.manifest import (
     BurstRecord,
     CameraRecord,
@@ -26,6 +27,10 @@ def sync_record(
     than need be in memory.
     """
     by_name = {camera.name: camera for camera in cameras}
+    facts = {name: camera.facts for name, camera in by_name.items()}
+    # Times that were found from the pictures or the sound themselves are right whatever the stamps are.
+    by_stamps = burst.common_times is None
+    unshared_ns = unshared_uncertainties_ns(facts) if by_stamps else dict.fromkeys(facts, 0)
     spreads_ns = [0] * len(burst.instants_ns)
     rows_ns, errors, bounds = _Worst(), _Worst(), _Worst()
     substituted = late = 0
@@ -36,7 +41,8 @@ def sync_record(
         if rows is not None:
             rows_ns.add(rows)
         for image in of:
-            errors.add(image.uncertainty_ns)
+            known_ns = image.uncertainty_ns
+            errors.add(None if known_ns is None else known_ns + unshared_ns[image.camera])
             bounds.add(image.hard_bound_ns)
             substituted += image.substitute
             late += image.late

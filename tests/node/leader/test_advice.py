@@ -63,3 +63,8 @@ def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
     measured = ClientView("web", ("10.0.0.3", 5), replace(webcam, stamp=stamp), unsure.report, 0)
     said = rig_advice([view("a"), measured], LEADER)
     assert said == "2 cameras ready, clocks sure to ±41 µs (95 %), stamps to ±300 µs"
+    of_another = replace(stamp, against="hall", against_uncertainty_ns=20_000_000)
+    joined = ClientView("web", ("10.0.0.3", 5), replace(webcam, stamp=of_another), unsure.report, 0)
+    assert "stamps of web are, to ±20 ms, nobody has measured but against hall" in rig_advice(
+        [view("a"), joined], LEADER
+    )

@@ -59,7 +59,7 @@ def describe(state: ControlState | None) -> str:
     """A control's value in words, a dash where there is none."""
     if state is None:
         return "-"
-    value = "?" if state.value is None else f"{state.value:g} {state.unit}"
+    value = "?" if state.value is None else f"{float(f'{state.value:.5g}'):g} {state.unit}"
     return f"{value}, auto" if state.automatic else value
 
 

@@ -47,8 +47,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
         EmulatedLink(network.link_end(leader, f"10.77.{k}.1/24"), network.link_end(place, f"10.77.{k}.2/24"))
         for k, place in enumerate(places)
     ]
-    # The commands that ask the leader are of the same user as it.
-    os.environ |= {"XDG_STATE_HOME": str(network.scratch), "XDG_DATA_HOME": str(network.scratch)}
+    network.keep_user_files()
     with network.emulation(links, options.seed) as link_reports, contextlib.ExitStack() as stack:
         sessions = ("--sessions", str(network.scratch / "sessions"))
         lead = (*CAPTURE_APP, "leader", "--port", str(PORT), "--android-app", *sessions)

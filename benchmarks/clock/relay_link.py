@@ -47,18 +47,18 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
         EmulatedLink(network.link_end(top, "10.77.0.1/24"), network.link_end(middle, "10.77.0.2/24")),
         EmulatedLink(network.link_end(middle, "10.79.0.1/24"), network.link_end(bottom, "10.79.0.2/24")),
     ]
-    state = {"XDG_STATE_HOME": str(network.scratch), "XDG_DATA_HOME": str(network.scratch)}
+    network.keep_user_files()
     sessions = network.scratch / "sessions"
     relay = (middle, *CAPTURE_APP, "relay", LEADER, "--name", "relay", "--clock", "sim")
     with network.emulation(links, options.seed) as link_reports, contextlib.ExitStack() as stack:
         lead = (*CAPTURE_APP, "leader", "--sessions", str(sessions))
-        stack.enter_context(running(top, *lead, **state))
-        relaying = stack.enter_context(running(*relay, **state))
+        stack.enter_context(running(top, *lead))
+        relaying = stack.enter_context(running(*relay))
         time.sleep(2.0)
         for name, (place, leader, _) in NODES.items():
             camera = ("--camera", "sim:perfect,drops=0,outliers=0", "--clock", "sim")
             node = (*CAPTURE_APP, "node", "--name", name, "--leader", leader, *camera)
-            stack.enter_context(running(places[place], *node, **state))
+            stack.enter_context(running(places[place], *node))
         for number in range(options.bursts):
             talk(f"burst {number + 1} of {options.bursts} ...")
             _burst(top)
@@ -67,7 +67,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
         relaying.kill()
         time.sleep(BETWEEN_BURSTS_S)
         began_s = time.monotonic()
-        stack.enter_context(running(*relay, **state))
+        stack.enter_context(running(*relay))
         healed = _burst(top)
         report["healed"] = {
             "images": healed["received"],

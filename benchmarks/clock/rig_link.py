@@ -65,12 +65,12 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
         EmulatedLink(network.link_end(leader, f"10.77.{k}.1/24"), network.link_end(place, f"10.77.{k}.2/24"))
         for k, place in enumerate(places.values())
     ]
-    state = {"XDG_STATE_HOME": str(network.scratch), "XDG_DATA_HOME": str(network.scratch)}
+    network.keep_user_files()
     sessions = network.scratch / "sessions"
     with network.emulation(links, options.seed) as link_reports, contextlib.ExitStack() as stack:
         began_s = time.monotonic()
         lead = (*CAPTURE_APP, "leader", "--port", str(PORT), "--sessions", str(sessions))
-        stack.enter_context(running(leader, *lead, **state))
+        stack.enter_context(running(leader, *lead))
         time.sleep(2.0)
         for k, (name, (camera, skew_ppm)) in enumerate(NODES.items()):
             node = (
@@ -82,7 +82,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
                 f"{camera},drops=0,scale=0.25",
             )
             clock = ("--clock", f"sim:offset_s={SPREAD_S * (k + 1)},skew_ppm={skew_ppm}")
-            stack.enter_context(running(places[name], *CAPTURE_APP, "node", *node, *clock, **state))
+            stack.enter_context(running(places[name], *CAPTURE_APP, "node", *node, *clock))
         told = []
         for number in range(options.bursts):
             talk(f"burst {number + 1} of {options.bursts} ...")

@@ -66,6 +66,13 @@ class Network:
         """Remove the namespaces, and with them all devices in them."""
         self._stack.close()
 
+    def keep_user_files(self) -> None:
+        """Have all commands that are run from now on keep their user's state and keys in `scratch`.
+
+        All of them: those that ask a leader must be of the same user as it.
+        """
+        os.environ |= {"XDG_STATE_HOME": str(self.scratch), "XDG_DATA_HOME": str(self.scratch)}
+
     def namespace(self, name: str) -> str:
         """Make a namespace, and return its full name."""
         full_name = f"{_PREFIX}-{os.getpid()}-{name}"
@@ -137,14 +144,13 @@ def in_namespace(namespace: str, *command: str) -> list[str]:
 
 
 @contextlib.contextmanager
-def running(namespace: str, *command: str, **environment: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a command in a namespace until the block ends; `environment` adds to this process's."""
+def running(namespace: str, *command: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a command in a namespace until the block ends."""
     process = subprocess.Popen(
         in_namespace(namespace, *command),
         cwd=ROOT,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        env={**os.environ, **environment},
     )
     try:
         yield process

@@ -70,8 +70,7 @@ def main() -> int:
 def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
     leader, phone = network.namespace("leader"), network.namespace("phone")
     link = EmulatedLink(network.link_end(leader, f"{LEADER}/24"), network.link_end(phone, f"{HOST}/24"))
-    # All processes of this run are of one machine, which is no other run's.
-    os.environ |= {"XDG_STATE_HOME": str(network.scratch), "XDG_DATA_HOME": str(network.scratch)}
+    network.keep_user_files()
     sessions = network.scratch / "sessions"
     with network.emulation([link], options.seed) as link_reports, contextlib.ExitStack() as stack:
         lead = (*CAPTURE_APP, "leader", "--port", str(PORT), "--sessions", str(sessions))

@@ -23,7 +23,7 @@ from capture_app.node.keys import KeyDesk
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.advice import RateReview, rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
-from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.local.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
 from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.readiness import FolderRoom, coarse_nodes, reasons_until_ready

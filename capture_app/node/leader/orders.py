@@ -6,7 +6,7 @@ from collections.abc import Callable
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.node.foreign.guests import Guests
 from capture_app.node.leader.active_bursts import ActiveBursts
-from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.local.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
 from capture_app.node.wire import operating
 from capture_app.sync.rig.leader import Leader

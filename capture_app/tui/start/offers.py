@@ -9,7 +9,7 @@ from textual.widgets.option_list import Option
 from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.catalog import DRIVERS
-from capture_app.node.leader.local_nodes import VIEWS
+from capture_app.node.leader.local.local_nodes import VIEWS
 from capture_app.text import printable
 
 SAMPLES = "sample_sessions"

@@ -9,7 +9,7 @@ import pytest
 from capture_app.errors import BadInputError, NetworkError, NotAvailableError
 from capture_app.net.address import Address
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.local.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
 from capture_app.node.operator.link import RigLink
 from capture_app.node.operator.requests import ask_status, give_order

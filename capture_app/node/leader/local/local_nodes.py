@@ -10,7 +10,7 @@ from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
 from capture_app.net.address import Address
 from capture_app.node.child import Child
-from capture_app.node.leader.local_phones import LocalPhones
+from capture_app.node.leader.local.local_phones import LocalPhones
 from capture_app.node.leader.news_log import NewsLog
 
 MAX_NODES = 64

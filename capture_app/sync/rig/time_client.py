@@ -9,6 +9,7 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
+from capture_app.sync.timekeeping.heartbeats import HEARTBEAT_EVERY_NS, LEADER_SILENT_NS, Heartbeats
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -37,8 +38,6 @@ HELLO_EVERY_NS = 500 * _MS
 HELLOS = 3
 """So many unanswered hellos, and another leader is asked, where there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
-HEARTBEAT_EVERY_NS = 500 * _MS
-LEADER_SILENT_NS = 2500 * _MS
 MOST_EVENTS = 256
 """So many of the newest are kept for a node that does not take them."""
 
@@ -84,12 +83,9 @@ class TimeClient:
         """Why it is no member, where that is known."""
         self.unanswered = 0
         """How often it has asked to join since a leader said anything to that."""
-        self._heartbeat_due_ns = NEVER_NS
-        self._heartbeat_every_ns = heartbeat_every_ns
-        self._silent_ns = silent_ns if heartbeat_every_ns is not None else None
+        self._beats = Heartbeats(heartbeat_every_ns, silent_ns)
         self._report, self._objection = report or self.report, objection
         self._hello_due_ns = AT_ONCE_NS
-        self._heard_ns = 0
         self._outbox: deque[ControlMessage] = deque()
         self._events: deque[TimeClientEvent] = deque(maxlen=MOST_EVENTS)
 
@@ -165,12 +161,12 @@ class TimeClient:
                 self.note_refusal(message.reason)
             case TimeReply() if self.is_addressed(message):
                 if self.timekeeper.take_reply(message, now_ns):
-                    self._heard_ns = now_ns
+                    self._beats.heard(now_ns)
                 self._note_clock(now_ns)
             case UnknownMember() if self.is_addressed(message):
                 self.lose("the leader was restarted", now_ns)
             case HeartbeatAck() | AgreedArrival() | Trigger() if self.is_addressed(message):
-                self._heard_ns = now_ns
+                self._beats.heard(now_ns)
                 if isinstance(message, HeartbeatAck):
                     self._take_answer(message, now_ns)
                 elif isinstance(message, AgreedArrival):
@@ -186,8 +182,7 @@ class TimeClient:
         self.terms, self.number = terms, welcome.client
         self.timekeeper.follow(terms, welcome.client, welcome.slot, now_ns)
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
-        self._heard_ns = now_ns
-        self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
+        self._beats.begin(now_ns)
         self._events.append(Joined(welcome.transfer_port, terms.leader, welcome.beacons))
         return True
 
@@ -216,7 +211,7 @@ class TimeClient:
 
     def report_at_once(self) -> None:
         """Send the next heartbeat at once."""
-        self._heartbeat_due_ns = AT_ONCE_NS
+        self._beats.send_at_once()
 
     def send(self, message: ControlMessage) -> None:
         """Send the leader a message with the next datagrams."""
@@ -233,16 +228,15 @@ class TimeClient:
                 self._hello_due_ns = now_ns + HELLO_EVERY_NS
                 self._outbox.append(self.hello())
             return
-        if now_ns >= self._silent_from_ns or self.timekeeper.schedule.is_unanswered(now_ns):
+        if now_ns >= self._beats.silent_from_ns or self.timekeeper.schedule.is_unanswered(now_ns):
             self.lose("the leader is silent", now_ns)
             self.hellos = HELLOS
             return
         self.timekeeper.handle_timer(now_ns)
         self._note_clock(now_ns)
-        if self.timekeeper.take_report_due() or now_ns >= self._heartbeat_due_ns:
+        if self.timekeeper.take_report_due() or now_ns >= self._beats.due_ns:
             self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
-            if self._heartbeat_every_ns is not None:
-                self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
+            self._beats.sent(now_ns)
         arrivals = self.timekeeper.arrival_report(now_ns)
         if arrivals is not None:
             self._outbox.append(arrivals)
@@ -253,7 +247,7 @@ class TimeClient:
         """Local time in ns at which `handle_timer` wants to be called."""
         if self.number is None:
             return self._hello_due_ns
-        return min(self._silent_from_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
+        return min(self._beats.silent_from_ns, self.timekeeper.next_timer(), self._beats.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
         """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
@@ -283,10 +277,6 @@ class TimeClient:
 
     # The parts
 
-    @property
-    def _silent_from_ns(self) -> int:
-        return NEVER_NS if self._silent_ns is None else self._heard_ns + self._silent_ns
-
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
         terms = LeaderTerms.of_message(answer.terms)
         reason = "its answers cannot be right" if terms is None else self._objection(terms)
@@ -301,5 +291,5 @@ class TimeClient:
     def _note_clock(self, now_ns: int) -> None:
         while (event := self.timekeeper.next_event()) is not None:
             self._events.append(event)
-            if isinstance(event, ClockSynced) and self._heartbeat_every_ns is not None:
+            if isinstance(event, ClockSynced) and self._beats.are_regular:
                 self.report_at_once()

@@ -9,8 +9,9 @@ import pytest
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.time_client import LEADER_SILENT_NS, NO_ANSWER, TimeClient
+from capture_app.sync.rig.time_client import NO_ANSWER, TimeClient
 from capture_app.sync.timekeeping.clock_events import ClockSynced
+from capture_app.sync.timekeeping.heartbeats import LEADER_SILENT_NS
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import (
     EASING_PACES_NS,

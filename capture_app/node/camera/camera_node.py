@@ -2,15 +2,11 @@
 
 import asyncio
 import contextlib
-import functools
 import random
 import secrets
 import socket
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-
-from msgspec.structs import replace
 
 from capture_app.camera_facts import PhaseControl, StampAccuracy
 from capture_app.cameras.base import Camera, CapturedFrame
@@ -22,24 +18,15 @@ from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.journal import NodeJournal
-from capture_app.node.camera.records import (
-    camera_record,
-    camera_report,
-    event_line,
-    event_words,
-    missing_images,
-    true_clock,
-    with_device_clock,
-)
+from capture_app.node.camera.picked_bursts import PickedBursts
+from capture_app.node.camera.records import event_line, event_words
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
-from capture_app.node.transfer.burst_upload import BurstUpload
-from capture_app.node.transfer.picked_stream import PickedStream
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
-from capture_app.node.wire.messages import JsonValue, KeyRequest
+from capture_app.node.wire.messages import KeyRequest
 from capture_app.node.wire.views import NodeDetail
 from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client
@@ -50,7 +37,6 @@ from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
 
-EVENTS_KEPT = 200
 DEFAULT_TOLERANCE_NS = 100_000
 RESET_TOLERANCE_NS = 2_000_000
 """The same for a camera that can only restart its stream, whose start latency is uncertain by as much."""
@@ -126,7 +112,7 @@ class CameraNode:
             keep_stamp=self._keep_stamp,
             trust=self._trust,
         )
-        self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
+        self._picked = PickedBursts(name, self._camera, self._clock, self._uploader, ring_bytes)
         self._host_rate = HostRate()
         self._last_state: NodeState | None = None
         self._watch = JoinWatch(self._leaders, self._talk)
@@ -269,7 +255,8 @@ class CameraNode:
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
         if isinstance(event, events.BurstPicked):
-            self._upload(with_device_clock(event))
+            assert self._tolerance_ns is not None
+            self._picked.upload(event, self._engine, self._tolerance_ns)
             return
         if isinstance(event, events.BurstCancelled):
             self._uploader.cancel_burst(event.leader, event.burst)
@@ -282,32 +269,6 @@ class CameraNode:
             self._beacons.follow(event.beacons, leader.host)
             if len(self._leaders) > 1:
                 self._talk(f"joined {leader}")
-        line = {"local_ns": now_ns, **event_line(event)}
-        self._events.append(line)
+        self._picked.note({"local_ns": now_ns, **event_line(event)})
         if words := event_words(event):
             self._talk(words)
-
-    def _upload(self, ready: events.BurstPicked[CapturedFrame]) -> None:
-        assert self._tolerance_ns is not None
-        if ready.further:
-            missing = missing_images(self.name, ready.gaps)
-            self._uploader.extend_burst(
-                ready.leader, ready.burst, ready.picks, missing, over=ready.over, ended=ready.ended
-            )
-            return
-        camera, corrections = self._camera, self._engine.aligner.corrections
-        record = camera_record(
-            self.name, camera.facts, ready, corrections, self._tolerance_ns, camera.device_clock
-        )
-        truth = true_clock(self._clock, camera.facts)
-        report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
-        self._events.clear()
-        if ready.trigger is not None:
-            stream = PickedStream(ready.trigger.video, self._ring_bytes)
-            begun = replace(report, instants=(), missing=(), picking=True)
-            upload = BurstUpload(begun, deque(), stream=stream)
-            upload.extend(ready.picks, report.missing, over=ready.over, ended=ready.ended)
-            self._uploader.add_burst(upload)
-            return
-        forget = functools.partial(self._engine.forget_burst, ready.leader, ready.burst)
-        self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_settled=forget))

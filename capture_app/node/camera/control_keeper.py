@@ -44,15 +44,19 @@ class ControlKeeper:
             self._burst_changed.set()
 
     async def run(self) -> None:
-        """Look at what the camera chooses, and lock it for bursts, until cancelled."""
-        while True:
-            with suppress(TimeoutError):
-                async with asyncio.timeout(LOOK_EVERY_S):
-                    await self._burst_changed.wait()
-            self._burst_changed.clear()
-            with suppress(*REFUSALS):
-                async with self._busy:
-                    await (self._lock() if self._in_burst else self._unlock())
+        """Look at what the camera chooses, and lock it for bursts, until cancelled; then it is as it was."""
+        try:
+            while True:
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(LOOK_EVERY_S):
+                        await self._burst_changed.wait()
+                self._burst_changed.clear()
+                with suppress(*REFUSALS):
+                    async with self._busy:
+                        await (self._lock() if self._in_burst else self._unlock())
+        finally:
+            # A camera may keep what it was told last, for other programs too.
+            await self._let_go()
 
     async def read(self) -> CameraControls:
         """Return all controls as they stand."""
@@ -78,9 +82,9 @@ class ControlKeeper:
             return CameraControls(controls=await self._look(), problems=problems)
 
     async def restore(self) -> None:
-        """Set again what is held: the camera was opened anew, and has forgotten it."""
+        """Set again what is held, and let go of what was locked: the camera was opened anew."""
         async with self._busy:
-            self._locked.clear()
+            await self._let_go()
             for control, value in self._wanted.items():
                 with suppress(*REFUSALS):
                     await self._camera().set_control(control, value)
@@ -127,14 +131,19 @@ class ControlKeeper:
     async def _lock(self) -> None:
         for state in await self._look():
             if state.automatic and state.control in self._live and state.value is not None:
-                await self._camera().set_control(state.control, state.value)
                 self._locked.add(state.control)
+                await self._camera().set_control(state.control, state.value)
 
     async def _unlock(self) -> None:
-        locked, self._locked = self._locked, set()
-        for control in locked:
-            await self._camera().set_control(control, None)
+        await self._let_go()
         for state in await self._look():
             if state.automatic and state.control in self._seen and self._seen[state.control] != state.value:
                 self._live.add(state.control)
             self._seen[state.control] = state.value
+
+    async def _let_go(self) -> None:
+        """Have the camera choose again what is locked; what it refuses stays locked, until the next time."""
+        for control in tuple(self._locked):
+            with suppress(*REFUSALS):
+                await self._camera().set_control(control, None)
+                self._locked.discard(control)

@@ -141,3 +141,39 @@ async def test_what_a_driver_may_not_tell_is_not_locked(node: Node) -> None:
     await settled(node)
     assert node.camera.set == []
     assert node.camera.states[Control.EXPOSURE] == EXPOSURE
+
+
+async def lock_exposure(node: Node) -> None:
+    """Have a burst begin, and the exposure locked for it."""
+    await see_it_choose(node)
+    node.keeper.set_in_burst(True)
+    await until(lambda: len(node.camera.set) == 1)
+    assert not node.camera.states[Control.EXPOSURE].automatic
+
+
+async def test_what_a_burst_locked_is_let_go_once_the_camera_takes_orders_again(node: Node) -> None:
+    await lock_exposure(node)
+    node.camera.refuses_to_set = True
+    node.keeper.set_in_burst(False)
+    await settled(node)
+    node.camera.refuses_to_set = False
+    node.keeper.set_in_burst(True)
+    node.keeper.set_in_burst(False)
+    await until(lambda: node.camera.states[Control.EXPOSURE].automatic)
+
+
+async def test_what_a_burst_locked_is_let_go_when_the_node_ends() -> None:
+    made = Node()
+    running = asyncio.create_task(made.keeper.run())
+    await lock_exposure(made)
+    running.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+    assert made.camera.states[Control.EXPOSURE].automatic
+
+
+async def test_what_a_burst_locked_is_let_go_by_a_camera_that_was_opened_anew_and_kept_it(node: Node) -> None:
+    await lock_exposure(node)
+    node.keeper.set_in_burst(False)
+    await node.keeper.restore()
+    await until(lambda: node.camera.states[Control.EXPOSURE].automatic)

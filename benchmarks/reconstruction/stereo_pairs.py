@@ -26,7 +26,7 @@ from benchmarks.report import new_parser, print_rows, talk
 from capture_app.errors import ExitCode, SimulshotError
 from reconstruction.common.geometry import Array, View
 from reconstruction.stereo.hole_filling import fill_holes
-from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
+from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "footage" / "stereo_ground_truth"
 FOCAL = 700.0
@@ -67,7 +67,7 @@ def sgbm(pair: RectifiedPair, mode: int) -> Array:
     return matcher.compute(*widened)[:, pair.count :].astype(np.float32) / 16
 
 
-def ours(pair: RectifiedPair) -> DepthMap:
+def ours(pair: RectifiedPair) -> FilledDepthMap:
     """The stereo path of `reconstruct stereo` and `compare`, from its start."""
     height, width = pair.left.shape[:2]
     matrix = np.array([[FOCAL, 0, (width - 1) / 2], [0, FOCAL, (height - 1) / 2], [0, 0, 1]])
@@ -76,7 +76,7 @@ def ours(pair: RectifiedPair) -> DepthMap:
     ]
     matcher = StereoPair(views[0], views[1], (0, pair.count - 2))
     grey = (cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in (pair.left, pair.right))
-    return matcher.compute_depth(*grey)
+    return matcher.compute_filled_depth(*grey)
 
 
 def disparity(depth: Array) -> Array:

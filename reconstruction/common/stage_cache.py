@@ -11,7 +11,7 @@ import numpy as np
 Result = TypeVar("Result")
 
 
-VERSION = 7
+VERSION = 8
 """Raised whenever a stage computes something else: old outputs are then made again."""
 
 

@@ -20,7 +20,7 @@ from reconstruction.common.output_folder import STAGES, comparison_folder, write
 from reconstruction.scores.depth_truth import share_right
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.picture_checksums import picture_checks
-from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, find_disparity_range
+from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair, find_disparity_range
 
 DEPTH = "depth.tiff"
 FILLED = "depth_filled.tiff"
@@ -135,18 +135,18 @@ def _without_image(dataset: Dataset, instants: set[int]) -> dict[str, str]:
     return {name: f"it has no image of instant {which[0]}" for name, which in lacks.items() if which}
 
 
-def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> DepthMap:
+def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> FilledDepthMap:
     views = rig.views[cameras[0]], rig.views[cameras[1]]
     # The range is the scene's, from images of one instant, whatever instant is matched.
     images = [rig.dataset.grey(name, instant) for name in cameras]
     moving = rig.motion.detected_movers(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
     still = np.zeros(images[0].shape, bool) if moving is None else moving
     pair = StereoPair(*views, find_disparity_range(views, [(images[0], images[1], still)]))
-    return pair.compute_depth(images[0], rig.dataset.grey(cameras[1], later))
+    return pair.compute_filled_depth(images[0], rig.dataset.grey(cameras[1], later))
 
 
 def _save_result(
-    rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: DepthMap, folder: Path
+    rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: FilledDepthMap, folder: Path
 ) -> StereoDepth:
     depth, known = found.depth, found.depth > 0
     photo = rig.dataset.image(cameras[0], instants[0])

@@ -60,7 +60,7 @@ def match_rectified_back(reference: Array, other: Array, low: int, count: int) -
 def warp_by_disparity(image: Array, disparity: Array) -> Array:
     """The other view's image (float32) seen through the disparity, on the reference's canvas."""
     xs, ys = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in reversed(disparity.shape)))
-    shifted = (xs - np.nan_to_num(disparity, nan=1e6)).astype(np.float32)
+    shifted = (xs - np.where(np.isnan(disparity), np.float32(1e6), disparity)).astype(np.float32)
     source = np.ascontiguousarray(image, np.float32)
     return np.asarray(cv2.remap(source, shifted, ys, cv2.INTER_LINEAR, borderValue=(float("nan"),)))
 

@@ -4,7 +4,8 @@ Depth is by semi-global matching, then checks keep only what both views agree on
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -35,16 +36,30 @@ VOLUME_SHARE = 0.6
 class DepthMap:
     """One pair's depth on the reference view's pixels.
 
-    `depth` (height x width, calibration's unit, 0 = none or rejected), `filled` the same with the rest taken
-    from the background beside it, and `difference`: grey levels between the reference and the other view
-    warped onto it by the depth before the checks (NaN = none).
+    `depth` (height x width, calibration's unit, 0 = none or rejected), and `difference`: grey levels between
+    the reference and the other view warped onto it by the depth before the checks (NaN = none).
     """
 
     depth: Array
-    filled: Array
     difference: Array
-    confidence: Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+
+
+@dataclass(frozen=True)
+class FilledDepthMap(DepthMap):
+    """The same, with a depth for every pixel: `filled`, the rest taken from the background beside it."""
+
+    filled: Array
+    confidence: Array
     """0 (rejected) to 1: half from how well both directions agree, half from how similar they look."""
+
+
+class _Match(NamedTuple):
+    """On the canvas: the reference, checked disparity, and how far grey levels and both directions differ."""
+
+    reference: Array
+    checked: Array
+    difference: Array
+    left_right: Array
 
 
 class StereoPair:
@@ -75,6 +90,23 @@ class StereoPair:
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
         """Depth from two grey images (uint8) of the pair, checked from left to right and back."""
+        found = self._match_checked(reference, other)
+        return DepthMap(self._depth(found.checked), self._difference(found.difference))
+
+    def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
+        """The same, and a guess wherever it was rejected."""
+        found = self._match_checked(reference, other)
+        return FilledDepthMap(
+            depth=self._depth(found.checked),
+            difference=self._difference(found.difference),
+            filled=self._depth(fill_holes(found.checked)),
+            confidence=self._confidence(found),
+        )
+
+    def _depth(self, disparity: Array) -> Array:
+        return self.rectification.depth(np.nan_to_num(disparity))
+
+    def _match_checked(self, reference: Array, other: Array) -> _Match:
         a, seen_a = self.rectification.remap(reference)
         b, seen_b = self.rectification.remap(other, other=True)
         raw, backward = self._match(a, b, seen_a, seen_b)
@@ -89,13 +121,7 @@ class StereoPair:
         left_right = np.abs(warp_by_disparity(backward, raw) - raw)
         consistent = self._consistent_pixels(a, warped, raw, left_right)
         checked = refine_disparity(a, b, fill_small_holes(np.where(consistent, raw, np.nan), raw))
-        difference = np.abs(a.astype(np.float32) - warped)
-        return DepthMap(
-            depth=self.rectification.depth(np.nan_to_num(checked)),
-            filled=self.rectification.depth(np.nan_to_num(fill_holes(checked))),
-            difference=self._difference(difference),
-            confidence=self._confidence(checked, difference, left_right, noise_level(a)),
-        )
+        return _Match(a, checked, np.abs(a.astype(np.float32) - warped), left_right)
 
     def _match(self, a: Array, b: Array, seen_a: Array, seen_b: Array) -> tuple[Array, Array]:
         """The reference's disparity where both views reach, NaN elsewhere, and the other view's own."""
@@ -104,12 +130,12 @@ class StereoPair:
         inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
         return np.where(seen_a & inside, forward, np.nan), backward
 
-    def _confidence(self, checked: Array, difference: Array, left_right: Array, noise: float) -> Array:
-        left_right_share = np.nan_to_num(left_right, nan=np.inf) / self.checks.max_left_right_px
-        greatest = self.checks.max_grey_difference + 3 * noise
-        difference_share = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / greatest
+    def _confidence(self, found: _Match) -> Array:
+        left_right_share = np.nan_to_num(found.left_right, nan=np.inf) / self.checks.max_left_right_px
+        greatest = self.checks.max_grey_difference + 3 * noise_level(found.reference)
+        difference_share = cv2.blur(np.nan_to_num(found.difference, nan=255.0), (3, 3)) / greatest
         sure = 1 - 0.5 * np.minimum(left_right_share, 1) - 0.5 * np.minimum(difference_share, 1)
-        confidence = np.where(np.isfinite(checked), np.maximum(sure, 0.05), 0).astype(np.float32)
+        confidence = np.where(np.isfinite(found.checked), np.maximum(sure, 0.05), 0).astype(np.float32)
         return self.rectification.to_reference(confidence)
 
     def _difference(self, canvas: Array) -> Array:

@@ -15,16 +15,15 @@ _JPEG = b"\xff\xd8"
 
 
 def write_recording(
-    out: Path, dataset: Dataset, calibration: Calibration, instants: Sequence[SequenceInstant]
+    file: Path, out: Path, dataset: Dataset, calibration: Calibration, instants: Sequence[SequenceInstant]
 ) -> None:
-    """Write out/sequence.rrd: `cloud` and `rig/<camera>` on the timelines `leader` and `instant`.
+    """Write `cloud` (those in `out`) and `rig/<camera>` on the timelines `leader` and `instant`.
 
     One instant is in memory at a time. Raises NotAvailableError without rerun-sdk.
     """
     rerun = load_optional("rerun", "rerun", "the .rrd format")
-    part = out / f".{RECORDING}.part"
     stream = rerun.RecordingStream("simulshot", recording_id=dataset.name, send_properties=False)
-    stream.save(part)
+    stream.save(file)
     log_cameras(rerun, stream, calibration.cameras)
     for one in instants:
         set_times(stream, one.leader_ns, one.instant)
@@ -37,4 +36,3 @@ def write_recording(
                 stream.log(f"rig/{camera}", rerun.EncodedImage(contents=picture, media_type=kind))
     stream.flush()
     stream.disconnect()
-    part.replace(out / RECORDING)

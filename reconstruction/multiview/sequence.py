@@ -22,7 +22,7 @@ from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions, require_reconstruction
 from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, model_instant
 from reconstruction.multiview.matcher import ChosenMatcher, choose_matcher
-from reconstruction.multiview.recording import write_recording
+from reconstruction.multiview.recording import RECORDING, write_recording
 from reconstruction.multiview.result import SequenceInstant, SequenceResult
 from reconstruction.multiview.sequence_folder import (
     CLOUDS,
@@ -91,7 +91,8 @@ def model_sequence(
         wanted = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
         progress.total = len(dataset.cameras) * wanted + len(chosen) + options.recording
         if wanted:
-            write_masks(dataset, out / MASKS, progress)
+            write_masks(dataset, folder.empty_work() / MASKS, progress)
+            folder.take_over(MASKS)
             masks = True
         calibration = _calibrate(dataset, folder)
         earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
@@ -105,15 +106,15 @@ def model_sequence(
             raise BadInputError(f"no instant gave a cloud; the first: {every[0].reason}")
         if options.recording:
             progress.step("the recording")
-            write_recording(out, dataset, calibration, [one for one in every if one.cloud])
+            made = folder.empty_work() / RECORDING
+            write_recording(made, out, dataset, calibration, [one for one in every if one.cloud])
+            folder.take_over(RECORDING)
         result = _summary(dataset, plan, calibration, every)
         result = msgspec.structs.replace(
             result,
             kept=len(earlier),
             masks=masks,
-            files=tuple(
-                sorted({RESULT} | {path.name for path in out.iterdir() if not path.name.startswith(".")})
-            ),
+            files=folder.files,
             seconds=round(time.perf_counter() - began, 3),
         )
         write_atomic(out / RESULT, pretty_json(result))
@@ -177,7 +178,7 @@ def _make(
             left_out=found.left_out,
             seconds=found.seconds,
         )
-    folder.finish(done)
+        folder.finish(done)
     return done
 
 

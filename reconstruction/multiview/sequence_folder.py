@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from capture_app.errors import BadInputError, DiskFullError, TryAgainError
 from capture_app.session.files.disk import is_full
-from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.durable import PART, sync_folder, write_atomic
 from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
 from capture_app.session.format.calibration import Calibration
@@ -28,7 +28,10 @@ RESULT = "sequence.json"
 PLAN = "plan.json"
 INSTANTS, CLOUDS, MESHES, DEPTH, MASKS = "instants", "clouds", "meshes", "depth", "movers"
 _WORK, _LOCK = ".work", ".lock"
-OURS = {RESULT, PLAN, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RECORDING, _WORK, _LOCK}
+_BEGUN = {PLAN, f"{PLAN}{PART}", _WORK, _LOCK}
+OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RECORDING}
+OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
+"""With what a killed run leaves half written."""
 
 Form = TypeVar("Form", bound=Struct)
 
@@ -74,34 +77,37 @@ class SequenceFolder:
             if self.out.exists():
                 if not self.out.is_dir():
                     raise BadInputError(f"{self.out} is a file", hint="choose another --out")
-                replaces_only(OURS if (self.out / PLAN).exists() else {_LOCK})(self.out)
+                replaces_only(OURS if (self.out / PLAN).exists() else _BEGUN)(self.out)
             self._lock = lock_file(self.out / _LOCK)
+            try:
+                self._begin()
+            except BaseException:
+                self._release()
+                raise
         except BlockingIOError:
             what = f"another run is writing to {self.out}"
             raise TryAgainError(what, hint="wait until it has ended, or choose another --out") from None
         except OSError as error:
             raise self._explain(error) from error
-        try:
-            self._begin()
-        except BaseException:
-            self._release()
-            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Release the folder; without a cloud nothing is left of it."""
+        # What is removed makes room: the disk is asked before.
+        explained = self._explain(error) if isinstance(error, OSError) else None
         self._release()
-        if isinstance(error, OSError):
-            raise self._explain(error) from error
+        if explained is not None:
+            raise explained from error
 
     def done(self, instant: int) -> SequenceInstant | None:
-        """What came of an instant; None where it is still to do."""
-        return _read(self._record(instant), SequenceInstant)
+        """What came of an instant; None where its cloud is still to make."""
+        done = _read(self._record(instant), SequenceInstant)
+        return done if done and done.cloud and (self.out / done.cloud).is_file() else None
 
     def finish(self, done: SequenceInstant) -> None:
-        """Keep what came of an instant, whose files have their names."""
+        """Keep what came of an instant, whose cloud has its name."""
         write_atomic(self._record(done.instant), pretty_json(done))
 
     def calibration(self) -> Calibration | None:
@@ -114,18 +120,27 @@ class SequenceFolder:
         return tuple(sorted({RESULT} | {path.name for path in self.out.iterdir()} - {_WORK, _LOCK}))
 
     def empty_work(self) -> Path:
-        """A folder to make an instant's files in."""
+        """A folder to make files in, empty now; it is gone in the end, or when a killed run goes on."""
         shutil.rmtree(self.out / _WORK, ignore_errors=True)
         (self.out / _WORK).mkdir()
         return self.out / _WORK
 
+    def take_over(self, name: str) -> None:
+        """Give what was made in the folder to work in its place."""
+        (self.out / _WORK / name).replace(self.out / name)
+        sync_folder(self.out)
+
     def _begin(self) -> None:
         earlier = _read(self.out / PLAN, SequencePlan)
-        if earlier is not None:
-            self._plan.require_same(earlier, self.out)
-        elif (self.out / PLAN).exists():
+        if earlier is None and (self.out / PLAN).exists():
             raise BadInputError(f"{self.out / PLAN} is broken", hint="choose a new folder for --out")
-        else:
+        if earlier is not None and self._has_clouds():
+            self._plan.require_same(earlier, self.out)
+        shutil.rmtree(self.out / _WORK, ignore_errors=True)
+        for part in list(self.out.rglob(f"*{PART}")):
+            part.unlink()
+        if earlier != self._plan:
+            self._clear()
             write_atomic(self.out / PLAN, pretty_json(self._plan))
         for folder in (INSTANTS, CLOUDS):
             (self.out / folder).mkdir(exist_ok=True)
@@ -134,16 +149,26 @@ class SequenceFolder:
         return self.out / INSTANTS / f"{instant:06d}.json"
 
     def _release(self) -> None:
-        shutil.rmtree(self.out / _WORK, ignore_errors=True)
-        if (self.out / CLOUDS).is_dir() and not any((self.out / CLOUDS).iterdir()):
-            for folder in (INSTANTS, CLOUDS, MASKS):
-                shutil.rmtree(self.out / folder, ignore_errors=True)
-            for file in (PLAN, CALIBRATION):
-                (self.out / file).unlink(missing_ok=True)
+        # A plan that was refused is another's, and so is all the rest.
+        if _read(self.out / PLAN, SequencePlan) == self._plan:
+            shutil.rmtree(self.out / _WORK, ignore_errors=True)
+            if not self._has_clouds():
+                self._clear()
         (self.out / _LOCK).unlink(missing_ok=True)
         with suppress(OSError):
             self.out.rmdir()
         os.close(self._lock)
+
+    def _has_clouds(self) -> bool:
+        return any((self.out / CLOUDS).glob("*.ply"))
+
+    def _clear(self) -> None:
+        """Remove what is of no use without clouds."""
+        for folder in (INSTANTS, CLOUDS, MESHES, DEPTH, MASKS):
+            shutil.rmtree(self.out / folder, ignore_errors=True)
+        # Last the plan: with it the next run knows the rest for its own.
+        for file in (CALIBRATION, RECORDING, RESULT, PLAN):
+            (self.out / file).unlink(missing_ok=True)
 
     def _explain(self, error: OSError) -> BadInputError | DiskFullError:
         if is_full(error, self.out):

@@ -72,6 +72,31 @@ def test_a_killed_run_goes_on_where_it_was(trio: Session, tmp_path: Path, recons
     assert whole.result["instants"][0]["points"] == result["instants"][0]["points"]
 
 
+def test_what_a_killed_run_left_half_made_is_made_again(
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    out = tmp_path / "out"
+    command = ["multiview", trio.folder, "--instants", "0", "--out", out, "--json"]
+    whole = reconstruct(*command).result
+    # Killed as it made its masks, and before that as it wrote a result, a plan, a cloud of another instant.
+    (out / "movers").rename(out / "aside")
+    (out / ".work").mkdir()
+    (out / "aside").rename(out / ".work" / ".movers.part")
+    for part in ("sequence.json.part", "plan.json.part", "clouds/000003.ply.part"):
+        (out / part).write_bytes(b"half")
+    again = reconstruct(*command).result
+    assert (again["kept"], again["masks"], again["files"]) == (1, True, whole["files"])
+    assert sorted(path.name for path in out.iterdir()) == sorted(whole["files"])
+    assert [path.name for path in (out / "clouds").iterdir()] == ["000000.ply"]
+    # A cloud that was taken away is to do, and without any the folder is free for other options.
+    (out / "clouds" / "000000.ply").unlink()
+    again = reconstruct(*command, "--depth").result
+    assert again["clouds"] == 1
+    assert "kept" not in again
+    assert (out / "clouds" / "000000.ply").is_file()
+    assert (out / "depth").is_dir()
+
+
 def test_what_does_not_belong_is_refused_and_nothing_is_left(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -99,10 +99,12 @@ def straightforward(views: dict[str, View], condition: Condition, reference: str
     }  # fmt: skip
 
 
-def sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+def sgbm(
+    views: dict[str, View], condition: Condition, reference: str, scratch: Path, *, padded: bool = True
+) -> Result:
     """Plain SGBM of every pair of neighbours; the reference's map is the better of its two."""
     begun, cpu = time.perf_counter(), time.process_time()
-    maps = sgbm_pairs(views, condition.pictures)
+    maps = sgbm_pairs(views, condition.pictures, padded=padded)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - cpu
     mine = [_shares(depth, condition, reference) for (name, _), depth in maps.items() if name == reference]
     best = max(mine, key=lambda shares: shares["within_2pct"])
@@ -111,10 +113,16 @@ def sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: 
     }  # fmt: skip
 
 
+def unpadded_sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+    """The same without the columns beside the picture."""
+    return sgbm(views, condition, reference, scratch, padded=False)
+
+
 METHODS: dict[str, Callable[[dict[str, View], Condition, str, Path], Result]] = {
     "multiview": ours,
     "straightforward sweep": straightforward,
     "SGBM, best pair": sgbm,
+    "SGBM, best pair, not padded": unpadded_sgbm,
 }
 if find_engine().engine is not CPU:
     METHODS["multiview on a GPU"] = ours_on_gpu
@@ -175,6 +183,7 @@ COLUMNS = {
     "within_2pct": ("within 2 %", ".1%"),
     "mover_within_2pct": ("movers", ".1%"),
     "static_within_2pct": ("static", ".1%"),
+    "mover_coverage": ("movers covered", ".1%"),
     "coverage": ("covered", ".1%"),
     "given_wrong": ("of that wrong", ".1%"),
     "median_error_pct": ("median, %", ".2f"),

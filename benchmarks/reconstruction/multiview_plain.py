@@ -39,8 +39,13 @@ def simple_sweep(
     return np.where(count >= 2, mine, 0).astype(np.float32)
 
 
-def sgbm_pairs(views: dict[str, View], pictures: dict[str, Array]) -> dict[tuple[str, str], Array]:
-    """OpenCV's SGBM, both ways, of every two neighbours along x: depth on the first one's pixels."""
+def sgbm_pairs(
+    views: dict[str, View], pictures: dict[str, Array], *, padded: bool
+) -> dict[tuple[str, str], Array]:
+    """OpenCV's SGBM, both ways, of every two neighbours along x: depth on the first one's pixels.
+
+    `padded`: with so many columns beside the picture as there are disparities, which SGBM leaves out.
+    """
     ordered = sorted(views, key=lambda name: float(views[name].centre[0]))
     grey = {name: cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for name, picture in pictures.items()}
     found = {}
@@ -48,7 +53,7 @@ def sgbm_pairs(views: dict[str, View], pictures: dict[str, Array]) -> dict[tuple
         for first, second in (pair, pair[::-1]):
             baseline = float(np.linalg.norm(views[first].centre - views[second].centre))
             count = int(np.ceil(views[first].focal * baseline / 1.6 / 16)) * 16
-            canvas = rectify(views[first], views[second], (0.0, float(count)))
+            canvas = rectify(views[first], views[second], (0.0, float(count) if padded else 0.0))
             a, b = canvas.remap(grey[first])[0], canvas.remap(grey[second], other=True)[0]
             found[first, second] = canvas.depth(np.nan_to_num(match_rectified(a, b, 0, count)))
     return found

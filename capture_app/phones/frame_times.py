@@ -12,6 +12,7 @@ HELD_FRAMES = 8
 RATE_FRAMES, RATE_SHARE = 20, 0.05
 """So many frames tell whether a browser keeps the rate that it says, to within this share."""
 USUAL_RATE = 30.0
+LEAST_RATE, MOST_RATE = 1.0, 1000.0
 
 
 class ArrivalAnchor:
@@ -88,8 +89,8 @@ class FrameTimes:
             step_us = median(self._steps_us)
             rate = self._rate or USUAL_RATE
             if step_us <= 0 or abs(step_us * rate / 1e6 - 1) > RATE_SHARE:
-                rate = max(1.0, round(1e6 / step_us)) if step_us > 0 else rate
-            self.period_ns = round(1e9 / rate)
+                rate = round(1e6 / max(step_us, 1e6 / MOST_RATE)) if step_us > 0 else rate
+            self.period_ns = round(1e9 / min(max(rate, LEAST_RATE), MOST_RATE))
 
     def _timed(self, told: FrameTold, *, first: bool) -> TimedFrame:
         assert self.period_ns is not None

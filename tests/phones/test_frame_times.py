@@ -68,3 +68,12 @@ def test_the_capture_time_that_a_browser_tells_goes_before_the_arrival() -> None
         FrameTold(n, 1, n * PERIOD_US, n * PERIOD_US + 90_000, n * PERIOD_US + 20_000) for n in range(40)
     ]
     assert timed(FrameTimes(30.0), frames)[0].page_us == pytest.approx(20_000)
+
+
+@pytest.mark.parametrize(("rate", "step_us"), [(0.0, 1e-6), (30.0, 5e-324), (1e-305, 0.0), (0.0, 1e15)])
+def test_a_rate_that_no_camera_has_is_not_believed(rate: float, step_us: float) -> None:
+    times = FrameTimes(rate)
+    for n in range(40):
+        times.add(FrameTold(n, 1, n * step_us, 500_000 + n * PERIOD_US, None))
+    assert times.period_ns is not None
+    assert 1_000_000 <= times.period_ns <= 1_000_000_000

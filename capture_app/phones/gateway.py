@@ -1,16 +1,17 @@
 """The web server that phones open: the page, their admission, and one link for each."""
 
 import asyncio
+import logging
 import socket
 import ssl
 import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import msgspec
 from aiohttp import WSMsgType, web
+from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 from msgspec import Struct
 
@@ -19,6 +20,7 @@ from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.door import Door
 from capture_app.phones.phone import Phone
+from capture_app.text import UNREADABLE
 
 PAGE = Path(__file__).parent / "page"
 SCRIPTS = ("requirements.js", "controls.js", "opening.js", "page.js", "link.js", "camera.js")
@@ -32,6 +34,8 @@ HEARTBEAT_S = 5.0
 HELLO_S = 10.0
 LEFT = 1000
 """How a page closes its link when its user ends it."""
+REPLACED = 4001
+"""How the link of a page is closed when the same phone has come by another."""
 
 
 class JoinRequest(Struct, frozen=True):
@@ -61,6 +65,9 @@ class PhoneGateway:
         self._phones: dict[str, Phone] = {}
         self._door: Door | None = None
         self._links: set[web.WebSocketResponse] = set()
+        self._link_of: dict[str, web.WebSocketResponse] = {}
+        """That of each phone, by its key."""
+        self._closing: set[asyncio.Task[bool]] = set()
         self._runner: web.AppRunner | None = None
 
     async def start(self, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
@@ -70,7 +77,7 @@ class PhoneGateway:
             app.router.add_get(f"/{part}", self._send_part)
         app.router.add_post("/join", self._join)
         app.router.add_get("/link/{ticket}", self._link)
-        self._runner = web.AppRunner(app, access_log=None, keepalive_timeout=5.0)
+        self._runner = web.AppRunner(app, access_log=None, logger=_server_log(), keepalive_timeout=5.0)
         await self._runner.setup()
         assert self._runner.server is not None
         self._door = Door(self._runner.server)
@@ -93,7 +100,7 @@ class PhoneGateway:
     async def _join(self, request: web.Request) -> web.Response:
         try:
             asked = msgspec.json.decode(await request.read(), type=JoinRequest)
-        except ValueError:
+        except (*UNREADABLE, ValueError, web.RequestPayloadError):
             return _answer(HTTPStatus.BAD_REQUEST, words="This page is not of this leader: load it again.")
         try:
             admitted = self._admission.admit(asked.secret, asked.key, asked.name)
@@ -109,12 +116,10 @@ class PhoneGateway:
             compress=False, max_msg_size=wire.MAX_PICTURE_BYTES, heartbeat=HEARTBEAT_S
         )
         await socket_.prepare(request)
-        if self._door is not None:
-            self._door.trust(request.transport)
         self._links.add(socket_)
         try:
             await self._serve(socket_, admitted, request.transport)
-        except ValueError:
+        except (*UNREADABLE, ValueError, TimeoutError):
             await socket_.close(code=1003, message=b"This page is of another version: load it again.")
         finally:
             self._links.discard(socket_)
@@ -126,9 +131,18 @@ class PhoneGateway:
     async def _serve(
         self, link: web.WebSocketResponse, admitted: Admitted, transport: asyncio.BaseTransport | None
     ) -> None:
-        hello = wire.decode_text(await link.receive_str(timeout=HELLO_S))
+        first = await link.receive(timeout=HELLO_S)
+        hello = wire.decode_text(first.data) if first.type is WSMsgType.TEXT else None
         if not isinstance(hello, wire.Hello):
             raise ValueError("a page begins with its hello")
+        if self._door is not None:
+            self._door.trust(transport)
+        former, self._link_of[admitted.key] = self._link_of.get(admitted.key), link
+        if former is not None and not former.closed:
+            # Two pages would tell of two clocks.
+            closing = asyncio.create_task(former.close(code=REPLACED, message=_REPLACED))
+            self._closing.add(closing)
+            closing.add_done_callback(self._closing.discard)
 
         async def send(message: str | bytes) -> None:
             if not link.closed:
@@ -159,6 +173,18 @@ class PhoneGateway:
             phone.link_closed(send, by_user=link.close_code == LEFT)
 
 
+def _server_log() -> logging.Logger:
+    """Return where the web server tells of faults; those of what strangers send are none."""
+    log = logging.getLogger(f"{__name__}.http")
+    log.addFilter(_is_ours)
+    return log
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, HttpProcessingError | web.RequestPayloadError)
+
+
 def _answer(status: HTTPStatus, **body: str) -> web.Response:
     return web.json_response(body, status=status)
 
@@ -167,7 +193,7 @@ def _answer(status: HTTPStatus, **body: str) -> web.Response:
 async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     """Refuse pages of others, and give our own what makes clocks precise and keeps other sites out."""
     origin = request.headers.get("Origin")
-    if origin is not None and urlsplit(origin).netloc != request.host:
+    if origin is not None and origin.rpartition("://")[2] != request.host:
         raise web.HTTPForbidden(text="this is for its own page only")
     response = await handler(request)
     if not response.prepared:
@@ -177,6 +203,7 @@ async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     return response
 
 
+_REPLACED = b"This phone takes part by another page of it. Close one of them."
 _POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src data:;"
     " media-src 'self' blob: mediastream:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

@@ -52,13 +52,18 @@ class StandInPhone:
 
     async def join(self) -> str:
         """Be let in, and link; the name that the camera got."""
-        status, body = await self.ask()
-        assert status == 200, body
-        self._socket = await self._session.ws_connect(f"{self.base}link/{body['ticket']}", ssl=False)
+        self._socket = await self.link()
         hello = {"type": "hello", "page": self.page, "resolution_us": 5.0, "user_agent": "Chrome/1 Android"}
         await self._socket.send_str(json.dumps(hello))
         self._tasks = [asyncio.create_task(self._listen()), asyncio.create_task(self._ping())]
-        return str(body["name"])
+        return self.given_name
+
+    async def link(self) -> Any:
+        """Be let in; the link, before its first words."""
+        status, body = await self.ask()
+        assert status == 200, body
+        self.given_name = str(body["name"])
+        return await self._session.ws_connect(f"{self.base}link/{body['ticket']}", ssl=False)
 
     async def open_camera(self) -> None:
         opened = {"type": "opened", "width": WIDTH, "height": HEIGHT, "frame_rate": 30.0, "label": "back"}
@@ -81,6 +86,11 @@ class StandInPhone:
     @property
     def is_cut_off(self) -> bool:
         return bool(self._socket.closed)
+
+    @property
+    def close_code(self) -> int | None:
+        code: int | None = self._socket.close_code
+        return code
 
     async def _listen(self) -> None:
         async for message in self._socket:

@@ -2,8 +2,10 @@
 
 import asyncio
 import contextlib
+import ssl
 from collections.abc import AsyncIterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
@@ -12,6 +14,7 @@ from capture_app.camera_controls import MICROSECONDS, CameraControls, Control
 from capture_app.camera_facts import StampSource
 from capture_app.errors import SimulshotError
 from capture_app.node.operator.requests import ask_controls
+from capture_app.phones.gateway import REPLACED
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from tests.phones.places import Place, burst, ready, serving
@@ -129,6 +132,32 @@ async def test_who_has_no_secret_gets_nothing(place: Place) -> None:
             assert answer.status == 400
 
 
+@pytest.mark.parametrize(
+    ("headers", "body", "status"),
+    [
+        ("Origin: http://[", b"", 403),
+        ("X: " + "a" * 20_000, b"", 400),
+        ("Content-Encoding: gzip", b"no gzip", 400),
+        ("Transfer-Encoding: chunked", b"ZZ\r\n", 400),
+        ("X: y", b'{"secret": "", "key": "", "more": ' + b"[" * 3000, 400),
+    ],
+    ids=["origin", "long", "gzip", "chunks", "deep"],
+)
+async def test_what_strangers_send_is_refused_without_a_traceback(
+    place: Place, caplog: pytest.LogCaptureFixture, headers: str, body: bytes, status: int
+) -> None:
+    trusting = ssl.create_default_context()
+    trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+    reader, writer = await asyncio.open_connection("127.0.0.1", urlsplit(place.base).port, ssl=trusting)
+    length = "" if "chunked" in headers else f"Content-Length: {len(body)}\r\n"
+    head = f"POST /join HTTP/1.1\r\nHost: a\r\nConnection: close\r\n{length}{headers}\r\n\r\n"
+    writer.write(head.encode() + body)
+    async with asyncio.timeout(PATIENCE_S):
+        assert (await reader.read()).split()[1] == str(status).encode()
+    writer.close()
+    assert [record.getMessage() for record in caplog.records if record.exc_info] == []
+
+
 async def test_a_phone_that_talks_nonsense_is_cut_off_alone(place: Place) -> None:
     good = await place.phone()
     assert await good.join() == "left"
@@ -138,6 +167,39 @@ async def test_a_phone_that_talks_nonsense_is_cut_off_alone(place: Place) -> Non
     await bad.say(type="order", what="stop")
     await until(lambda: bad.is_cut_off)
     await until(lambda: place.state("left") not in (None, NodeState.FAILED))
+
+
+@pytest.mark.parametrize(
+    "first",
+    [b"no words", "[" * 100_000, '{"type": "away", "why": "x"}', None],
+    ids=["bytes", "deep", "away", "close"],
+)
+async def test_a_link_that_does_not_begin_with_a_hello_is_closed(
+    place: Place, caplog: pytest.LogCaptureFixture, first: bytes | str | None
+) -> None:
+    phone = await place.phone()
+    link = await phone.link()
+    if first is None:
+        await link.close()
+    else:
+        await (link.send_bytes(first) if isinstance(first, bytes) else link.send_str(first))
+        async with asyncio.timeout(PATIENCE_S):
+            await link.receive()
+        assert link.close_code == 1003
+    assert [record.getMessage() for record in caplog.records if record.exc_info] == []
+
+
+async def test_the_page_that_came_last_is_the_phones(place: Place) -> None:
+    first = await place.phone()
+    await first.join()
+    await first.open_camera()
+    second = await place.phone(key=first.key, zero_us=9e9)
+    assert await second.join() == "left"
+    await second.open_camera()
+    await until(lambda: first.is_cut_off)
+    assert first.close_code == REPLACED
+    await until(lambda: place.state("left") not in (None, NodeState.FAILED))
+    assert not second.is_cut_off
 
 
 async def test_the_page_is_isolated_and_runs_its_own_scripts_only(place: Place) -> None:

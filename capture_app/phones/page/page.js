@@ -1,6 +1,6 @@
 // What the user of the phone sees and does; the camera is opened here, read and sent in workers.
 "use strict";
-const RETRY_MS = 2000, CONTROLS_MS = 1000;
+const RETRY_MS = 2000, CONTROLS_MS = 1000, REPLACED = 4001;
 const BLINKS = 8, LIT_MS = 200, DARK_MS = 350, UNEVEN_MS = 200, SPIN_MS = 4;
 const seen = id => document.getElementById(id);
 const sleep = ms => new Promise(done => setTimeout(done, ms));
@@ -195,6 +195,7 @@ link.onmessage = event => {
   if (message.type === "link") {
     linked = message.open;
     if (message.open) tellOpened();
+    else if (message.code === REPLACED) stop(message.reason);
     else if (running) {
       if (message.reason) show("bad", "Disconnected", message.reason);
       join();

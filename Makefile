@@ -49,7 +49,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-libcamera test-gige test-mixed test-slurm bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui soak hostile fuzz test-crash check format python system clean test-phones bench-phones bench-stamps
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:

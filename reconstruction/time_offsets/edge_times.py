@@ -24,6 +24,8 @@ COVERED = 0.5
 LEAST_ROWS = 6
 MISFIT = 0.12
 STEPS = 61
+RAMP_ERROR = 0.015
+"""What a tone curve of another form, or light that flickers, moves an edge by, as a share of its ramp."""
 SHARED_ROWS = 8
 """Rows that share their errors: those of a compressed picture's blocks."""
 
@@ -123,7 +125,7 @@ def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | No
     told = np.sqrt(np.sum((1 / ramp.width_ms / np.maximum(edge.sd[inside], misfit)) ** 2) / SHARED_ROWS)
     weights = np.where(inside, 1 - np.abs(2 * part - 1), 0)
     row = float((weights * np.arange(edge.lit.shape[1])).sum() / weights.sum())
-    return EdgeTime(at, row, float(1 / told))
+    return EdgeTime(at, row, float(np.hypot(1 / told, RAMP_ERROR * ramp.width_ms)))
 
 
 @dataclass(frozen=True)

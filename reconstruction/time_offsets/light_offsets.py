@@ -19,10 +19,8 @@ LEAST_EDGES = 3
 """With fewer in common there is no error bar that could be believed."""
 SLOW_MS = 15.0
 """A lamp that takes longer than this to light up has no edge."""
-TOLD_ROWS, UNTOLD_ROWS = 0.01, 0.3
+TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
 """How wrong a row time may be, as a share: one that the session tells, and one that is taken for granted."""
-WIDER_ROWS = 1.5
-"""Row times that turn out to be wrong by more than that may be so by so many times as much."""
 USUAL_READOUT = 0.7
 """Of the period, where no row time is told."""
 BEND_MS = 2.0
@@ -175,11 +173,6 @@ def _solve(
             line += 1
     priors[count + 3 * names.index(first)] = 1e12
     found, spread = _robust_fit(design, values, sds, priors, spare)
-    told = np.array([count + 1 + 3 * k for k, name in enumerate(names) if seen[name].told], int)
-    wrong = WIDER_ROWS * float(np.abs(found[told]).max(initial=0.0))
-    if wrong > TOLD_ROWS:
-        priors[told] = 1 / wrong**2
-        found, spread = _robust_fit(design, values, sds, priors, spare)
     solved = {}
     for camera, name in enumerate(names):
         at, row_ns = count + 3 * camera, 1e6 * seen[name].rows.row_ms

@@ -2,7 +2,8 @@
 
 import importlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from weakref import ref
 
 import numpy as np
 
+from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.backends.cost_volume import BETTER_OF_TWO, WORST_COST
 from reconstruction.depth.backends.engine import CPU, SweepEngine
@@ -31,6 +33,20 @@ class GpuVolume:
     count: int
 
 
+@contextmanager
+def _told_in_words() -> Iterator[None]:
+    """Raises NotAvailableError for what a GPU fails with; CuPy's errors have no common base."""
+    try:
+        yield
+    except Exception as error:
+        hint = "CUDA_VISIBLE_DEVICES= (empty) keeps to the CPU"
+        raise NotAvailableError(f"the GPU failed: {_first_line(error)}", hint=hint) from error
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
 class GpuEngine:
     """The sweep's engine on the current CUDA device; `cupy` is the module, or what has its interface."""
 
@@ -40,6 +56,7 @@ class GpuEngine:
         self._lock = threading.Lock()
         self._compiled = cache(self._compile)
 
+    @_told_in_words()
     def cost_volume(
         self, source_views: Sequence[SourceView], base: Array | None, offsets: Array
     ) -> GpuVolume:
@@ -79,6 +96,7 @@ class GpuEngine:
         )
         return GpuVolume(out, count)
 
+    @_told_in_words()
     def find_cheapest(self, volume: GpuVolume, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """As on the CPU, to the last bit."""
         xp = self._cupy
@@ -104,7 +122,8 @@ class GpuEngine:
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
         """As on the CPU, but for rounding."""
         volume = self.cost_volume(source_views, inverse_depth, np.zeros(1))
-        return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
+        with _told_in_words():
+            return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
 
     def _kernel(self, name: str, *, half_window: int = 2, lane_depths: int = 4) -> Any:
         with self._lock:
@@ -144,9 +163,10 @@ def use_gpu(cupy: Any) -> FoundEngine:
         costs = np.full((4, 4, 4), WORST_COST, np.uint8)
         costs[..., 2] = 0
         place, _ = engine.find_cheapest(GpuVolume(cupy.asarray(costs), 4), np.zeros((4, 4), np.float32), 1, 2)
-    # CuPy's errors have no common base: no driver, one too old, no compiler, all memory taken.
+    # No driver, one too old, no compiler, all memory taken.
     except Exception as error:  # noqa: BLE001
-        said = (str(error).strip() or type(error).__name__).splitlines()[0]
+        cause = error.__cause__ if isinstance(error, NotAvailableError) else error
+        said = _first_line(cause if isinstance(cause, Exception) else error)
         return FoundEngine(CPU, f"on the CPU: the GPU cannot be used ({said})")
     if not (place == 2).all():
         return FoundEngine(CPU, f"on the CPU: {name} computes wrongly")
@@ -158,8 +178,11 @@ def find_engine() -> FoundEngine:
     """A GPU's engine where CuPy and a GPU are here, else the CPU's; looked for once a process."""
     try:
         cupy = importlib.import_module("cupy")
-    except (ImportError, OSError):
+    except ImportError:
         return FoundEngine(CPU, "")
+    # One that was built for another NumPy, or without its libraries, fails as it likes.
+    except Exception as error:  # noqa: BLE001
+        return FoundEngine(CPU, f"on the CPU: CuPy is broken ({_first_line(error)})")
     return use_gpu(cupy)
 
 

@@ -1,15 +1,17 @@
 """The sweep's kernels, their own text compiled for the CPU, beside the array version; all but CuPy itself."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.backends.cost_volume import BETTER_OF_TWO, cost_volume
 from reconstruction.depth.backends.engine import CPU
-from reconstruction.depth.backends.gpu import GpuEngine, GpuVolume, use_gpu
+from reconstruction.depth.backends.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
 from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene
@@ -175,3 +177,27 @@ def test_a_gpu_is_used_where_it_does_what_it_should() -> None:
 def test_without_a_usable_gpu_the_cpu_sweeps_and_the_note_says_why(machine: Machine, note: str) -> None:
     found = use_gpu(machine)
     assert (found.engine, found.note) == (CPU, note)
+
+
+def test_a_gpu_that_fails_later_ends_the_run_with_a_sentence() -> None:
+    machine = Machine(1)
+    engine = use_gpu(machine).engine
+    machine.zeros = fail_for_memory  # type: ignore[assignment]
+    volume = GpuVolume(StandIn().asarray(np.zeros((4, 4, 4), np.uint8)), 4)
+    with pytest.raises(NotAvailableError, match=r"the GPU failed: Out of memory \(CUDA_VISIBLE_DEVICES="):
+        engine.find_cheapest(volume, np.zeros((4, 4), np.float32), 1, 2)
+
+
+def test_a_broken_cupy_leaves_the_cpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cupy.py").write_text("raise ValueError('numpy.dtype size changed')")
+    monkeypatch.syspath_prepend(tmp_path)
+    find_engine.cache_clear()
+    try:
+        found = find_engine()
+    finally:
+        find_engine.cache_clear()
+    assert (found.engine, found.note) == (CPU, "on the CPU: CuPy is broken (numpy.dtype size changed)")
+
+
+def fail_for_memory(*_: object) -> None:
+    raise RuntimeError("Out of memory")

@@ -1,5 +1,6 @@
 """The time offset of two cameras that crossings of epipolar lines agree on, with its error bar."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,6 +74,12 @@ class OffsetFit:
         moved = tuple(replace(one, offset_ms=one.offset_ms + by_ms) for one in self.instants)
         offset_ms = None if self.offset_ms is None else self.offset_ms + by_ms
         return replace(self, offset_ms=offset_ms, instants=moved)
+
+    def in_doubt_of(self, other: "OffsetFit") -> "OffsetFit":
+        """The same, known no better than half of what another geometry of the pair moves it by."""
+        if self.offset_ms is None or self.sd_ms is None or other.offset_ms is None:
+            return self
+        return replace(self, sd_ms=math.hypot(self.sd_ms, (self.offset_ms - other.offset_ms) / 2))
 
 
 def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> OffsetFit:

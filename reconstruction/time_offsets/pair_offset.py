@@ -1,6 +1,6 @@
 """How late one camera of a session is against another, by all that moves before both."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,6 +31,9 @@ STILL_INSTANTS = 9
 """At so many, spread over the session, what stands still is looked at."""
 MAX_FRAMES = 20
 """And no more frames to either side than this."""
+
+
+Matched = tuple[int, Array, Array, Path]
 
 
 @dataclass(frozen=True)
@@ -79,14 +82,24 @@ class PairOffsets:
         elif max_instants is not None:
             asked = self._choose_instants((first, second), max_instants)
         found = [
-            self._cross(times, first, now, second, other)
+            self._match(times, first, now, second, other)
             for now in asked
             for other, at_ms in others.items()
             if abs(at_ms - times.at_ms(first, now)) <= near.reach_ms
         ]
-        still = self._still_errors(first, second)
-        crossings = Crossings.join(found).later(-near.offset_ms)
-        return fit_offset(crossings, still, self.dataset.period_ns / 1e6).later(near.offset_ms)
+        at_a, at_b = self._still_matches(first, second)
+
+        def fit(views: Mapping[str, View]) -> OffsetFit:
+            pair = views[first], views[second]
+            still = StillErrors.of(epipolar_errors_px(*pair, at_a, at_b)) if len(at_a) else StillErrors()
+            crossings = Crossings.join([find_crossings(pair, *one) for one in found])
+            return fit_offset(crossings.later(-near.offset_ms), still, self.dataset.period_ns / 1e6)
+
+        mended = self._geometry(*sorted((first, second)))
+        fitted = fit(mended)
+        if any(mended[name] is not views[name] for name in mended):
+            fitted = fitted.in_doubt_of(fit(views))
+        return fitted.later(near.offset_ms)
 
     def _shared(
         self, first: str, asked: Sequence[int], others_ms: Sequence[float], limit: int | None
@@ -104,7 +117,8 @@ class PairOffsets:
             return evenly_spread(both, limit)
         return choose_moving_instants(self.rig.motion, pair, both, limit)
 
-    def _cross(self, times: "ImageTimes", first: str, now: int, second: str, other: int) -> Crossings:
+    def _match(self, times: "ImageTimes", first: str, now: int, second: str, other: int) -> Matched:
+        """What moves in both images: instant, px and ms in the first, path before the second."""
         here, there = self._points(first, now), self._points(second, other)
         a, b = match_moving_points(here, there)
         at_a = here.at[a]
@@ -114,14 +128,7 @@ class PairOffsets:
             np.full(len(at), np.nan) if k is None else times.of_rows_ms(second, k, at[:, 1])
             for k, at in zip((beside[0], other, beside[1]), path, strict=True)
         ]
-        views = self._geometry(*sorted((first, second)))
-        return find_crossings(
-            (views[first], views[second]),
-            now,
-            at_a,
-            times.of_rows_ms(first, now, at_a[:, 1]),
-            Path(np.stack(path), np.stack(when)),
-        )
+        return now, at_a, times.of_rows_ms(first, now, at_a[:, 1]), Path(np.stack(path), np.stack(when))
 
     def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
         """The camera's own images before and after; what recordings without common times pair leaves gaps."""
@@ -146,13 +153,6 @@ class PairOffsets:
         else:
             movers = self.rig.motion.widened_movers(camera, instant)
         return find_moving_points(data.grey(camera, instant), movers, before, after)
-
-    def _still_errors(self, first: str, second: str) -> StillErrors:
-        at_a, at_b = self._still_matches(first, second)
-        if not len(at_a):
-            return StillErrors()
-        views = self._geometry(*sorted((first, second)))
-        return StillErrors.of(epipolar_errors_px(views[first], views[second], at_a, at_b))
 
     def _mend_geometry(self, first: str, second: str) -> dict[str, View]:
         """Both views by the rig's calibration, mended by what stands still."""

@@ -13,7 +13,6 @@ SUITE, PYTHON = "trixie", "3.13"
 PACKAGES = "python3 python3-venv python3-libcamera libcamera-ipa udev"
 ENVIRONMENT = "opt/simulshot"
 """A virtual environment that does not see the system's packages, as an installed program has."""
-_MIRROR = "http://deb.debian.org/debian"
 _APT_SETTINGS = Path("/etc/apt/apt.conf.d")
 
 
@@ -40,7 +39,7 @@ def debian_root() -> Path:
     # How packages are reached is this machine's own: a mirror of its own, a proxy, a snapshot.
     options = [f"--aptopt={file}" for file in sorted(_APT_SETTINGS.glob("99*"))]
     include = f"--include={','.join(PACKAGES.split())}"
-    _run("mmdebstrap", "--quiet", "--variant=minbase", include, *options, SUITE, str(made), _MIRROR)
+    _run("mmdebstrap", "--quiet", "--variant=minbase", include, *options, SUITE, str(made))
     _run("chroot", str(made), "python3", "-m", "venv", "--without-pip", f"/{ENVIRONMENT}")
     site = made / ENVIRONMENT / "lib" / f"python{PYTHON}" / "site-packages"
     chosen = (

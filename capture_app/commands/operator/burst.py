@@ -178,6 +178,7 @@ async def _take_bursts(
         return [await take() for _ in range(repeat)]
     loop = asyncio.get_running_loop()
     began_s = loop.time()
+    failures: list[BaseException] = []
     try:
         async with asyncio.TaskGroup() as tasks:
             taking = []
@@ -185,5 +186,8 @@ async def _take_bursts(
                 await asyncio.sleep(max(0.0, began_s + number * every_s - loop.time()))
                 taking.append(tasks.create_task(take()))
     except* SimulshotError as group:
-        raise group.exceptions[0] from None
+        # What is raised in here is put into a group again by Python before 3.11.4.
+        failures += group.exceptions
+    if failures:
+        raise failures[0] from None
     return [task.result() for task in taking]

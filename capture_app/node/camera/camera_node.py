@@ -170,6 +170,7 @@ class CameraNode:
         self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
         self._camera.attach(self._engine, self._pump.turn, self._viewfinder.add_frame)
         self._pump.start(sock)
+        failures: list[BaseException] = []
         try:
             async with asyncio.TaskGroup() as tasks:
                 if self._sealed is not None:
@@ -185,13 +186,16 @@ class CameraNode:
                 tasks.create_task(self._viewfinder.run())
                 tasks.create_task(self._watch.run(self._engine.time))
         except* SimulshotError as group:
-            raise group.exceptions[0] from None
+            # What is raised in here is put into a group again by Python before 3.11.4.
+            failures += group.exceptions
         finally:
             self._tell = lambda _: None
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
             self._beacons.close()
+        if failures:
+            raise failures[0] from None
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:

@@ -38,12 +38,16 @@ class NodeGroup:
 
         Raises CameraError where not one camera can be opened at the start, and any other error of a node.
         """
+        failures: list[BaseException] = []
         try:
             async with asyncio.TaskGroup() as tasks:
                 for name in self._nodes:
                     tasks.create_task(self._keep(name))
         except* SimulshotError as group:
-            raise group.exceptions[0] from None
+            # What is raised in here is put into a group again by Python before 3.11.4.
+            failures += group.exceptions
+        if failures:
+            raise failures[0] from None
 
     async def _keep(self, name: str) -> None:
         while True:

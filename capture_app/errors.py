@@ -1,5 +1,7 @@
 """Every mistake a user can make ends here: one clear line and one exit code."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 
 
@@ -83,3 +85,24 @@ class DiskFullError(DiskError):
 
 class TryAgainError(BadInputError):
     """What did not go this time and may go later, as it is: a session in use, an image damaged on its way."""
+
+
+@contextmanager
+def ungrouped_errors() -> Iterator[None]:
+    """Raise the first error of this program out of a group, as of tasks that ran side by side, by itself.
+
+    Others stay in their group. It cannot be raised in an `except*` clause: before Python 3.11.4 that puts it
+    into a group again.
+    """
+    try:
+        yield
+    except BaseExceptionGroup as group:
+        ours, others = group.split(SimulshotError)
+        if others is not None or ours is None:
+            raise
+        raise _first(ours) from None
+
+
+def _first(group: BaseExceptionGroup[SimulshotError]) -> SimulshotError:
+    error = group.exceptions[0]
+    return _first(error) if isinstance(error, BaseExceptionGroup) else error

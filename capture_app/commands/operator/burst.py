@@ -8,7 +8,7 @@ import click
 
 from capture_app.commands.operator.take import ready_options, require_whole, show_take, take_burst
 from capture_app.commands.options import leader_option
-from capture_app.errors import SimulshotError
+from capture_app.errors import ungrouped_errors
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json, talk
 from capture_app.usage import examples
@@ -178,16 +178,10 @@ async def _take_bursts(
         return [await take() for _ in range(repeat)]
     loop = asyncio.get_running_loop()
     began_s = loop.time()
-    failures: list[BaseException] = []
-    try:
+    with ungrouped_errors():
         async with asyncio.TaskGroup() as tasks:
             taking = []
             for number in range(repeat):
                 await asyncio.sleep(max(0.0, began_s + number * every_s - loop.time()))
                 taking.append(tasks.create_task(take()))
-    except* SimulshotError as group:
-        # What is raised in here is put into a group again by Python before 3.11.4.
-        failures += group.exceptions
-    if failures:
-        raise failures[0] from None
     return [task.result() for task in taking]

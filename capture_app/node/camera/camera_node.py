@@ -11,7 +11,7 @@ from pathlib import Path
 from capture_app.camera_facts import PhaseControl, StampAccuracy
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import HostClock, NodeClock
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import NetworkError, ungrouped_errors
 from capture_app.host_rate import HostRate
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
@@ -170,32 +170,27 @@ class CameraNode:
         self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
         self._camera.attach(self._engine, self._pump.turn, self._viewfinder.add_frame)
         self._pump.start(sock)
-        failures: list[BaseException] = []
         try:
-            async with asyncio.TaskGroup() as tasks:
-                if self._sealed is not None:
-                    request = KeyRequest(name=self.name, instance=self._instance)
-                    self._keys = KeyRequester(
-                        self._sealed.keys, request, self._engine.time, self._trust, self._pump.turn
-                    )
-                    tasks.create_task(self._keys.run())
-                tasks.create_task(self._camera.keep_open())
-                tasks.create_task(self._camera.carry_out_commands())
-                tasks.create_task(self._camera.controls.run())
-                tasks.create_task(self._uploader.run())
-                tasks.create_task(self._viewfinder.run())
-                tasks.create_task(self._watch.run(self._engine.time))
-        except* SimulshotError as group:
-            # What is raised in here is put into a group again by Python before 3.11.4.
-            failures += group.exceptions
+            with ungrouped_errors():
+                async with asyncio.TaskGroup() as tasks:
+                    if self._sealed is not None:
+                        request = KeyRequest(name=self.name, instance=self._instance)
+                        self._keys = KeyRequester(
+                            self._sealed.keys, request, self._engine.time, self._trust, self._pump.turn
+                        )
+                        tasks.create_task(self._keys.run())
+                    tasks.create_task(self._camera.keep_open())
+                    tasks.create_task(self._camera.carry_out_commands())
+                    tasks.create_task(self._camera.controls.run())
+                    tasks.create_task(self._uploader.run())
+                    tasks.create_task(self._viewfinder.run())
+                    tasks.create_task(self._watch.run(self._engine.time))
         finally:
             self._tell = lambda _: None
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
             self._beacons.close()
-        if failures:
-            raise failures[0] from None
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:

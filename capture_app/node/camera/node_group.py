@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from capture_app.errors import CameraError, SimulshotError
+from capture_app.errors import CameraError, ungrouped_errors
 
 RETRY_S = 5.0
 
@@ -38,16 +38,10 @@ class NodeGroup:
 
         Raises CameraError where not one camera can be opened at the start, and any other error of a node.
         """
-        failures: list[BaseException] = []
-        try:
+        with ungrouped_errors():
             async with asyncio.TaskGroup() as tasks:
                 for name in self._nodes:
                     tasks.create_task(self._keep(name))
-        except* SimulshotError as group:
-            # What is raised in here is put into a group again by Python before 3.11.4.
-            failures += group.exceptions
-        if failures:
-            raise failures[0] from None
 
     async def _keep(self, name: str) -> None:
         while True:

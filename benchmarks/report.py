@@ -7,7 +7,15 @@ from typing import Any
 
 from capture_app.terminal import print_table, talk
 
-__all__ = ["new_parser", "print_circumstances", "print_report", "print_rows", "print_table", "talk"]
+__all__ = [
+    "new_parser",
+    "print_circumstances",
+    "print_report",
+    "print_rows",
+    "print_table",
+    "print_targets",
+    "talk",
+]
 
 Report = dict[str, Any]
 Columns = Mapping[str, tuple[str, str]]
@@ -41,6 +49,19 @@ def print_rows(rows: Sequence[Mapping[str, Any]], columns: Columns) -> None:
 
     head = [f"{heading}, %" if form.endswith("%") else heading for heading, form in columns.values()]
     print_table(head, [[cell(row.get(key), form) for key, (_, form) in columns.items()] for row in rows])
+
+
+TARGET_COLUMNS: Columns = {
+    "says": ("", ""),
+    "figure": ("figure", ""),
+    "measured": ("measured", ".1f"),
+    "target": ("target", ".1f"),
+}
+
+
+def print_targets(targets: Sequence[Mapping[str, Any]], columns: Columns = TARGET_COLUMNS) -> None:
+    """Print on stdout which targets were `met`, with what of them the columns show."""
+    print_rows([{**one, "says": "met" if one["met"] else "NOT MET"} for one in targets], columns)
 
 
 LINK_COLUMNS: Columns = {

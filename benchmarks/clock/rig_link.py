@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
-from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
+from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
 from capture_app.session.reading.reader import Session
 
 PORT = 47010
@@ -188,12 +188,6 @@ COLUMNS = {
     "bound_held": ("held", ""),
     "ready": ("ready after bursts", ""),
 }
-VERDICT_COLUMNS = {
-    "says": ("", ""),
-    "figure": ("figure", ""),
-    "measured": ("measured", ".1f"),
-    "target": ("target", ".1f"),
-}
 
 
 def _print(report: dict[str, Any]) -> None:
@@ -204,8 +198,7 @@ def _print(report: dict[str, Any]) -> None:
     for advice in report["advice"]:
         print(f"advice: {advice}")
     print()
-    verdicts = [{**verdict, "says": "met" if verdict["met"] else "NOT MET"} for verdict in report["targets"]]
-    print_rows(verdicts, VERDICT_COLUMNS)
+    print_targets(report["targets"])
     print_circumstances(report)
 
 

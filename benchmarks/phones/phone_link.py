@@ -19,7 +19,7 @@ from typing import Any
 
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, ROOT, Network, in_namespace, read_output, running
-from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
+from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
 from capture_app.session.reading.reader import Session
 from tests.browser import CHROMIUM, Browser
 
@@ -208,20 +208,13 @@ COLUMNS = {
     "looks": ("of", ""),
     "size": ("pictures", ""),
 }
-VERDICT_COLUMNS = {
-    "says": ("", ""),
-    "figure": ("figure", ""),
-    "measured": ("measured", ".1f"),
-    "target": ("target", ".1f"),
-}
 
 
 def _print(report: dict[str, Any]) -> None:
     print(f"A phone's page, {report['kind']}")
     print_rows(report["runs"], COLUMNS)
     print()
-    verdicts = [{**verdict, "says": "met" if verdict["met"] else "NOT MET"} for verdict in report["targets"]]
-    print_rows(verdicts, VERDICT_COLUMNS)
+    print_targets(report["targets"])
     print_circumstances(report)
 
 

@@ -11,7 +11,8 @@ from capture_app.cameras.aravis import controls
 from capture_app.cameras.aravis.library import camera_errors, load_aravis
 from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup
 from capture_app.cameras.aravis.pictures import USABLE_FORMATS
-from capture_app.errors import BadInputError, CameraError
+from capture_app.cameras.options import read_number, refuse_unknown
+from capture_app.errors import CameraError
 
 OPTIONS = {
     "width": "pixels of the picture, out of the middle of the sensor",
@@ -225,33 +226,15 @@ class AravisDevice:
 
 def parse_options(options: Mapping[str, str]) -> DeviceRequest:
     """Read a spec's options. Raises BadInputError, naming the wrong one."""
-    for key in options:
-        if key not in OPTIONS:
-            raise BadInputError(
-                f"a machine-vision camera has no option {key!r}", hint=f"there are {', '.join(OPTIONS)}"
-            )
-    row_us = _number(options, "row_us", 0.01, 1000)
-    width, height = _number(options, "width", 1, 1 << 16), _number(options, "height", 1, 1 << 16)
+    refuse_unknown(options, OPTIONS, "a machine-vision camera")
+    row_us = read_number(options, "row_us", "a camera", least=0.01, most=1000)
+    width = read_number(options, "width", "a camera", least=1, most=1 << 16)
+    height = read_number(options, "height", "a camera", least=1, most=1 << 16)
     return DeviceRequest(
         width=None if width is None else round(width),
         height=None if height is None else round(height),
-        fps=_number(options, "fps", 0.1, 10_000),
-        exposure_us=_number(options, "exposure_us", 0.1, 1e7),
+        fps=read_number(options, "fps", "a camera", least=0.1, most=10_000),
+        exposure_us=read_number(options, "exposure_us", "a camera", least=0.1, most=1e7),
         pixel_format=options.get("format"),
         row_ns=None if row_us is None else round(row_us * 1000),
     )
-
-
-def _number(options: Mapping[str, str], key: str, least: float, most: float) -> float | None:
-    text = options.get(key)
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not least <= value <= most:
-        raise BadInputError(
-            f"{key}={text} of a camera", hint=f"a number from {least:g} to {most:g} is needed"
-        )
-    return value

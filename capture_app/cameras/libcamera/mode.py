@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from capture_app.cameras.options import refuse_unknown
 from capture_app.cameras.v4l2.layout import PixelFormat
 from capture_app.errors import BadInputError, CameraError
 
@@ -49,10 +50,7 @@ class Wishes:
 
 def parse_options(options: Mapping[str, str]) -> Wishes:
     """Read width, height, fps, format, exposure-us and gain. Raises BadInputError, naming the wrong one."""
-    for name in options:
-        if name not in (*_RANGES, "format"):
-            known = ", ".join((*_RANGES, "format"))
-            raise BadInputError(f"a camera of libcamera has no option {name!r}", hint=f"there are {known}")
+    refuse_unknown(options, (*_RANGES, "format"), "a camera of libcamera")
     numbers = {name: _number(name, options[name]) for name in _RANGES if name in options}
     fourcc = options.get("format", "").upper()
     fourcc = FOURCC.get(fourcc, fourcc)

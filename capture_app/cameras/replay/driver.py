@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import Camera, CameraListing, in_node_clock
+from capture_app.cameras.options import refuse_unknown
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
@@ -35,9 +36,7 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
     Raises BadInputError for what is no recording, a camera it does not have, or an option that cannot be
     read, IncompleteError for a session that is not complete.
     """
-    for key in options:
-        if key not in OPTIONS:
-            raise BadInputError(f"a replay has no option {key!r}", hint=f"there are {', '.join(OPTIONS)}")
+    refuse_unknown(options, OPTIONS, "a replay")
     fps, phase = _rate(options.get("fps")), options.get("phase")
     if phase is not None and phase not in PHASES:
         raise BadInputError(f"phase={phase} of a replay", hint=f"one of {', '.join(PHASES)}")

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
+from capture_app.cameras.options import refuse_unknown
 from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.ioctl import VideoDevice
 from capture_app.errors import BadInputError, CameraError
@@ -58,11 +59,7 @@ class Mode:
 
 def parse_options(options: Mapping[str, str]) -> ModeRequest:
     """Read the options width, height (pixels), fps and format. Raises BadInputError, naming the wrong one."""
-    for name in options:
-        if name not in _OPTIONS:
-            raise BadInputError(
-                f"a V4L2 camera has no option {name!r}", hint=f"there are {', '.join(_OPTIONS)}"
-            )
+    refuse_unknown(options, _OPTIONS, "a V4L2 camera")
     fps, fourcc = options.get("fps"), options.get("format")
     return ModeRequest(
         width=_pixels("width", options.get("width")),

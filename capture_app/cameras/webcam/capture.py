@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from capture_app.errors import BadInputError, CameraError
+from capture_app.cameras.options import read_number, refuse_unknown
+from capture_app.errors import CameraError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,6 +17,7 @@ OPTIONS = {
     "height": "the same",
     "fps": "frames a second; a webcam may choose another rate",
 }
+_CAMERA = "a webcam"
 USUAL_FPS = 30.0
 MOST_FPS = 1000.0
 
@@ -72,25 +74,11 @@ class Webcam:
 
 def parse_options(options: Mapping[str, str]) -> WebcamRequest:
     """Read a spec's options. Raises BadInputError, naming the wrong one."""
-    for key in options:
-        if key not in OPTIONS:
-            raise BadInputError(f"a webcam has no option {key!r}", hint=f"there are {', '.join(OPTIONS)}")
-    width, height = _number(options, "width", 1, 1 << 16), _number(options, "height", 1, 1 << 16)
+    refuse_unknown(options, OPTIONS, _CAMERA)
+    width = read_number(options, "width", _CAMERA, least=1, most=1 << 16)
+    height = read_number(options, "height", _CAMERA, least=1, most=1 << 16)
     return WebcamRequest(
         width=None if width is None else round(width),
         height=None if height is None else round(height),
-        fps=_number(options, "fps", 0.1, MOST_FPS),
+        fps=read_number(options, "fps", _CAMERA, least=0.1, most=MOST_FPS),
     )
-
-
-def _number(options: Mapping[str, str], key: str, least: float, most: float) -> float | None:
-    text = options.get(key)
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not least <= value <= most:
-        raise BadInputError(f"{key}={text} of a webcam", hint=f"a number from {least:g} to {most:g}")
-    return value

@@ -1,6 +1,5 @@
 """From the words of a spec, `sim:PROFILE,key=value…`, to a simulated camera."""
 
-import math
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -9,6 +8,7 @@ from typing import Any
 
 from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
+from capture_app.cameras.options import read_number, refuse_unknown
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
 from capture_app.simulation.camera.camera import SimulatedCamera
@@ -41,6 +41,8 @@ OPTIONS = {
     "fail_after_s": "the camera goes away this long after its start",
 }
 
+_CAMERA = "a simulated camera"
+
 
 def list_cameras() -> list[CameraListing]:
     """The simulated models."""
@@ -62,13 +64,9 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     Raises BadInputError for an unknown profile, scene, view, option or value, and NotAvailableError where
     this machine cannot render scenes.
     """
-    for key in options:
-        if key not in OPTIONS:
-            raise BadInputError(
-                f"a simulated camera has no option {key!r}", hint=f"there are {', '.join(OPTIONS)}"
-            )
+    refuse_unknown(options, OPTIONS, _CAMERA)
     model = _adjusted(find_profile(profile), options)
-    scale = _number(options, "scale", least=0.1, most=1)
+    scale = read_number(options, "scale", _CAMERA, least=0.1, most=1)
     camera_seed = stable_seed(f"{name}/{_seed(options)}")
     source: PictureSource
     if "replay" in options:
@@ -89,9 +87,9 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     sensor = Sensor(
         replace(model, image_rows=source.height),
         random.Random(camera_seed),
-        period_error_ppm=_number(options, "ppm", least=-1000, most=1000),
+        period_error_ppm=read_number(options, "ppm", _CAMERA, least=-1000, most=1000),
     )
-    fail_after_s = _number(options, "fail_after_s", least=0, most=1e6)
+    fail_after_s = read_number(options, "fail_after_s", _CAMERA, least=0, most=1e6)
     fail_after_ns = None if fail_after_s is None else round(fail_after_s * 1e9)
     return SimulatedCamera(
         sensor,
@@ -118,25 +116,10 @@ _CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
 def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfile:
     """The profile with what the options change of it; the profile judges the exposure."""
     for key, (most, change) in _CHANGES.items():
-        value = _number(options, key, least=0, most=most)
+        value = read_number(options, key, _CAMERA, least=0, most=most)
         if value is not None:
             profile = replace(profile, **change(value))
     return profile
-
-
-def _number(options: Mapping[str, str], key: str, *, least: float, most: float) -> float | None:
-    text = options.get(key)
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not least <= value <= most:
-        raise BadInputError(
-            f"{key}={text} of a simulated camera", hint=f"a number from {least:g} to {most:g} is needed"
-        )
-    return value
 
 
 def _is_calibrated(options: Mapping[str, str]) -> bool:

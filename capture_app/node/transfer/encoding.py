@@ -109,9 +109,7 @@ class FrameEncoder:
                 burst.spooled = self._spool.create_burst(burst.report_to_keep())
             burst.spooled.add_image(image, data)
         except SimulshotError as error:
-            # The folder of a burst that is over is gone.
-            if not burst.is_over:
-                note_useless_spool(burst, error, self._talk)
+            note_useless_spool(burst, error, self._talk)
         else:
             burst.unsynced[picked.instant] = image
         return image

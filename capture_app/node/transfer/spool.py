@@ -8,9 +8,9 @@ SPOOL/<camera>/<leader>-<burst>/
 
 import os
 import shutil
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -32,11 +32,16 @@ UNKNOWN_ROOM = 1 << 30
 """What is told, in bytes, of a spool that memory stands in for."""
 
 
-@dataclass(frozen=True, slots=True)
 class SpooledBurst:
-    """One burst's folder. Methods block on the disk."""
+    """One burst's folder, of which this object alone writes. Methods block on the disk.
 
-    folder: Path
+    Threads may share it: what is written after `remove` is not kept.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._changing = threading.Lock()
+        self._is_removed = False
 
     def image_file(self, image: ImageUpload) -> Path:
         """Where an image lies."""
@@ -44,27 +49,33 @@ class SpooledBurst:
 
     def write_report(self, report: CameraReport) -> None:
         """Keep the report, through a power cut too. Raises SimulshotError."""
-        try:
-            write_atomic(self.folder / REPORT, msgspec.json.encode(report))
-        except OSError as error:
-            raise disk_error(error, self.folder) from error
+        with self._changing:
+            if self._is_removed:
+                return
+            try:
+                write_atomic(self.folder / REPORT, msgspec.json.encode(report))
+            except OSError as error:
+                raise disk_error(error, self.folder) from error
 
     def add_image(self, image: ImageUpload, data: bytes) -> None:
         """Keep an image: it outlives this process now, and a power cut after `sync`.
 
         Raises DiskFullError, SimulshotError.
         """
-        try:
-            write_unsynced(self.image_file(image), data)
-            journal = AppendOnlyFile(self.folder / JOURNAL)
+        with self._changing:
+            if self._is_removed:
+                return
             try:
-                journal.append(msgspec.json.encode(image), durable=False)
-            finally:
-                journal.close(synced=False)
-        except OSError as error:
-            with suppress(OSError):
-                self.image_file(image).unlink(missing_ok=True)
-            raise disk_error(error, self.folder) from error
+                write_unsynced(self.image_file(image), data)
+                journal = AppendOnlyFile(self.folder / JOURNAL)
+                try:
+                    journal.append(msgspec.json.encode(image), durable=False)
+                finally:
+                    journal.close(synced=False)
+            except OSError as error:
+                with suppress(OSError):
+                    self.image_file(image).unlink(missing_ok=True)
+                raise disk_error(error, self.folder) from error
 
     def sync(self, images: Iterable[ImageUpload]) -> None:
         """Wait until these images, and the report, are on the disk; those that are gone are left out.
@@ -101,7 +112,9 @@ class SpooledBurst:
 
     def remove(self) -> None:
         """Delete the burst, of which the leader has all."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        with self._changing:
+            self._is_removed = True
+            shutil.rmtree(self.folder, ignore_errors=True)
 
 
 class Spool:

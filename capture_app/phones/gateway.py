@@ -1,6 +1,7 @@
 """The web server that phones open: the page, their admission, and one link for each."""
 
 import asyncio
+import contextlib
 import logging
 import socket
 import ssl
@@ -145,8 +146,10 @@ class PhoneGateway:
             closing.add_done_callback(self._closing.discard)
 
         async def send(message: str | bytes) -> None:
-            if not link.closed:
-                await (link.send_str(message) if isinstance(message, str) else link.send_bytes(message))
+            # That a link has just broken off is noticed by who reads it.
+            with contextlib.suppress(ConnectionError):
+                if not link.closed:
+                    await (link.send_str(message) if isinstance(message, str) else link.send_bytes(message))
 
         phone = self._phones.get(admitted.key)
         is_new = phone is None
@@ -162,7 +165,7 @@ class PhoneGateway:
                     told = wire.decode_binary(message.data)
                     if isinstance(told, wire.Ping):
                         phone.clock.note_pong(told, received_ns, time.monotonic_ns())
-                        await link.send_bytes(wire.pong(told.number))
+                        await send(wire.pong(told.number))
                     phone.take_binary(told, received_ns)
                 elif message.type is WSMsgType.TEXT:
                     said = wire.decode_text(message.data)

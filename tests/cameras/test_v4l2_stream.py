@@ -3,7 +3,7 @@
 import asyncio
 import errno
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
 from tests.cameras.fake_device import JPEG, MJPG, PERIOD_NS, FakeDevice
+from tests.waiting import until
 
 
 class Bench:
@@ -33,12 +34,6 @@ class Bench:
 
     async def failure(self) -> Exception:
         return await asyncio.wait_for(self.failures.get(), 30)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    """Let the loop and the worker run until a condition on the device holds."""
-    while not condition():  # noqa: ASYNC110
-        await asyncio.sleep(0.001)
 
 
 async def started(device: FakeDevice) -> Bench:

@@ -11,7 +11,9 @@ from typing import Any
 
 import pytest
 
-PATIENCE_S = 240.0
+from tests.waiting import SLOW_PATIENCE_S, patience
+
+PATIENCE_S = SLOW_PATIENCE_S
 """Only what hangs takes so long: a busy machine is slow, and nothing here judges how fast it is."""
 
 
@@ -26,7 +28,7 @@ class Command:
 
     async def says(self, text: str, *, after: int = 0) -> str:
         """Wait for a line with that text, the `after`-th of all lines or later, and return it."""
-        async with asyncio.timeout(PATIENCE_S), self._news:
+        async with patience(lambda: f"{text!r}; it has said {self.said}", PATIENCE_S), self._news:
             while True:
                 for line in self.said[after:]:
                     if text in line:
@@ -38,14 +40,14 @@ class Command:
     async def next_json(self) -> dict[str, Any]:
         """Return the next line of stdout."""
         assert self.process.stdout is not None
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience(lambda: f"a line of JSON; it has said {self.said}", PATIENCE_S):
             line: dict[str, Any] = json.loads(await self.process.stdout.readline())
             return line
 
     async def finish(self) -> str:
         """Wait for its end and return what it printed on stdout."""
         assert self.process.stdout is not None
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience(lambda: f"its end; it has said {self.said}", PATIENCE_S):
             printed = await self.process.stdout.read()
             await self.process.wait()
             await self._reading
@@ -60,7 +62,7 @@ class Command:
         """Ask it to end, and return its exit code."""
         with suppress(ProcessLookupError):
             self.process.terminate()
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience(lambda: f"its end; it has said {self.said}", PATIENCE_S):
             return await self.process.wait()
 
     async def put_away(self) -> None:

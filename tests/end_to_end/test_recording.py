@@ -11,7 +11,7 @@ import pytest
 from capture_app.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from tests.waiting import until
+from tests.waiting import SLOW_PATIENCE_S, until
 
 from .conftest import PATIENCE_S, Command, Start
 from .test_rig import lead, output
@@ -99,7 +99,9 @@ async def test_a_recording_outlives_its_leader(start: Start, tmp_path: Path) -> 
     leader, address = await rig_of_two(start, tmp_path)
     await output(await start("record", "--leader", address, "--detach", "--json"))
     lines = [tmp_path / f"sessions/recording-001/videos/rig1/{name}.frames.ndjson" for name in ("a", "b")]
-    await until(lambda: all(file.is_file() and file.stat().st_size > 5_000 for file in lines))
+    await until(
+        lambda: all(file.is_file() and file.stat().st_size > 5_000 for file in lines), seconds=SLOW_PATIENCE_S
+    )
     await leader.kill()
     safe = [file.read_bytes().splitlines(keepends=True) for file in lines]
 

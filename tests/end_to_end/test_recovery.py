@@ -1,34 +1,20 @@
 """Bursts whose leader or node is killed in the middle, finished afterwards."""
 
-import asyncio
 import json
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.waiting import SLOW_PATIENCE_S, until
 
 from .conftest import PATIENCE_S, Start
 from .test_rig import burst, join, join_ready, lead, output
 
 
-async def until(condition: Callable[[], bool]) -> None:
-    """Wait for what files tell."""
-
-    def wait() -> None:
-        give_up_s = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < give_up_s
-            time.sleep(0.02)
-
-    await asyncio.to_thread(wait)
-
-
 async def lines_of(path: Path, least: int) -> None:
     """Wait until a journal lists so many images."""
-    await until(lambda: path.exists() and path.read_bytes().count(b"\n") >= least)
+    await until(lambda: path.exists() and path.read_bytes().count(b"\n") >= least, seconds=SLOW_PATIENCE_S)
 
 
 async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(start: Start, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from capture_app.errors import ExitCode
 from capture_app.node.camera.device_profiles import FILE
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.waiting import patience
 
 from .conftest import PATIENCE_S, Command, Start
 
@@ -52,7 +53,7 @@ async def status(start: Start, leader: str) -> dict[str, dict[str, Any]]:
 
 async def burst(start: Start, leader: str, *options: str) -> dict[str, Any]:
     """Take bursts until one is whole: on a starved machine a node falls silent for as long as a lost one."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience(f"a whole burst ({' '.join(options)})", PATIENCE_S):
         while True:
             command = await start(
                 "burst", "--leader", leader, "--wait-s", str(PATIENCE_S), "--json", *options

@@ -22,8 +22,8 @@ from capture_app.sync.wire.messages import (
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
+from tests.waiting import patience
 
-PATIENCE_S = 60.0
 HELLO_EVERY_S = 0.3
 
 
@@ -39,7 +39,7 @@ async def joined(leader: Address, *nodes: tuple[str, int], trust: Trust | None =
         for node, here in zip(nodes, present, strict=True)
     ]
     try:
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience(f"{nodes} to have joined"):
             for here in present:
                 await here.wait()
         yield

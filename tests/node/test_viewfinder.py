@@ -32,10 +32,10 @@ from capture_app.node.wire.operating import (
 from capture_app.node.wire.views import NodeDetail, Preview
 from tests.node.camera.controlled_camera import ControlledCamera
 from tests.node.joining import joined
+from tests.waiting import patience
 
 pytestmark = pytest.mark.usefixtures("open_rig")
 
-PATIENCE_S = 30.0
 NODE = 5
 """The run of the node."""
 
@@ -97,7 +97,7 @@ async def previews(link: RigLink) -> AsyncIterator[Preview]:
 
 
 async def first(updates: AsyncIterator[Update], kind: type[Any]) -> Any:
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience(f"a {kind.__name__}"):
         async for update in updates:
             if isinstance(update, kind):
                 return update
@@ -105,7 +105,7 @@ async def first(updates: AsyncIterator[Update], kind: type[Any]) -> Any:
 
 
 async def receive(channel: Channel[Any], kind: type[Any]) -> Any:
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience(f"a {kind.__name__}"):
         while (message := await channel.receive_header()) is not None:
             if isinstance(message, kind):
                 return message
@@ -120,7 +120,7 @@ async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: Lead
         node.see(0)
         picture = node.see(1, level=200)
         await link.want_previews(cameras=("a",), width=40, fps=10)
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience("the updates that follow"):
             preview = await anext(previews(link))
         assert (preview.camera, preview.width, preview.height) == ("a", 40, 30)
         assert preview.leader_ns == 920_000_007
@@ -148,7 +148,7 @@ async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: Le
         assert not coming.done()
         assert [picture.asked for picture in seen] == [[]] * 6, "no picture is made while it is busy"
         node.busy = False
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience("the updates that follow"):
             await coming
     finally:
         running.cancel()
@@ -166,7 +166,7 @@ async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode
             await node.send(PreviewFrame(camera="a", leader_ns=number, width=1, height=1), b"jpeg")
             await receive(node, PreviewSeen)
         # The leader takes what comes and keeps the newest.
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience("the updates that follow"):
             assert (await coming).leader_ns in (0, 1, 2)
         await showing.aclose()
         assert (await receive(node, PreviewsWanted)).fps == 0, "nobody looks any more"
@@ -202,7 +202,7 @@ async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None
         asked = [asyncio.ensure_future(link.detail("a")) for _ in range(2)]
         await receive(node, DetailRequest)
         await node.send(DetailAnswer(detail=NodeDetail(camera="a", spool="/spool")))
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience("the updates that follow"):
             assert [(await one).spool for one in asked] == ["/spool", "/spool"]
         gone = asyncio.ensure_future(link.detail("a"))
         await receive(node, DetailRequest)

@@ -1,6 +1,5 @@
 """A leader and the gateway of its phones, in this process, on the loopback, over real TLS."""
 
-import asyncio
 import contextlib
 import datetime
 import socket
@@ -19,7 +18,7 @@ from capture_app.phones.phone_nodes import PhoneNodes
 from capture_app.session.reading.reader import Session
 from capture_app.sync.wire.messages import NodeState
 from tests.phones.stand_in import StandInPhone
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import SLOW_PATIENCE_S, patience, until
 
 
 @dataclass
@@ -68,19 +67,22 @@ async def serving(folder: Path, size: tuple[int, int] = (320, 240)) -> AsyncGene
 
 
 async def ready(place: Place, *names: str) -> None:
-    await until(lambda: all(place.state(name) in (NodeState.READY, NodeState.COARSE) for name in names))
+    def all_are_ready() -> bool:
+        return all(place.state(name) in (NodeState.READY, NodeState.COARSE) for name in names)
+
+    await until(all_are_ready, seconds=SLOW_PATIENCE_S)
 
 
 async def measured(place: Place, name: str) -> None:
     """Wait until a phone is in the rig, its clock known; a browser's fake camera may never be even."""
     known = (NodeState.ALIGNING, NodeState.READY, NodeState.COARSE)
-    await until(lambda: place.state(name) in known)
+    await until(lambda: place.state(name) in known, seconds=SLOW_PATIENCE_S)
 
 
-async def burst(place: Place, frames: int, *, wait_ready_s: float = 300.0) -> Session:
+async def burst(place: Place, frames: int, *, wait_ready_s: float = SLOW_PATIENCE_S) -> Session:
     """Take bursts until one is whole: on a starved machine frames come too late."""
     request = BurstRequest(frames=frames, wait_ready_s=wait_ready_s)
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience(f"a whole burst of {frames} frames", SLOW_PATIENCE_S):
         while True:
             told = [status async for status in place.leader.take_burst(request)]
             assert told[-1].session, told[-1].message

@@ -79,8 +79,6 @@ class StandInPhone:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self._socket is not None:
-            self._socket._response.close()
         await self._session.close()
 
     @property

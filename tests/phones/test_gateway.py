@@ -19,7 +19,7 @@ from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from tests.phones.places import Place, burst, ready, serving
 from tests.phones.stand_in import JPEG
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import patience, until
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ async def test_controls_are_set_by_the_page_and_told(place: Place) -> None:
     leader = place.leader.own_address
 
     async def controls(**wanted: float) -> CameraControls:
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience("the controls of the camera"):
             while True:
                 with contextlib.suppress(SimulshotError):  # its viewfinder may not be open yet
                     return await ask_controls(
@@ -152,7 +152,7 @@ async def test_what_strangers_send_is_refused_without_a_traceback(
     length = "" if "chunked" in headers else f"Content-Length: {len(body)}\r\n"
     head = f"POST /join HTTP/1.1\r\nHost: a\r\nConnection: close\r\n{length}{headers}\r\n\r\n"
     writer.write(head.encode() + body)
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience("the server's answer"):
         assert (await reader.read()).split()[1] == str(status).encode()
     writer.close()
     assert [record.getMessage() for record in caplog.records if record.exc_info] == []
@@ -183,7 +183,7 @@ async def test_a_link_that_does_not_begin_with_a_hello_is_closed(
         await link.close()
     else:
         await (link.send_bytes(first) if isinstance(first, bytes) else link.send_str(first))
-        async with asyncio.timeout(PATIENCE_S):
+        async with patience("the end of the link"):
             await link.receive()
         assert link.close_code == 1003
     assert [record.getMessage() for record in caplog.records if record.exc_info] == []

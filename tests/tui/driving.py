@@ -11,7 +11,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.settings import Settings
 from tests.tui.fake_rig import FakeRig
-from tests.waiting import PATIENCE_S
+from tests.waiting import looked_at, patience
 
 
 def make_app(rig: FakeRig, **different: Any) -> SimulshotApp:
@@ -28,7 +28,7 @@ async def settle(pilot: Any) -> None:
 
 async def stand_still(pilot: Any) -> None:
     """Wait until the screen changes no more."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience("a screen that stands still"):
         shown = None
         while shown != (shown := pilot.app.export_screenshot()):
             await asyncio.sleep(0.05)
@@ -37,7 +37,7 @@ async def stand_still(pilot: Any) -> None:
 
 async def until(pilot: Any, true: Callable[[], object]) -> None:
     """Wait for what threads and other processes do, with all messages come through."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience(looked_at(true)):
         await settle(pilot)
         while not true():
             await asyncio.sleep(0.01)

@@ -20,7 +20,7 @@ from capture_app.session.importers.recording import ImportOptions, import_record
 from capture_app.sync.foreign.app_messages import CALL_PORT, PERIOD_NS
 from capture_app.sync.rig.frame_picks import Burst
 from tests.session.conftest import jpeg
-from tests.waiting import until
+from tests.waiting import SLOW_PATIENCE_S, until
 
 S = 1_000_000_000
 HOST = f"127.{os.getpid() % 200 + 20}.{os.getpid() // 200 % 250 + 1}"
@@ -55,7 +55,7 @@ async def rig() -> AsyncIterator[PhoneRig]:
     made.phones.start(HostClock(), news.append)
     try:
         async with made.one:
-            await until(lambda: made.one.is_synced)
+            await until(lambda: made.one.is_synced, seconds=SLOW_PATIENCE_S)
             yield made
     finally:
         await made.phones.close()

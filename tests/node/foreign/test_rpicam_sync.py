@@ -16,7 +16,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.foreign.rpicam_packets import PACKET
 from capture_app.sync.phase.goal import Goal
 from tests.node.joining import joined
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, patience
 
 S = 1_000_000_000
 
@@ -31,7 +31,7 @@ def pi() -> Iterator[socket.socket]:
 
 async def heard(pi: socket.socket) -> tuple[int, int]:
     """Duration of a frame, and the wall clock's time of one, in ns, by the next packet."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with patience("the next packet"):
         packet = await asyncio.get_running_loop().sock_recv(pi, 100)
     duration_us, _, frame_us, _, _ = PACKET.unpack(packet)
     return duration_us * 1000, frame_us * 1000

@@ -23,7 +23,7 @@ from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.take import Take
 from capture_app.tui.shoot.view import ShootView
-from tests.waiting import until
+from tests.waiting import SLOW_PATIENCE_S, until
 
 BEFORE, FRAMES = 3, 5
 
@@ -61,7 +61,7 @@ async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
 
     for number in count(1):
         app.simulate_key("space")
-        await until(partial(is_taken, number))
+        await until(partial(is_taken, number), seconds=SLOW_PATIENCE_S)
         take = view.takes[-1]
         if take.judged is not None and not take.judged.sheet.session.manifest.missing:
             return take
@@ -83,7 +83,9 @@ async def test_space_puts_a_named_take_with_frames_around_the_key_on_disk(
             await pilot.press("2")
             view = app.screen.query_one(ShootView)
             ready = [NodeState.READY] * cameras
-            await until(lambda: [node.state for node in leader.status().nodes] == ready)
+            await until(
+                lambda: [node.state for node in leader.status().nodes] == ready, seconds=SLOW_PATIENCE_S
+            )
             await until(lambda: all(tile.picture.cells is not None for tile in view.stage.grid.tiles))
             assert len(view.stage.grid.tiles) == cameras, "each camera shows what it sees"
             view.plan_panel.set_plan(replace(view.plan_panel.plan, note="first try"))

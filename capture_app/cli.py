@@ -1,17 +1,20 @@
-"""The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick."""
+"""The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick.
+
+A group whose commands are imported when they are needed, so that scripting stays quick.
+"""
 
 import asyncio
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
 from capture_app import __version__
-from capture_app.commands.lazy_group import LazyGroup
 from capture_app.commands.options import (
     AddressType,
     attached_sessions_option,
@@ -23,6 +26,33 @@ from capture_app.errors import NotAvailableError
 from capture_app.net.address import Address
 from capture_app.terminal import run_command_line
 from capture_app.usage import add_verbosity, examples
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands by name and help, and loads one when it runs or completes."""
+
+    def __init__(
+        self, *, table: Mapping[str, str], load: Callable[[str], click.Command], **options: Any
+    ) -> None:
+        """`table`: name and help in the order shown; `load` imports the command of a name in it."""
+        super().__init__(**options)
+        # What click suggests for a mistyped name comes from here.
+        self.commands = {name: click.Command(name, help=text) for name, text in table.items()}
+        self._load = load
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(self.commands)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; None where there is none of this name."""
+        return add_verbosity(self._load(cmd_name)) if cmd_name in self.commands else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table without importing anything."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, command.help or "") for name, command in self.commands.items()])
+
 
 COMMANDS = {
     "rig": "Start, list and stop rigs that run in the background of this machine.",
@@ -44,14 +74,13 @@ COMMANDS = {
     "experiment": "Measure clock and phase synchronization, beside the paper's figures.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
 }
-OPERATOR_COMMANDS = ("status", "burst", "record", "cameras", "preview", "coverage")
-"""Those in the room `operator`; the others are in `commands` itself."""
+MODULES = {"burst": "take", "record": "take"}
+"""Modules of `commands` whose name is not the command's."""
 
 
 def load(name: str) -> click.Command:
     """Import the module of a command."""
-    room = "capture_app.commands.operator" if name in OPERATOR_COMMANDS else "capture_app.commands"
-    module = importlib.import_module(f"{room}.{name}")
+    module = importlib.import_module(f"capture_app.commands.{MODULES.get(name, name)}")
     command = getattr(module, name)
     assert isinstance(command, click.Command)
     return command
@@ -119,7 +148,7 @@ def app(
         )
     from capture_app.commands.joining import make_known
     from capture_app.rig_process import attach
-    from capture_app.tui.run import run_screen
+    from capture_app.tui.app import run_screen
 
     if leader is not None and not in_browser:
         make_known((leader,), None, None)

@@ -14,8 +14,8 @@ from msgspec import Struct
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.local.local_nodes import LocalNodes
-from capture_app.node.leader.wording import News
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.news import News
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.reading.reader import Session
 from capture_app.text import UNREADABLE, ProgressStep

@@ -16,13 +16,12 @@ from reconstruction.commands.batch import batch
 from reconstruction.commands.board import board
 from reconstruction.commands.calibrate import calibrate
 from reconstruction.commands.compare import compare
-from reconstruction.commands.dose import dose
+from reconstruction.commands.depth import multiview, stereo
 from reconstruction.commands.movers import movers
-from reconstruction.commands.multiview import multiview
-from reconstruction.commands.stereo import stereo
-from reconstruction.commands.stitch import stitch
+from reconstruction.commands.panorama import stitch
 from reconstruction.commands.time import time_command
-from reconstruction.common.foreign_calls import TRACEBACK, claim_stdout, unexpected_error
+from reconstruction.commands.tolerance import dose
+from reconstruction.common.native_libraries import TRACEBACK, claim_stdout, unexpected_error
 
 
 class _Application(click.Group):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from capture_app.host_rate import EVERY_NS, HostRate, read_clocks, steady_correction_ppm
+from capture_app.clock import EVERY_NS, HostRate, read_clocks, steady_correction_ppm
 
 S = 1_000_000_000
 

@@ -11,10 +11,10 @@ import time
 from typing import Self
 
 from capture_app.clock import SimulatedClock
+from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
+from capture_app.interop.stand_in import Address, StandInPhone
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
-from capture_app.simulation.devices.app_phone import Address, StandInPhone
-from capture_app.sync.foreign.app_messages import CALL_PORT, TIME_PORT
 
 LOOK_EVERY_S, PATIENCE_S = 0.1, 60.0
 

@@ -20,9 +20,9 @@ from capture_app.experiments.clock_filters.coverage import (
     measure_coverage,
 )
 from capture_app.experiments.clock_filters.links import ASYMMETRY, DrawLink, unequal_links
-from capture_app.simulation.network.exchanges import exchanges
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.paper_link import LINKS_BY_LAW
+from capture_app.simulation.exchanges import exchanges
+from capture_app.simulation.links import Link
+from capture_app.simulation.paper_link import LINKS_BY_LAW
 
 Shape = Callable[[random.Random], float]
 """Draws a delay beyond the least one, on any scale."""

@@ -25,7 +25,7 @@ from capture_app.sync.rig.events import BurstAccepted
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.wire.speaker import Speaker
+from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import ClientKeys, Grant
 from capture_app.trust.sealed_engines import SealedClient, SealedLeader
 

@@ -26,7 +26,7 @@ from benchmarks.endurance.slopes import growth
 from benchmarks.report import new_parser, print_report, print_rows
 from capture_app.net.address import Address, parse_address
 from capture_app.node.child import Child
-from capture_app.node.operator.requests import ask_burst, ask_status
+from capture_app.node.requests import ask_burst, ask_status
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

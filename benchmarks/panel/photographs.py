@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.catalog import panel_named
-from capture_app.panel.pattern import Panel
-from capture_app.simulation.rendering.panel_photograph import Photograph
+from capture_app.panel.pattern import Panel, panel_named
+from capture_app.panel.simulated import Photograph
 
 WIDTH, HEIGHT = 960, 720
 EXPOSURES_NS = (100e3, 20e6)

@@ -10,10 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.panel.photographs import draw_case
-from capture_app.panel.catalog import panel_named
-from capture_app.panel.pattern import nearest_ns
-from capture_app.panel.reading.finder import PanelNotFoundError
-from capture_app.panel.reading.time_reading import read_panel
+from capture_app.panel.finder import PanelNotFoundError
+from capture_app.panel.pattern import nearest_ns, panel_named
+from capture_app.panel.time_reading import read_panel
 
 RATES_HZ = (60, 144)
 EXPOSURES_MS = (1.0, 4.0, 12.0)

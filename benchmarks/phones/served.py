@@ -15,10 +15,10 @@ from pathlib import Path
 
 from capture_app.net.address import parse_address
 from capture_app.phones.admission import Admission
+from capture_app.phones.camera import PhoneNodes
 from capture_app.phones.certificate import own_certificate
 from capture_app.phones.gateway import PhoneGateway
 from capture_app.phones.phone import Phone
-from capture_app.phones.phone_nodes import PhoneNodes
 from capture_app.terminal import log_line
 
 

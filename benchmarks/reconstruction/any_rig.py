@@ -21,12 +21,11 @@ from benchmarks.report import new_parser, print_rows, talk
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.coarse_scene import find_coarse_scene
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
-from reconstruction.depth.view_overlap import seen_points
+from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group
 from reconstruction.multiview.cloud_accuracy import visible_points
 from reconstruction.multiview.input_images import InputImage, undistort_image
-from reconstruction.multiview.source_views import choose_source_views, smallest_group
 
 SEEN_WITHIN_DEG = 35.0
 RIGHT, WRONG = 0.01, 0.02

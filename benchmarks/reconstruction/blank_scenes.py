@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from capture_app.simulation.scenes import furniture, moving_bodies, poses, posters, textures
+from capture_app.simulation.scenes import materials, moving_bodies, studio
+from capture_app.simulation.scenes import moving_bodies as poses
 from capture_app.simulation.scenes.definition import Point, SceneDefinition
-from capture_app.simulation.scenes.furniture import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
+from capture_app.simulation.scenes.materials import Picture
 from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, panel, rod, turn
 from capture_app.simulation.scenes.moving_bodies import Part
-from capture_app.simulation.scenes.textures import Picture
+from capture_app.simulation.scenes.studio import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
 
 NEARLY_BLANK = 0.004
 """Deviation of a wall's paint, of 1: below the noise of a picture."""
@@ -32,26 +33,26 @@ ATTIC_CAMERAS: dict[str, tuple[Point, Point]] = {
 
 def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
     return moving_bodies.pictures(rng) | {
-        "wall": textures.plain(rng, (700, 900), (226, 220, 208), rough=NEARLY_BLANK),
-        "side": textures.plain(rng, (700, 900), (204, 210, 206), rough=NEARLY_BLANK),
-        "door": textures.plain(rng, (400, 200), (186, 190, 182), rough=NEARLY_BLANK),
-        "cupboard": textures.plain(rng, (300, 300), (150, 172, 176), rough=NEARLY_BLANK),
-        "lino": textures.plain(rng, (1200, 1400), (168, 150, 132), rough=WEAK),
-        "rail": textures.plain(rng, (64, 700), (120, 112, 104), rough=0.05),
-        "steel": textures.plain(rng, (64, 200), (72, 76, 82), rough=0.06),
-        "lamp": textures.plain(rng, (120, 240), (236, 228, 206), rough=NEARLY_BLANK),
-        "pale_wood": textures.wood(rng, (128, 512), (206, 164, 112)),
-        "dark_wood": textures.wood(rng, (128, 512), (96, 62, 42)),
-        "leaf": textures.leaf(rng, (160, 64), (62, 112, 58)),
-        "leaf_light": textures.leaf(rng, (160, 64), (98, 142, 70)),
-        "soil": textures.plain(rng, (64, 64), (66, 48, 36), rough=0.3),
-        "basket": textures.cloth(rng, (120, 260), [(196, 156, 104), (150, 108, 66)], stripe=9, fade=1.6),
-        "boards": textures.planks(rng, (200, 260), (196, 152, 100), width=40, length=200),
-        "mountains": posters.mountains(rng),
-        "shapes": posters.shapes(rng),
-        "harbour": posters.harbour(rng),
-        "words": posters.words(rng),
-        "city": posters.city(rng),
+        "wall": materials.plain(rng, (700, 900), (226, 220, 208), rough=NEARLY_BLANK),
+        "side": materials.plain(rng, (700, 900), (204, 210, 206), rough=NEARLY_BLANK),
+        "door": materials.plain(rng, (400, 200), (186, 190, 182), rough=NEARLY_BLANK),
+        "cupboard": materials.plain(rng, (300, 300), (150, 172, 176), rough=NEARLY_BLANK),
+        "lino": materials.plain(rng, (1200, 1400), (168, 150, 132), rough=WEAK),
+        "rail": materials.plain(rng, (64, 700), (120, 112, 104), rough=0.05),
+        "steel": materials.plain(rng, (64, 200), (72, 76, 82), rough=0.06),
+        "lamp": materials.plain(rng, (120, 240), (236, 228, 206), rough=NEARLY_BLANK),
+        "pale_wood": materials.wood(rng, (128, 512), (206, 164, 112)),
+        "dark_wood": materials.wood(rng, (128, 512), (96, 62, 42)),
+        "leaf": materials.leaf(rng, (160, 64), (62, 112, 58)),
+        "leaf_light": materials.leaf(rng, (160, 64), (98, 142, 70)),
+        "soil": materials.plain(rng, (64, 64), (66, 48, 36), rough=0.3),
+        "basket": materials.cloth(rng, (120, 260), [(196, 156, 104), (150, 108, 66)], stripe=9, fade=1.6),
+        "boards": materials.planks(rng, (200, 260), (196, 152, 100), width=40, length=200),
+        "mountains": studio.mountains(rng),
+        "shapes": studio.shapes(rng),
+        "harbour": studio.harbour(rng),
+        "words": studio.words(rng),
+        "city": studio.city(rng),
     }
 
 
@@ -95,7 +96,7 @@ def _room(rng: np.random.Generator) -> list[Part]:
         Part("pictures", pictures),
         Part("lamp", lamp),
         Part("rods", [m.moved((0.65, 0.0, 0.0)) for m in _rods(rng, z=3.0, slant=0.15, count=7)]),
-        Part("plant", [m.moved((0.75, -0.12, 0.2)) for m in furniture.plant(rng)]),
+        Part("plant", [m.moved((0.75, -0.12, 0.2)) for m in studio.plant(rng)]),
     ]
 
 
@@ -118,7 +119,7 @@ def _attic(rng: np.random.Generator) -> list[Part]:
         Part("walls", walls),
         Part("pictures", pictures),
         Part("rods", [m.moved((-0.35, 0.1, 0.2)) for m in _rods(rng, z=2.7, slant=-0.3, count=9)]),
-        Part("plant", [m.moved((2.75, -0.25, -0.35)) for m in furniture.plant(rng)]),
+        Part("plant", [m.moved((2.75, -0.25, -0.35)) for m in studio.plant(rng)]),
     ]
 
 

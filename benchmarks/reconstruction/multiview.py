@@ -30,18 +30,14 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.backends.engine import CPU, SweepEngine
-from reconstruction.depth.backends.gpu import find_engine
 from reconstruction.depth.coarse_scene import find_coarse_scene
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
+from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
+from reconstruction.depth.engine import CPU, SweepEngine
+from reconstruction.depth.gpu import find_engine
 from reconstruction.depth.sweep_matcher import match_all_views
+from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
 from reconstruction.multiview.input_images import undistort_image
-from reconstruction.multiview.source_views import (
-    choose_reference_view,
-    choose_source_views,
-    smallest_group,
-)
-from reconstruction.scores.depth_truth import depth_shares, right_depth
+from reconstruction.scores.truth import depth_shares, right_depth
 
 Result = dict[str, Any]
 

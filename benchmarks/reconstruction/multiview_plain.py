@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View, other_from_reference
-from reconstruction.stereo.rectification import rectify
-from reconstruction.stereo.sgbm import match_rectified
+from reconstruction.stereo.matching import match_rectified
+from reconstruction.stereo.stereo_pair import rectify
 
 PLANES = 112
 WINDOW = (7, 7)

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from capture_app.simulation.rendering import still
+from capture_app.simulation.rendering import layers as still
+from capture_app.simulation.rendering.layers import View as RenderedView
 from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.rendering.scene import develop
-from capture_app.simulation.rendering.view import View as RenderedView
-from capture_app.simulation.scenes import textures
+from capture_app.simulation.scenes import materials
 from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, lathe, rod, turn
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
@@ -137,13 +137,13 @@ def _stage(temple: bool) -> tuple[Body, list[Mesh], Array]:
     """What is rendered, its meshes, and for each number of a thing whether it is the object."""
     rng = np.random.default_rng(5)
     pictures = {
-        "stone": textures.plain(rng, (500, 500), (188, 176, 156), rough=0.16),
-        "column": textures.plain(rng, (160, 220), (196, 184, 160), rough=0.12),
-        "carpet": textures.kilim(rng, (420, 760)),
-        "clay": textures.plain(rng, (300, 700), (176, 104, 76), rough=0.2),
-        "crate": textures.planks(rng, (300, 300), (186, 150, 104), width=50, length=300),
-        "table": textures.planks(rng, (900, 900), (178, 126, 80), width=60, length=420),
-        "wall": textures.bricks(rng, (700, 1400), brick=(24, 62)),
+        "stone": materials.plain(rng, (500, 500), (188, 176, 156), rough=0.16),
+        "column": materials.plain(rng, (160, 220), (196, 184, 160), rough=0.12),
+        "carpet": materials.kilim(rng, (420, 760)),
+        "clay": materials.plain(rng, (300, 700), (176, 104, 76), rough=0.2),
+        "crate": materials.planks(rng, (300, 300), (186, 150, 104), width=50, length=300),
+        "table": materials.planks(rng, (900, 900), (178, 126, 80), width=60, length=420),
+        "wall": materials.bricks(rng, (700, 1400), brick=(24, 62)),
         "black": np.full((8, 8, 3), 3, np.uint8),
     }
     things = [(OBJECT, _temple() if temple else _still_life()), (SURROUNDINGS, _surroundings(temple))]

@@ -24,11 +24,11 @@ from benchmarks.screen.screen_process import ScreenProcess, processor_s
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port
-from capture_app.node.leader.news_log import NewsLog
+from capture_app.node.leader.news import NewsLog
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
-from capture_app.node.operator.link import RigLink
-from capture_app.node.operator.requests import ask_burst, ask_status, give_order
+from capture_app.node.requests import ask_burst, ask_status, give_order
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest, StatusAnswer, StatusRequest, ToLeader
 from capture_app.node.wire.operating import StopRig
 from capture_app.node.wire.status import RigStatus

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.session.alignment.clock_line import fit_clock_line
-from capture_app.session.alignment.flash import match_flashes
-from capture_app.session.alignment.lights import read_lights
-from capture_app.session.alignment.sound import match_sounds, read_sound
+from capture_app.session.alignment.flashes import match_flashes, read_lights
+from capture_app.session.alignment.tracks import match_sounds, read_sound
 from capture_app.session.format.common_times import CameraTimes
 from tests.session.alignment.cut_apart import Phone, Take
 

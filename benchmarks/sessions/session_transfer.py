@@ -21,11 +21,11 @@ from capture_app.cameras.base import CapturedFrame
 from capture_app.net.address import Address
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.camera_share import DiskThreads
+from capture_app.node.camera.burst_upload import BurstUpload
+from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.uploader import Uploader
 from capture_app.node.leader.service import LeaderService
-from capture_app.node.transfer.burst_upload import BurstUpload
-from capture_app.node.transfer.spool import Spool
-from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace, ToLeader
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.report import new_parser, print_rows, talk
 from benchmarks.time_offsets.scene_light import scene_light
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.light_offsets import LightOffset, measure_light_offsets
+from reconstruction.time_offsets.lamp import LightOffset, measure_light_offsets
 from tests.reconstruction.time_offsets.blinking import BlinkCamera, Lamp, blink_times, write_blinks
 
 FIRST_ROWS_NS, SECOND_ROWS_NS = 33_000, 58_000

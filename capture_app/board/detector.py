@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
-from capture_app.board.checkerboard import Checkerboard
+from capture_app.board.boards import MIN_CORNERS, CharucoBoard, Checkerboard
 
 Board = CharucoBoard | Checkerboard
 Corners = dict[int, NDArray[Any]]

@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from capture_app.board.charuco import DEFAULT_BOARD, CharucoBoard
-from capture_app.board.checkerboard import PLAIN, Checkerboard
+from capture_app.board.boards import DEFAULT_BOARD, PLAIN, CharucoBoard, Checkerboard
 
 _SIDE = click.FloatRange(min=0, min_open=True, max=10_000)
 

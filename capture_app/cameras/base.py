@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
-from capture_app.camera_controls import Control, ControlState
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import CameraFacts, Control, ControlState
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration

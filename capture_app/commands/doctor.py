@@ -36,7 +36,7 @@ def doctor(leaders: tuple[Address, ...], spool: Path, as_json: bool) -> None:
     firewalls, WiFi, the clock, disks, USB and permissions, and changes nothing. A problem ends it with
     exit code 1.
     """
-    from capture_app.doctor.checkup import examine
+    from capture_app.doctor import examine
     from capture_app.rig_process import list_rigs
 
     rigs = [(rig.address, Path(rig.sessions)) for rig in list_rigs()]

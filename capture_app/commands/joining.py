@@ -1,4 +1,7 @@
-"""How others become known to a leader: by --pin and --code, by asking at the terminal, phones by a page."""
+"""How others become known to a leader: by --pin and --code, by asking at the terminal, phones by a page.
+
+Which leader a node joins that was told none: one of this machine or its network.
+"""
 
 import asyncio
 import contextlib
@@ -8,8 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from capture_app.commands.options import run_until_stopped
 from capture_app.errors import BadInputError, NetworkError, SimulshotError, UnknownMachineError
-from capture_app.net.address import Address
+from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.net.reach import find_obstacle
 from capture_app.terminal import log_line, print_json_line, talk
 from capture_app.trust.identity import parse_pin
@@ -18,6 +22,7 @@ from capture_app.trust.pairing import parse_code, show_code
 from capture_app.trust.trust import Trust
 
 if TYPE_CHECKING:
+    from capture_app.net.discovery import ReachableLeader
     from capture_app.node.wire.operating import PhoneInvited
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -105,7 +110,7 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
     """Make this machine known to a leader by a code, say so, and return what it may do there."""
-    from capture_app.node.pairing.introduction import pair
+    from capture_app.node.pairing import pair
 
     roles = asyncio.run(pair(leader, code, Trust.of_user()))
     log_line(f"this machine is known to the leader at {leader} from now on, as {' and '.join(roles)}")
@@ -183,7 +188,7 @@ def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
 
 
 async def _is_known(leader: Address, trust: Trust) -> bool:
-    from capture_app.node.pairing.introduction import is_known, knock
+    from capture_app.node.pairing import is_known, knock
 
     if await is_known(leader, trust):
         return True
@@ -193,3 +198,36 @@ async def _is_known(leader: Address, trust: Trust) -> bool:
     except UnknownMachineError:
         return False
     return await is_known(leader, trust)
+
+
+def find_leader() -> Address:
+    """Wait until a leader of this machine or its network answers; ask at the terminal which of several.
+
+    Raises NetworkError where there are several and nobody to ask.
+    """
+    from capture_app.net.discovery import search_leaders
+    from capture_app.rig_process import list_rigs
+
+    def own() -> tuple[Address, ...]:
+        return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
+
+    leader = choose_leader(run_until_stopped(search_leaders(own, log_line)), can_ask=sys.stdin.isatty())
+    log_line(f"found a leader at {leader.address} ({leader.name})")
+    return leader.address
+
+
+def choose_leader(found: "Sequence[ReachableLeader]", *, can_ask: bool) -> "ReachableLeader":
+    """Return the leader that was found; of several the one that the user names.
+
+    Raises NetworkError where there are several and nobody to ask.
+    """
+    if len(found) == 1:
+        return found[0]
+    if not can_ask:
+        names = ", ".join(f"{one.address} ({one.name})" for one in found)
+        raise NetworkError(f"several leaders are in this network: {names}", hint="choose one by --leader")
+    for number, one in enumerate(found, 1):
+        talk(f"{number}  {one.address}  {one.name}{'' if one.is_known else '  (not paired)'}")
+    which = click.IntRange(1, len(found))
+    chosen: int = click.prompt("Several leaders are here. Which", type=which, default=1, err=True)
+    return found[chosen - 1]

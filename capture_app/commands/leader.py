@@ -33,7 +33,7 @@ from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.leader.wording import News
+    from capture_app.node.leader.news import News
 
 APP_NOTE = (
     "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose hotspot is"
@@ -125,12 +125,12 @@ def leader(
 
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
+    from capture_app.interop.app_phones import AppPhones
+    from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
+    from capture_app.interop.guests import Guests
     from capture_app.net.multicast import BEACONS, BeaconSender
-    from capture_app.node.foreign.app_phones import AppPhones
-    from capture_app.node.foreign.guests import Guests
     from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.leader.wording import news_line
-    from capture_app.sync.foreign.app_messages import GOAL_PHASE_NS, PERIOD_NS
+    from capture_app.node.leader.news import news_line
 
     def on_news(news: "News") -> None:
         if line := news_line(news):
@@ -169,9 +169,9 @@ async def _run_leader(
     log: Path | None,
     as_json: bool,
 ) -> None:
-    from capture_app.doctor.network import warnings_for_leader
-    from capture_app.net.discovery.announcement import announced, announced_hosts
-    from capture_app.node.operator.requests import ask_phone_invitation
+    from capture_app.doctor import warnings_for_leader
+    from capture_app.net.discovery import announced, announced_hosts
+    from capture_app.node.requests import ask_phone_invitation
     from capture_app.rig_process import recorded_rig
 
     with contextlib.ExitStack() as record:

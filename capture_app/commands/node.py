@@ -11,8 +11,7 @@ import click
 from click.core import ParameterSource
 
 from capture_app.clock import NodeClock, parse_clock
-from capture_app.commands.joining import make_known, pairing_options
-from capture_app.commands.leader_search import find_leader
+from capture_app.commands.joining import find_leader, make_known, pairing_options
 from capture_app.commands.options import (
     clock_option,
     leaders_option,
@@ -124,7 +123,7 @@ def node(
 
 def _named(name: str, specs: Sequence[str]) -> dict[str, str]:
     """The spec of each camera by its name. Raises BadInputError where it cannot be read or is there twice."""
-    from capture_app.cameras.catalog import parse_spec
+    from capture_app.cameras.specs import parse_spec
 
     labels = [parse_spec(spec).label for spec in specs]
     if len(specs) == 1:
@@ -187,7 +186,7 @@ def camera_node(
     ring_mb: float,
 ) -> "CameraNode":
     """Make the node of one camera, which talks on stderr; the camera is opened when it runs."""
-    from capture_app.cameras.catalog import open_camera
+    from capture_app.cameras.specs import open_camera
     from capture_app.node.camera.camera_node import CameraNode
     from capture_app.node.camera.device_profiles import DeviceProfiles
 

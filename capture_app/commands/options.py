@@ -19,7 +19,7 @@ from capture_app.net.address import DEFAULT_PORT, Address, parse_address
 from capture_app.trust.trust import OPEN_VARIABLE
 
 if TYPE_CHECKING:
-    from capture_app.node.foreign.rpicam_sync import RpicamSync
+    from capture_app.interop.rpicam import RpicamSync
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -188,7 +188,7 @@ def rpicam_options(command: F) -> F:
 
 def rpicam_sync(hosts: tuple[str, ...], shutter_us: float) -> "RpicamSync | None":
     """Make what the options ask for. Raises BadInputError for a host that has no IPv4 address."""
-    from capture_app.node.foreign.rpicam_sync import RpicamSync
+    from capture_app.interop.rpicam import RpicamSync
 
     try:
         found = [socket.gethostbyname(host) for host in hosts if host != "all"]

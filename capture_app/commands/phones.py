@@ -10,8 +10,7 @@ from typing import Any
 
 import click
 
-from capture_app.commands.joining import inviting_phones, make_known, pairing_options
-from capture_app.commands.leader_search import find_leader
+from capture_app.commands.joining import find_leader, inviting_phones, make_known, pairing_options
 from capture_app.commands.options import leaders_option, open_option, run_until_stopped, spool_option
 from capture_app.errors import NetworkError
 from capture_app.net.address import ANY_HOST, Address, reachable_host
@@ -106,9 +105,9 @@ async def _run(
 
     from capture_app.node.wire.operating import PhoneInvited
     from capture_app.phones.admission import Admission
+    from capture_app.phones.camera import PhoneNodes
     from capture_app.phones.certificate import load_certificate, own_certificate
     from capture_app.phones.gateway import PhoneGateway
-    from capture_app.phones.phone_nodes import PhoneNodes
 
     listening = _listen(host, port)
     shown = reachable_host(host, listening.family) if host in ANY_HOST else host

@@ -75,7 +75,7 @@ def relay(
 
 
 async def _run_relay(node: "RelayNode", host: str, parents: tuple[Address, ...], as_json: bool) -> None:
-    from capture_app.net.discovery.announcement import announced
+    from capture_app.net.discovery import announced
 
     async with node, announced(host, node.address.port, "relay", name=node.name):
         talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")

@@ -72,7 +72,7 @@ def stop(leader: Address, as_json: bool) -> None:
 
     Bursts under way are saved with what has come.
     """
-    from capture_app.node.operator.requests import give_order
+    from capture_app.node.requests import give_order
     from capture_app.node.wire.operating import StopRig
 
     asyncio.run(give_order(leader, StopRig()))

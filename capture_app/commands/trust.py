@@ -95,7 +95,7 @@ def remove(machine: str, as_json: bool) -> None:
 @json_option
 def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
     """Show a code by which one machine becomes known to a running leader."""
-    from capture_app.node.operator.requests import ask_invitation, ask_status
+    from capture_app.node.requests import ask_invitation, ask_status
 
     role = Role(role)
     if role is Role.LEADER:

@@ -7,23 +7,219 @@ header    one message, tagged JSON
 payload   an image and what belongs to it
 
 All of it is in TLS, but where a port is open to anybody.
+
+The first moments of a stream: each end proves its key by TLS, before either says a word.
+
+How many streams a port keeps open, and how long each may take: strangers must not use it up.
 """
 
 import asyncio
+import asyncio.sslproto
 import contextlib
+import resource
 import socket
+import ssl
 import struct
 from collections.abc import AsyncIterator
-from typing import Any, Generic, Self, TypeVar
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, Self, TypeVar, cast
 
 import msgspec
 
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import Address
-from capture_app.net.identification import identify_peer, open_identified
-from capture_app.net.stream_limits import Patience
 from capture_app.text import UNREADABLE, printable_json
+from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
+
+GREETING = b"SSH1"
+# Each stream of TLS has a buffer of that size from its first moment on: with asyncio's own 256 KiB strangers
+# could use the memory up.
+asyncio.sslproto.SSLProtocol.max_size = 1 << 15
+
+
+async def identify_peer(writer: asyncio.StreamWriter, trust: Trust, timeout_s: float) -> Peer:
+    """Speak TLS on a stream that has come, see who it is, and greet it. Raises OSError where it does not.
+
+    To be called before anything of the stream is read.
+    """
+    context = trust.server_context()
+    if context is not None:
+        plain: Any = writer.transport
+        try:
+            await writer.start_tls(context, ssl_handshake_timeout=timeout_s)
+        except AttributeError as error:
+            # Asyncio's own, where the peer went away in that very moment: it leaves no transport to close.
+            cast(Any, writer)._transport = plain
+            raise ConnectionResetError("the peer went away") from error
+        writer.write(GREETING)
+    return trust.peer(_certificate(writer))
+
+
+async def open_identified(
+    address: Address, trust: Trust, *, as_stranger: bool
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter, Peer]:
+    """Open a stream to a leader that is known here; any leader will do for a stranger.
+
+    Raises OSError, UnknownMachineError where one does not know the other.
+    """
+    context = trust.client_context(as_stranger=as_stranger)
+    try:
+        reader, writer = await asyncio.open_connection(*address, ssl=context)
+    except (ssl.SSLError, ConnectionResetError, ConnectionAbortedError) as error:
+        if context is None:
+            raise
+        raise UnknownMachineError(
+            f"the leader at {address} does not show who it is",
+            hint="if it runs with --open, give --open here, too",
+        ) from error
+    try:
+        who = trust.peer(_certificate(writer))
+        if not as_stranger and not who.may(Role.LEADER):
+            raise UnknownMachineError(
+                f"this machine does not know the leader at {address}", hint=_how_to_pair(address)
+            )
+        if context is not None:
+            await _be_greeted(reader, address, trust)
+    except BaseException:
+        writer.transport.abort()
+        raise
+    return reader, writer, who
+
+
+async def _be_greeted(reader: asyncio.StreamReader, address: Address, trust: Trust) -> None:
+    """Wait until the leader has seen who speaks: to one that it does not know it says nothing at all."""
+    try:
+        greeting = await reader.readexactly(len(GREETING))
+    except (OSError, asyncio.IncompleteReadError) as error:
+        raise UnknownMachineError(
+            f"the leader at {address} does not know this machine",
+            hint=f"{_how_to_pair(address)}; or there: capture-app trust add {trust.identity.pin}",
+        ) from error
+    if greeting != GREETING:
+        raise NetworkError(f"{address} is no leader's port", hint="check host and port")
+
+
+def _how_to_pair(leader: Address) -> str:
+    return (
+        f"pair them once: capture-app trust pair {leader} --code CODE, with the code that"
+        " capture-app trust invite shows on the leader's machine"
+    )
+
+
+def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
+    """What the peer has shown, with the proof of its key: in DER."""
+    tls: ssl.SSLObject | None = writer.get_extra_info("ssl_object")
+    return None if tls is None else tls.getpeercert(binary_form=True)
+
+
+MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
+"""A node has two open at most; those below a relay have the address of the relay."""
+MOST_SILENT = 96
+"""So many may have said nothing yet: TLS takes memory from a stream's first moment on."""
+WANTED_FILES = 8192
+FILES_OF_A_STREAM, OTHER_FILES = 2, 64
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long to wait for a peer, in s."""
+
+    first_s: float = 10.0
+    """Until it has sent its first message."""
+    idle_s: float | None = 120.0
+    """Between two messages; None for ever."""
+    message_s: float = 30.0
+    """For the rest of a message, for the next piece of a payload, and until an answer is taken."""
+    header_bytes: int = 1 << 16
+    """The longest header of a peer that is not known yet."""
+
+
+class Stream(Protocol):
+    """What is known of a stream here."""
+
+    @property
+    def host(self) -> str:
+        """Where it comes from."""
+
+    @property
+    def has_spoken(self) -> bool:
+        """Whether it has sent a message."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether its peer is a node that has joined."""
+
+    def abort(self) -> None:
+        """Break it off."""
+
+
+class OpenStreams:
+    """The streams of one port. For a new one room is made by one that has said nothing, or else is not known.
+
+    Of several the oldest; those of nodes that have joined stay.
+    """
+
+    def __init__(self, most: int = MOST_STREAMS, most_of_one_address: int = MOST_OF_ONE_ADDRESS) -> None:
+        self._most, self._most_of_one_address = most, most_of_one_address
+        self._streams: dict[str, list[Stream]] = {}
+        self.refused = 0
+        """How many were broken off, of those that are there or that come, for lack of room."""
+
+    def __len__(self) -> int:
+        return sum(map(len, self._streams.values()))
+
+    def admit(self, stream: Stream) -> bool:
+        """Whether a new stream may stay; another one may be broken off for it."""
+        own = self._streams.get(stream.host, [])
+        silent = [[one for one in streams if not one.has_spoken] for streams in self._streams.values()]
+        if sum(map(len, silent)) >= MOST_SILENT:
+            admitted = self._make_room(max(silent, key=len))
+        elif len(own) >= self._most_of_one_address:
+            admitted = self._make_room(own)
+        elif len(self) >= self._most:
+            # Whoever has the most is the likeliest to have too many.
+            admitted = any(map(self._make_room, sorted(self._streams.values(), key=len, reverse=True)))
+        else:
+            admitted = True
+        if admitted:
+            self._streams.setdefault(stream.host, []).append(stream)
+        else:
+            self.refused += 1
+        return admitted
+
+    def remove(self, stream: Stream) -> None:
+        """Forget a stream that has ended, or was never admitted."""
+        own = self._streams.get(stream.host, [])
+        with suppress(ValueError):
+            own.remove(stream)
+        if not own:
+            self._streams.pop(stream.host, None)
+
+    def _make_room(self, streams: list[Stream]) -> bool:
+        strangers = [stream for stream in streams if not stream.is_known]
+        stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
+        if stream is None:
+            return False
+        self.refused += 1
+        stream.abort()
+        self.remove(stream)
+        return True
+
+
+def allowed_streams() -> int:
+    """Return how many streams this process has files for, after it has asked for as many as it may have."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != resource.RLIM_INFINITY:
+        wanted = WANTED_FILES if hard == resource.RLIM_INFINITY else min(WANTED_FILES, hard)
+        if wanted > soft:
+            with suppress(OSError, ValueError):
+                resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+                soft = wanted
+        return max(1, min(MOST_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
+    return MOST_STREAMS
+
 
 MAGIC = b"SSH1"
 MAX_HEADER_BYTES = 1 << 20

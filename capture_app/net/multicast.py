@@ -1,6 +1,8 @@
 """Beacons over IPv4 multicast: sent on every interface that clients are reached by, heard on the leader's.
 
 Failures here are not reported: without beacons clients estimate the time from their own exchanges alone.
+
+The beacons of a leader or a relay, sent where its nodes are.
 """
 
 import contextlib
@@ -10,7 +12,8 @@ from collections.abc import Callable, Iterable
 from capture_app.clock import NodeClock
 from capture_app.net.interfaces import source_address
 from capture_app.net.udp import Pump
-from capture_app.sync.wire.beacon import Group
+from capture_app.sync.rig.leader import Leader
+from capture_app.sync.wire.messages import Group, NodeState
 
 BEACONS = Group("239.255.47.10", 47011)
 """The same for all rigs: a beacon says which leader sent it."""
@@ -120,3 +123,21 @@ def open_group_socket(group: Group, leader_host: str) -> socket.socket | None:
         sock.close()
         return None
     return sock
+
+
+def send_due_beacon(
+    sender: BeaconSender | None,
+    engine: Leader,
+    now_ns: int,
+    seal: Callable[[bytes], bytes] | None = None,
+) -> None:
+    """Send the beacon that is due, if any, to where an engine's own nodes are, at `now_ns` of its time.
+
+    `seal` returns the datagram of a message to all; None in a rig without seals.
+    """
+    beacon = engine.beacon_to_send()
+    if beacon is None or sender is None:
+        return
+    own = [view for view in engine.clients(now_ns) if view.via is None]
+    sender.set_destinations(view.address[0] for view in own if view.report.state is not NodeState.LOST)
+    sender.send(beacon if seal is None else seal(beacon))

@@ -17,9 +17,9 @@ from pathlib import Path
 
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address, resolve
-from capture_app.net.identification import open_identified
+from capture_app.net.channel import open_identified
 from capture_app.net.udp import MAX_BYTES, client_socket
-from capture_app.sync.wire.version import (
+from capture_app.sync.wire.codec import (
     TOKEN_BYTES,
     VERSION,
     answered_version,

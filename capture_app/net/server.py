@@ -10,10 +10,11 @@ import msgspec
 
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.net.channel import CHUNK_BYTES, Channel
-from capture_app.net.stream_limits import (
+from capture_app.net.channel import (
+    CHUNK_BYTES,
     MOST_OF_ONE_ADDRESS,
     MOST_STREAMS,
+    Channel,
     OpenStreams,
     Patience,
     allowed_streams,

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from capture_app.errors import BadInputError, NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import Address
 from capture_app.net.channel import connect
-from capture_app.node.pairing.introduction import knock
+from capture_app.node.pairing import knock
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.wire.speaker import Speaker
+from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.known_machines import Role
-from capture_app.trust.refusals import DatagramsRefused
 from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
+from capture_app.trust.sealing import DatagramsRefused
 from capture_app.trust.trust import Peer, Trust
 
 LOOK_EVERY_NS = 1_000_000_000

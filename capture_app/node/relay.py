@@ -6,24 +6,22 @@ import secrets
 from collections.abc import Callable
 from typing import Any, Self
 
-from capture_app.clock import HostClock, NodeClock
+from capture_app.clock import HostClock, HostRate, NodeClock
 from capture_app.errors import BadInputError, DiskError, NetworkError, TryAgainError, UnknownMachineError
-from capture_app.host_rate import HostRate
+from capture_app.interop.rpicam import RpicamSync, SharedGrid
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
 from capture_app.net.channel import Channel, connect
 from capture_app.net.interfaces import own_hosts
-from capture_app.net.multicast import BeaconSender
+from capture_app.net.multicast import BeaconSender, send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import refusal_of
-from capture_app.node.foreign.rpicam_sync import RpicamSync, SharedGrid
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyDesk, KeyRequester
-from capture_app.node.leader.advice import rig_advice
-from capture_app.node.leader.beacons import send_due_beacon
+from capture_app.node.leader.news import follower_line, news_line
+from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses
-from capture_app.node.leader.wording import follower_line, news_line
-from capture_app.node.pairing.desk import PairingDesk, check_allowed, is_node, peer_of, speaks_for
+from capture_app.node.pairing import PairingDesk, check_allowed, is_node, peer_of, speaks_for
 from capture_app.node.wire import pairing
 from capture_app.node.wire.messages import (
     FromLeader,

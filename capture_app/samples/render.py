@@ -9,9 +9,8 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
-from capture_app.samples.engine_take import take_synchronized
-from capture_app.samples.naive_take import take_naive
 from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take, Trigger
+from capture_app.samples.takes import take_naive, take_synchronized
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
@@ -19,10 +18,10 @@ from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.simulation.camera.pictures import SimulatedPicture, SimulatedTruth, stable_seed
-from capture_app.simulation.devices.profiles import find_profile
-from capture_app.simulation.devices.sensor import SensorFrame
+from capture_app.simulation.camera import SimulatedPicture, SimulatedTruth, stable_seed
+from capture_app.simulation.profiles import find_profile
 from capture_app.simulation.rendering.picture_source import PictureSource, open_picture_source
+from capture_app.simulation.sensor import SensorFrame
 
 Progress = Callable[[int, int], None]
 """Called after each image with the number of images done and of all."""

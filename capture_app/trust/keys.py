@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from msgspec import Struct
 
-from capture_app.sync.wire.speaker import Speaker
+from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, Side, key_of, unknown_key_of
 
 Address = tuple[str, int]

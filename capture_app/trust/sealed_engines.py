@@ -9,13 +9,18 @@ from typing import Protocol
 
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.tree.relay import Relay
-from capture_app.sync.wire.codec import WireError, decode, encode
+from capture_app.sync.wire.codec import (
+    WireError,
+    decode,
+    encode,
+    is_version_answer,
+    is_version_question,
+    version_answer,
+)
 from capture_app.sync.wire.messages import Hello, JoinRefusal
-from capture_app.sync.wire.speaker import Speaker
-from capture_app.sync.wire.version import is_version_answer, is_version_question, version_answer
+from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import Address, ClientKeys, LeaderKeys
-from capture_app.trust.refusals import Refusals
-from capture_app.trust.sealing import Refused, SealError, unknown_key, unknown_key_of
+from capture_app.trust.sealing import Refusals, Refused, SealError, unknown_key, unknown_key_of
 
 Sealed = Iterator[tuple[bytes, Address]]
 NOT_PAIRED = "this rig takes paired nodes only: start this one without --open"

@@ -1,11 +1,16 @@
-"""The app: four modes on a rig, what holds in all of them, and the one worker that hears of the rig."""
+"""The app: four modes on a rig, what holds in all of them, and the one worker that hears of the rig.
+
+What is asked before the screen closes: whether the rig goes on, and whether running jobs may end.
+
+Opens the screen on a rig, and returns when it is closed.
+"""
 
 import asyncio
 import contextlib
 import os
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -17,39 +22,77 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
-from capture_app.node.operator.updates import LinkLost
-from capture_app.node.wire.status import RigStatus
-from capture_app.node.wire.views import NewsLine
-from capture_app.text import printable
-from capture_app.tui.header import MODES
+from capture_app.node.rig_link import LinkLost, RigLink, RigSource
+from capture_app.node.wire.status import NewsLine, RigStatus
+from capture_app.rig_process import AttachedRig
+from capture_app.sync.wire.messages import NodeState
+from capture_app.text import count, printable
 from capture_app.tui.jobs.job import Job, JobState
 from capture_app.tui.jobs.job_list import JobList
 from capture_app.tui.jobs.jobs_view import JobsView
-from capture_app.tui.keys.actions import keys_file_text, unknown_names
-from capture_app.tui.keys.help_screen import HelpScreen
-from capture_app.tui.library.catalogue import find_samples
+from capture_app.tui.keys import HelpScreen, keys_file_text, unknown_names
+from capture_app.tui.library.session_rows import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
-from capture_app.tui.messages import (
+from capture_app.tui.mode import ModeScreen
+from capture_app.tui.question import Answer, Question
+from capture_app.tui.rig.view import RigView
+from capture_app.tui.rig_record import (
     LinkChanged,
     Mishap,
     ModeRequested,
     NewsReceived,
     RigMessage,
+    RigRecord,
     SessionsRequested,
     ShowSessions,
     StatusChanged,
     message_of,
 )
-from capture_app.tui.mode import ModeScreen
-from capture_app.tui.pictures.sharp import SharpTerminal
-from capture_app.tui.question import Question
-from capture_app.tui.quitting import LEAVE, STOP, quit_question
-from capture_app.tui.record import RigRecord
-from capture_app.tui.rig.view import RigView
-from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import KEYS_FILE, Settings
 from capture_app.tui.shoot.view import ShootView
 from capture_app.tui.themes import DARK, PLAIN, THEMES
+from capture_app.tui.widgets.header import MODES
+from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
+
+LEAVE, STOP, STAY = "leave", "stop", "stay"
+NAMED_JOBS = 2
+"""So many are named; of the others the number is told."""
+
+
+def quit_question(
+    status: RigStatus | None, *, started: bool, local: bool, jobs: Sequence[str]
+) -> Question | None:
+    """What to ask; None where nothing would be lost and no rig of this machine's is left behind.
+
+    `started`: the rig was started for this screen; `jobs`: those that run or wait, and how far they are.
+    """
+    own = [] if status is None else [n for n in status.nodes if n.on_leader and n.state is not NodeState.LOST]
+    asks_for_rig = local and status is not None and bool(own or (started and status.nodes))
+    lines: list[str] = []
+    if asks_for_rig and status is not None:
+        own_cameras = f" with {count(len(own), 'camera')}" if own else ""
+        lines.append(
+            f"The rig at {status.leader}{own_cameras} can go on without the screen; "
+            "capture-app finds it when it is started again."
+        )
+        if status.burst is not None and not status.burst.done:
+            lines.append(f"{status.burst.name} is being saved: stopped now, it keeps what has come.")
+    if jobs:
+        ends = "ends" if len(jobs) == 1 else "end"
+        named = ", ".join(jobs[:NAMED_JOBS])
+        more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
+        lines.append(f"{named}{more} {ends} with the screen, without a result.")
+    if not lines:
+        return None
+    ending = f", end the {'job' if len(jobs) == 1 else 'jobs'}" if jobs else ""
+    stay = Answer(STAY, "n", "Stay here")
+    if not asks_for_rig:
+        return Question("\n\n".join(lines), [stay, Answer(LEAVE, "y", "Quit" + ending)], title="Quit?")
+    answers = [Answer(LEAVE, "l", f"Leave the rig running{ending}"), Answer(STOP, "s", "Stop the rig")]
+    # The first has the focus: Enter ends no work.
+    answers = [stay, *answers] if jobs else [*answers, stay]
+    return Question("\n\n".join(lines), answers, title="Quit?")
+
 
 STOP_TIMEOUT_S = 10.0
 
@@ -288,3 +331,19 @@ class SimulshotApp(App[None]):
             self._settings.save()
         except OSError as error:
             self.call_from_thread(self.show_mishap, f"choices are not remembered: {error}", "warning")
+
+
+def run_screen(rig: AttachedRig, *, frames: int | None = None) -> None:
+    """Show a rig until the user leaves; `frames` of a burst are remembered where they are given."""
+    settings = Settings.load()
+    if frames is not None:
+        settings.remember("shoot.frames", frames)
+    link = RigLink(rig.leader)
+    SimulshotApp(
+        link,
+        settings=settings,
+        sessions=rig.sessions,
+        local=rig.is_local,
+        started=rig.started,
+        sharp_terminal=find_sharp_terminal(settings.recall("pictures", "local")),
+    ).run()

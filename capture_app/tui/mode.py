@@ -8,9 +8,9 @@ from textual.containers import Vertical
 from textual.screen import Screen
 from textual.widget import Widget
 
-from capture_app.tui.footer import KeyFooter
-from capture_app.tui.header import Header
-from capture_app.tui.messages import LinkChanged, NewsReceived, PreviewReceived, StatusChanged
+from capture_app.tui.rig_record import LinkChanged, NewsReceived, PreviewReceived, StatusChanged
+from capture_app.tui.widgets.footer import KeyFooter
+from capture_app.tui.widgets.header import Header
 
 
 class ModeView(Vertical, can_focus=True):

@@ -14,11 +14,10 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from capture_app.board.charuco import DEFAULT_BOARD
+from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage, CoverageCount, coverage_table
 from capture_app.board.detector import BoardDetector, Corners
-from capture_app.board.page import to_svg
-from capture_app.board.printed_page import PrintedPage
+from capture_app.board.printing import PrintedPage, to_svg
 from capture_app.simulation.rendering.scene import load
 
 OUT = Path(__file__).parent

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from capture_app.node.operator.link import RigLink
-from capture_app.node.operator.requests import ask_status
+from capture_app.node.requests import ask_status
+from capture_app.node.rig_link import RigLink
 from capture_app.rig_process import start_rig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.terminal import talk

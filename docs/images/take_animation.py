@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from screen_drawing import draw_screen
 
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.operator.link import RigLink
+from capture_app.node.rig_link import RigLink
 from capture_app.sync.wire.messages import NodeState
 from capture_app.terminal import talk
 from capture_app.tui.app import SimulshotApp

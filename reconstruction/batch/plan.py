@@ -14,11 +14,10 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.text import pretty_json
 from reconstruction.batch.rows import Row
 from reconstruction.batch.units import RESULT, Unit
-from reconstruction.calibration.adoption import adopt_kept_calibration
+from reconstruction.calibration.kept import adopt_kept_calibration
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.multiview.command import multiview
 from reconstruction.multiview.instant_model import RESULT as MULTIVIEW_RESULT
-from reconstruction.multiview.instant_model import MultiviewOptions
+from reconstruction.multiview.instant_model import MultiviewOptions, multiview
 from reconstruction.multiview.matcher import Matcher
 from reconstruction.session.conditions import SYNCED, Condition
 from reconstruction.session.dataset import Dataset

@@ -1,23 +1,80 @@
 """The summary of a batch: CSV for spreadsheets, JSON for programs, HTML for people.
 
 Holds no times of day and no durations: the same units give the same bytes.
+
+The depth pictures of a batch as a page shows them: small, each leading to the whole one.
 """
 
 import csv
 from collections.abc import Sequence
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 
 import msgspec
 
+from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.text import count, pretty_json
 from reconstruction.batch.rows import BatchResult, Group, Row
-from reconstruction.batch.thumbnails import depth_sheets
 from reconstruction.batch.units import RESULT
 from reconstruction.report import tables as report
 from reconstruction.report import wording
-from reconstruction.report.page import Section, render_page
+from reconstruction.report.page import EmbeddedImage, Section, embed_image, render_page
+from reconstruction.session.conditions import evenly_spread
+
+THUMBNAIL_PX = 160
+MAX_COLUMNS = 12
+"""Instants that a sheet shows, spread evenly: more do not fit a page."""
+MAX_SHEETS = 20
+"""Sessions whose pictures a page shows; the tables list them all."""
+
+
+@dataclass(frozen=True)
+class Thumbnail:
+    """A small picture, and where the whole one lies beside the page."""
+
+    image: EmbeddedImage
+    path: str
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A session's pictures: a row for each condition, a column for each instant; None = none there."""
+
+    session: str
+    instants: Sequence[int]
+    rows: Sequence[tuple[str, Sequence[Thumbnail | None]]]
+
+
+def depth_sheets(root: Path, rows: Sequence[Row]) -> list[Sheet]:
+    """One for each session that has a picture, up to `MAX_SHEETS`."""
+    pictured = [row for row in rows if row.picture]
+    sessions = list(dict.fromkeys(row.session for row in pictured))[:MAX_SHEETS]
+    return [_sheet(root, name, [row for row in pictured if row.session == name]) for name in sessions]
+
+
+def _sheet(root: Path, session: str, rows: Sequence[Row]) -> Sheet:
+    instants = sorted({row.instant for row in rows if row.instant is not None})
+    instants = evenly_spread(instants, MAX_COLUMNS)
+    found = {(row.condition, row.instant): row.picture for row in rows}
+    conditions = dict.fromkeys(row.condition for row in rows)
+    return Sheet(
+        session,
+        instants,
+        [(one, [_thumbnail(root, found.get((one, now), "")) for now in instants]) for one in conditions],
+    )
+
+
+def _thumbnail(root: Path, path: str) -> Thumbnail | None:
+    """None also where the picture was deleted or spoilt since: the figures stand without it."""
+    if not path:
+        return None
+    try:
+        return Thumbnail(embed_image(root / path, most_px=THUMBNAIL_PX), path)
+    except BadInputError:
+        return None
+
 
 CSV, JSON, HTML = "summary.csv", "summary.json", "summary.html"
 NAMES = (CSV, JSON, HTML)

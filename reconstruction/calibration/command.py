@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.board.charuco import DEFAULT_BOARD
+from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage
 from capture_app.board.detector import Board
 from capture_app.errors import BadInputError
@@ -14,7 +14,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.terminal import talk
 from capture_app.text import count, pretty_json
-from reconstruction.calibration.boards.rig_from_boards import count_coverage, detect_board
+from reconstruction.calibration.boards import count_coverage, detect_board
 from reconstruction.calibration.consistency import RigCheck
 from reconstruction.calibration.kept import CalibrationShelf
 from reconstruction.calibration.quality import (
@@ -32,13 +32,15 @@ from reconstruction.calibration.sources import (
     from_still_points,
     open_recordings,
 )
-from reconstruction.calibration.world.ground import in_world, world_of_board, world_of_marks
-from reconstruction.calibration.world.scale import (
+from reconstruction.calibration.world import (
     KnownDistance,
     Marks,
+    in_world,
     metres_per_unit,
     metres_per_unit_by_board,
     scaled,
+    world_of_board,
+    world_of_marks,
 )
 from reconstruction.session.dataset import Dataset
 

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
-from reconstruction.pairs.features import MIN_MATCHES, Features, match_features, size_above_features
+from reconstruction.pairs import MIN_MATCHES, Features, match_features, size_above_features
 
 NEIGHBOURS = 4
 """Each camera is held against this many nearest others that look the same way."""

@@ -10,7 +10,7 @@ from msgspec import Struct
 from capture_app.errors import BadInputError
 from reconstruction.calibration.consistency import reprojection_errors
 from reconstruction.common.geometry import Array, View, angles_deg, other_from_reference
-from reconstruction.pairs.features import CELLS, MIN_MATCHES, grid_cells
+from reconstruction.pairs import CELLS, MIN_MATCHES, grid_cells
 
 SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""

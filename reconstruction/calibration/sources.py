@@ -6,7 +6,7 @@ from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 
-from capture_app.board.checkerboard import Checkerboard
+from capture_app.board.boards import Checkerboard
 from capture_app.board.coverage import BoardCoverage
 from capture_app.board.detector import Board, BoardDetector
 from capture_app.errors import BadInputError
@@ -14,11 +14,11 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
 from capture_app.terminal import talk
-from reconstruction.calibration.boards.lenses import lenses_of_recordings
-from reconstruction.calibration.boards.rig_from_boards import (
+from reconstruction.calibration.boards import (
     calibrate_from_board,
     count_coverage,
     detect_board,
+    lenses_of_recordings,
     shared_corners,
 )
 from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
@@ -27,9 +27,9 @@ from reconstruction.calibration.quality import SharedPoints
 from reconstruction.calibration.rig import Rig, calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg
-from reconstruction.pairs.features import match_features
+from reconstruction.pairs import match_features
+from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.frame_offset import evenly_spread
 
 TRIED_IMAGES = 4
 """Of each camera, where the board is looked for with its columns and rows exchanged."""

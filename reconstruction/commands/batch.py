@@ -106,7 +106,7 @@ def batch(
 
     chosen: Executor
     if executor == "slurm":
-        from reconstruction.batch.slurm import SlurmExecutor
+        from reconstruction.batch.executors import SlurmExecutor
 
         chosen = SlurmExecutor(jobs, settings)
     elif settings:

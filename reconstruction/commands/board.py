@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.board.charuco import CharucoBoard
-from capture_app.board.checkerboard import Checkerboard
+from capture_app.board.boards import CharucoBoard, Checkerboard
 from capture_app.board.options import board_options
 from capture_app.errors import SimulshotError
 from capture_app.terminal import json_option, print_json, print_line
@@ -28,8 +27,7 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     By default it is the board that `reconstruct calibrate` and `capture-app coverage` expect. A bar on the
     page shows whether the printer kept the size. The whole way is in docs/calibration.md.
     """
-    from capture_app.board.page import to_pdf, to_svg
-    from capture_app.board.printed_page import PrintedPage, calibrate_options
+    from capture_app.board.printing import PrintedPage, calibrate_options, to_pdf, to_svg
 
     if not isinstance(board, CharucoBoard):
         raise click.BadParameter("it prints boards with markers only", param_hint="--dictionary")

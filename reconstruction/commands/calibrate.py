@@ -140,7 +140,7 @@ def calibrate(
     from reconstruction.calibration.command import CalibrateOptions, cover
     from reconstruction.calibration.command import calibrate as run
     from reconstruction.calibration.sources import CalibrationSource
-    from reconstruction.calibration.world.scale import KnownDistance
+    from reconstruction.calibration.world import KnownDistance
 
     if bool(marks) != (distance_m is not None or vertical):
         raise click.UsageError(

@@ -78,8 +78,8 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
 
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """
-    from reconstruction.compare.command import CompareOptions
-    from reconstruction.compare.command import compare as run
+    from reconstruction.compare.comparison import CompareOptions
+    from reconstruction.compare.comparison import compare as run
 
     result = run(session, out, CompareOptions(**chosen))
     if as_json:

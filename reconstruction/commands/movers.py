@@ -21,7 +21,7 @@ def movers(session: Path, out: Path, as_json: bool) -> None:
     What moves is seen by a still camera's pictures of other instants; the masks are a few pixels wider.
     """
     from reconstruction.session.dataset import Dataset
-    from reconstruction.session.mover_masks import write_masks
+    from reconstruction.session.motion import write_masks
 
     result = write_masks(Dataset.open(session), out)
     if as_json:

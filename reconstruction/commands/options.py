@@ -10,7 +10,7 @@ import click
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import talk
-from reconstruction.common.memory_budget import limited_memory, parse_size
+from reconstruction.common.memory import limited_memory, parse_size
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
 from reconstruction.session.picture_checksums import checked_pictures
 

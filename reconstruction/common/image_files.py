@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.reading.picture_size import picture_size, size_of
-from reconstruction.common.foreign_calls import opencv_calls, silenced_output
+from capture_app.session.reading.file_headers import picture_size, size_of
 from reconstruction.common.geometry import Array
-from reconstruction.common.memory_budget import gigabytes, memory_budget
+from reconstruction.common.memory import gigabytes, memory_budget
+from reconstruction.common.native_libraries import opencv_calls, silenced_output
 
 FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 """For pictures that are read once and deleted."""

@@ -1,14 +1,180 @@
-"""The one door to native libraries that are heavy, optional, or must be imported in a fixed order."""
+"""The one door to native libraries that are heavy, optional, or must be imported in a fixed order.
+
+The one wall around OpenCV, COLMAP and Open3D: their exceptions become ours, their chatter goes.
+"""
 
 import importlib
+import os
 import platform
 import signal
+import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import wraps
 from importlib import metadata
-from types import ModuleType
+from pathlib import Path
+from traceback import extract_tb
+from types import BuiltinFunctionType, FunctionType, ModuleType
+from typing import Any
 
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.optional_packages import RECONSTRUCTION, load_optional, require_installed
-from reconstruction.common.foreign_calls import GuardedModule, silenced_output
+
+MAX_WORDS = 30
+TRACEBACK = "SIMULSHOT_TRACEBACK"
+"""An environment variable: with it an unforeseen exception ends in a traceback."""
+
+
+class ForeignError(BadInputError):
+    """A library failed on what it was given."""
+
+
+@contextmanager
+def foreign_calls(library: str, purpose: str) -> Iterator[None]:
+    """Run calls of a library that may fail or print, without a word from it.
+
+    Raises:
+        ForeignError: whatever it raised.
+    """
+    try:
+        with silenced_output():
+            yield
+    except (SimulshotError, OSError):
+        raise
+    except MemoryError as error:
+        raise ForeignError(f"{library} has too little memory for {purpose}", hint="see --memory") from error
+    except Exception as error:
+        raise ForeignError(f"{library} failed at {purpose}: {_first_words(error)}") from error
+
+
+@contextmanager
+def opencv_calls(purpose: str) -> Iterator[None]:
+    """Run what calls OpenCV and much else; only OpenCV's exceptions are foreign.
+
+    Raises:
+        ForeignError: OpenCV raised something.
+    """
+    try:
+        yield
+    except Exception as error:
+        if not _is_opencv(error):
+            raise
+        raise ForeignError(f"OpenCV failed at {purpose}: {_first_words(error)}") from error
+
+
+def unexpected_error(error: Exception) -> SimulshotError:
+    """An exception that nobody has foreseen, as an error that says where it came from."""
+    if isinstance(error, MemoryError):
+        return ForeignError("there is too little memory", hint="see --memory, or end other programs")
+    if _is_opencv(error):
+        return ForeignError(f"OpenCV failed: {_first_words(error)}")
+    frames = [frame for frame in extract_tb(error.__traceback__) if "site-packages" not in frame.filename]
+    where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "an unknown place"
+    return SimulshotError(
+        f"unexpected {type(error).__name__} in {where}: {_first_words(error)}",
+        hint=f"this is a fault of the program; {TRACEBACK}=1 in the environment shows all of it",
+    )
+
+
+def _is_opencv(error: Exception) -> bool:
+    # By name: this module is loaded before OpenCV is.
+    return type(error).__module__ == "cv2"
+
+
+def _first_words(error: Exception) -> str:
+    """What an exception says, on one line."""
+    words = str(getattr(error, "err", "") or error or type(error).__name__).split()
+    if _is_opencv(error):
+        words = [f"{getattr(error, 'func', '')}:", *words]
+    return " ".join(words[:MAX_WORDS]) + (" ..." if len(words) > MAX_WORDS else "")
+
+
+class GuardedModule(ModuleType):
+    """A module whose functions, and those of its submodules, are called by `foreign_calls`."""
+
+    def __init__(self, module: ModuleType, library: str) -> None:
+        super().__init__(module.__name__, module.__doc__)
+        self._module = module
+        self._library = library
+
+    def __getattr__(self, name: str) -> Any:
+        """A function guarded, a submodule likewise, all else as it is."""
+        found = getattr(self._module, name)
+        guarded = found
+        if isinstance(found, ModuleType):
+            guarded = GuardedModule(found, self._library)
+        elif isinstance(found, BuiltinFunctionType | FunctionType):
+            guarded = _guarded(found, self._library)
+        setattr(self, name, guarded)
+        return guarded
+
+
+def _guarded(function: Any, library: str) -> Any:
+    @wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        with foreign_calls(library, function.__name__.replace("_", " ")):
+            return function(*arguments, **options)
+
+    return call
+
+
+_lock = threading.Lock()
+_silenced = 0
+_kept: dict[int, int] = {}
+"""While something is silenced: standard streams, and copies of where they lead."""
+
+
+@contextmanager
+def silenced_output() -> Iterator[None]:
+    """Discard what native code writes to stdout and stderr: what goes wrong becomes an error of ours."""
+    global _silenced
+    with _lock:
+        _silenced += 1
+        if _silenced == 1:
+            _flush()
+            _kept.update(_silence(1, 2))
+    try:
+        yield
+    finally:
+        with _lock:
+            _silenced -= 1
+            if _silenced == 0:
+                _restore()
+
+
+def claim_stdout() -> None:
+    """Keep stdout for what this process prints itself: what native code prints there goes to stderr."""
+    with suppress(OSError, AttributeError, ValueError):
+        sys.stdout.flush()
+        ours = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors="replace")
+        os.dup2(2, 1)
+        sys.stdout = ours
+
+
+def _silence(*streams: int) -> dict[int, int]:
+    kept = {}
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in streams:
+        # A stream that is closed stays so.
+        with suppress(OSError):
+            kept[stream] = os.dup(stream)
+            os.dup2(nowhere, stream)
+    os.close(nowhere)
+    return kept
+
+
+def _restore() -> None:
+    for stream, kept in _kept.items():
+        os.dup2(kept, stream)
+        os.close(kept)
+    _kept.clear()
+
+
+def _flush() -> None:
+    for file in (sys.stdout, sys.stderr):
+        with suppress(OSError, AttributeError, ValueError):
+            file.flush()
 
 
 def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:

@@ -1,33 +1,142 @@
-"""The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
+"""The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all.
+
+The cameras that a multi-view study compares conditions with, and the depths that they see.
+
+The fused clouds of the instant that is shown, in both conditions, as files and as a page turns them.
+"""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from capture_app.errors import NotAvailableError
+from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.compare.camera_group import MIN_CAMERAS, CameraGroup, choose_camera_group
-from reconstruction.compare.instant_clouds import save_clouds
+from reconstruction.common.outputs import write_points
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally, write_pictures
+from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.mesh import draw_turntables
+from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import ChosenMatcher
-from reconstruction.multiview.source_views import choose_source_views
 from reconstruction.multiview.undistorted_session import UndistortedSession
-from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
-from reconstruction.scores.results import InstantClouds, MultiviewComparison, MultiviewScores, Picture
+from reconstruction.scores.study_result import InstantClouds, MultiviewComparison, MultiviewScores, Picture
 from reconstruction.scores.tally import Measurements
+from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
 from reconstruction.session.conditions import Condition
-from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.shown_instants import ShownInstant, fullest_instants, relative_offsets_ms
+from reconstruction.session.instants import (
+    ShownInstant,
+    choose_moving_instants,
+    fullest_instants,
+    relative_offsets_ms,
+)
+
+MIN_CAMERAS = 3
+MAX_CAMERAS = 5
+"""More cameras make better clouds, but say no more about timing; each takes as long as the first."""
+MAX_TRIES = 4
+"""Instants tried to find one at which every camera has a usable picture."""
+
+
+@dataclass(frozen=True)
+class CameraGroup:
+    """Cameras with overlapping views around a reference in their middle, and why others are left out."""
+
+    reference: str = ""
+    cameras: tuple[str, ...] = ()
+    scene: CoarseScene = field(default_factory=lambda: CoarseScene({}, {}))
+    """What a first look found of the scene."""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
+    """Choose the cameras from synchronized pictures around the instant `middle`.
+
+    Raises:
+        ValueError: fewer than `MIN_CAMERAS` have overlapping views.
+    """
+    dataset = shots.dataset
+    names, instants = dataset.cameras, range(len(dataset.instants_ns))
+    counts = {k: sum(dataset.has_image(c, k) for c in names) for k in instants}
+    fullest = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
+    best = max(fullest, key=lambda k: sum(shots.usable(c, k) for c in names))
+    left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
+    images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
+    _require_cameras(len(images), left_out)
+    views = {camera: image.view for camera, image in images.items()}
+    try:
+        scene = find_coarse_scene(images)
+    except BadInputError as error:
+        raise ValueError(error.what) from error
+    sources = choose_source_views({c: view for c, view in views.items() if c in scene.points}, scene.points)
+    for camera in images:
+        if len(sources.get(camera, ())) < 2:
+            left_out[camera] = "overlaps too little with any two others"
+            del views[camera]
+    _require_cameras(len(views), left_out)
+    reference = choose_reference_view(views, scene.points)
+    nearest = [c for c in sources[reference] if c in views][: MAX_CAMERAS - 1]
+    cameras = tuple(c for c in names if c == reference or c in nearest)
+    for camera in views:
+        if camera not in cameras:
+            left_out[camera] = f"{MAX_CAMERAS} cameras are enough to compare conditions"
+    _require_cameras(len(cameras), left_out)
+    return CameraGroup(reference, cameras, scene, left_out)
+
+
+def _require_cameras(count: int, left_out: Mapping[str, str]) -> None:
+    if count < MIN_CAMERAS:
+        text = [f"it takes {MIN_CAMERAS} cameras with overlapping views"]
+        for reason in dict.fromkeys(left_out.values()):
+            text.append(f"{', '.join(c for c, its in left_out.items() if its == reason)}: {reason}")
+        raise ValueError("; ".join(text))
+
+
+MIN_POINTS = 500
+"""A synchronized cloud of fewer points shows nothing."""
+
+
+def save_clouds(
+    instant: int, maps: Mapping[str, InstantDepth], view: View, moving: Array, out: Path
+) -> InstantClouds | None:
+    """Write both clouds into out/pictures; None where there is nothing to see.
+
+    `view` and `moving` (bool) are the reference camera's: a page begins from its place, and turns about what
+    moves.
+    """
+    if len(maps["synced"].points) < MIN_POINTS:
+        return None
+    paths = {}
+    for side, found in maps.items():
+        paths[side] = f"pictures/cloud_{side}.ply"
+        write_points(out / paths[side], found.points, found.colours)
+    return InstantClouds(
+        instant=instant,
+        **paths,
+        rotation=tuple(view.rotation.ravel().tolist()),
+        centre=tuple(view.centre.tolist()),
+        focal=view.focal / view.width,
+        pivot=tuple(_pivot(maps["synced"], view, moving).tolist()),
+    )
+
+
+def _pivot(synced: InstantDepth, view: View, moving: Array) -> Array:
+    """The middle of what moves, else of everything, in the rig's frame."""
+    known = synced.depth > 0
+    rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
+    if not len(rows):
+        return np.asarray(np.median(synced.points, axis=0))
+    points = view.unproject(np.column_stack([columns, rows]), synced.depth[rows, columns].astype(float))
+    return np.asarray(np.median(points, axis=0))
+
 
 PER_INSTANT = (
     "mover_coverage", "static_coverage", "mover_within_2pct", "static_within_2pct", "mover_consistency",

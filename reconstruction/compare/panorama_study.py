@@ -9,15 +9,13 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
 from reconstruction.compare.study import SIDES, SYNCHRONIZED, ComparisonTally, Pair, PairStudy, write_pictures
-from reconstruction.panorama.composition import average_layers
+from reconstruction.panorama.composition import Layer, average_layers
 from reconstruction.panorama.overlap import Overlap, known, measure_misfit, overlap_of
-from reconstruction.panorama.projection import Layer
 from reconstruction.panorama.stitcher import PanoramaStitcher
-from reconstruction.scores.results import PanoramaComparison, PanoramaScores, Picture
+from reconstruction.scores.study_result import PanoramaComparison, PanoramaScores, Picture
 from reconstruction.scores.tally import Measurements, measures_of
-from reconstruction.session.conditions import Condition
-from reconstruction.session.frame_offset import FrameOffset
-from reconstruction.session.mover_detection import dilate
+from reconstruction.session.conditions import Condition, FrameOffset
+from reconstruction.session.motion import dilate
 
 FEWEST_GREY_LEVELS = 12
 """A difference between the conditions smaller than this is noise."""

@@ -10,11 +10,11 @@ from msgspec import Struct
 from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.foreign_calls import ForeignError, opencv_calls
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
-from reconstruction.pairs.pair_choice import PairChoice
-from reconstruction.scores.results import (
+from reconstruction.common.native_libraries import ForeignError, opencv_calls
+from reconstruction.pairs import PairChoice
+from reconstruction.scores.study_result import (
     Interval,
     MultiviewComparison,
     PanoramaComparison,
@@ -24,10 +24,8 @@ from reconstruction.scores.results import (
     TriangulationComparison,
 )
 from reconstruction.scores.tally import Measurements, Tally, differences
-from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
-from reconstruction.session.frame_offset import FrameOffset
-from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.shown_instants import pair_instants
+from reconstruction.session.conditions import DISTINCT, SYNCED, Condition, FrameOffset
+from reconstruction.session.instants import choose_moving_instants, pair_instants
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 SIDES = ("synced", "offset")

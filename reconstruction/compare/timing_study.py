@@ -9,7 +9,7 @@ import numpy as np
 from reconstruction.calibration.rig import Rig
 from reconstruction.scores.timing import RigTiming, Timing, judge_timing, without_common_times
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
-from reconstruction.time_offsets.offset_fit import OffsetFit
+from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
 

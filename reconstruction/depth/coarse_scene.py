@@ -7,6 +7,7 @@ import numpy as np
 
 from capture_app.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.worker_pool import worker_pool
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
@@ -14,14 +15,7 @@ from reconstruction.depth.geometric_consistency import (
     remove_speckles,
 )
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, motion_px, sweep_planes
-from reconstruction.depth.view_overlap import (
-    MIN_SCORE,
-    ViewOverlap,
-    find_overlaps,
-    refuse_views,
-    seen_points,
-)
-from reconstruction.depth.worker_pool import worker_pool
+from reconstruction.depth.view_choice import MIN_SCORE, ViewOverlap, find_overlaps, refuse_views, seen_points
 
 WIDTH_PX = 176
 LEVELS = (48, 192)

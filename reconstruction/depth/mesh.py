@@ -8,10 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from reconstruction.common.foreign_calls import foreign_calls
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
-from reconstruction.common.native_libraries import load_open3d
+from reconstruction.common.native_libraries import foreign_calls, load_open3d
 
 NEIGHBOURS = 16
 MAX_POISSON_DEPTH = 9

@@ -10,11 +10,11 @@ from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.memory_budget import memory_budget
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.worker_pool import SWEEP_BYTES, worker_count
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import SceneMotion
+from reconstruction.session.motion import SceneMotion
 
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which a picture is empty."""

@@ -11,18 +11,13 @@ from capture_app.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.colmap_workspace import (
-    FusedCloud,
-    fuse_depth_maps,
-    read_fused_cloud,
-    write_workspace,
-)
+from reconstruction.depth.colmap import FusedCloud, fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.depth.view_choice import smallest_group
 from reconstruction.multiview.input_images import InputImage
 from reconstruction.multiview.matcher import ChosenMatcher, image_colours, image_views, match_cameras
-from reconstruction.multiview.source_views import smallest_group
 
 SWEEP = ChosenMatcher()
 CONFIRMING_VIEWS = 2

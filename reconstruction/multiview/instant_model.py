@@ -1,4 +1,7 @@
-"""One instant's depth maps, their cloud and mesh, made into a folder."""
+"""One instant's depth maps, their cloud and mesh, made into a folder.
+
+Depth of every camera of an instant, one cloud of points of them all, and a mesh.
+"""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -8,35 +11,39 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
 from capture_app.text import pretty_json
+from reconstruction.calibration.kept import adopt_kept_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
-from reconstruction.common.memory_budget import memory_budget
-from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.native_libraries import library_versions, require_reconstruction
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
+from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
 from reconstruction.depth.mesh import MeshModel, build_mesh
 from reconstruction.depth.sweep_matcher import ViewDepth
-from reconstruction.depth.view_overlap import refuse_views, seen_points
+from reconstruction.depth.view_choice import (
+    choose_reference_view,
+    choose_source_views,
+    refuse_views,
+    seen_points,
+    smallest_group,
+)
+from reconstruction.multiview.cloud_accuracy import score_movers
 from reconstruction.multiview.input_images import InputImage, load_input_images, undistort_nearest
 from reconstruction.multiview.matcher import (
     ChosenMatcher,
     Matcher,
+    choose_matcher,
     image_colours,
     image_views,
     match_cameras,
 )
-from reconstruction.multiview.mover_cloud import score_movers
 from reconstruction.multiview.result import MultiviewResult, ViewResult
-from reconstruction.multiview.source_views import (
-    choose_reference_view,
-    choose_source_views,
-    smallest_group,
-)
-from reconstruction.scores.depth_truth import depth_shares
+from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.picture_checksums import picture_checks
 
@@ -210,3 +217,26 @@ def write_view(
         picture=f"{name}.png",
         **shares,
     )
+
+
+OURS = {RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
+
+
+def multiview(
+    session: Path, out: Path, options: MultiviewOptions, progress: Progress | None = None
+) -> MultiviewResult:
+    """Make the depth, the cloud and the mesh of one instant; `out` appears whole or not at all.
+
+    Raises:
+        BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
+        NotAvailableError: the matcher asked for, or COLMAP or Open3D, is not here.
+    """
+    require_reconstruction("pycolmap", "joining the cameras' depth")
+    if options.mesh:
+        require_reconstruction("open3d", "making a mesh")
+    output = OutputFolder(out, replaces_only(OURS))
+    matcher = choose_matcher(options.matcher)
+    dataset = Dataset.open(session, options.time_shifts_ms)
+    adopt_kept_calibration(dataset)
+    with output:
+        return model_instant(dataset, matcher, options, output.folder, progress)

@@ -16,10 +16,9 @@ from reconstruction.multiview.cloud_accuracy import (
 )
 from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.undistorted_session import UndistortedSession
-from reconstruction.scores.depth_truth import true_depth_in_unit
-from reconstruction.scores.still_control import fill_from_nearest, median_still_depth
 from reconstruction.scores.tally import Measurements, measure_depth
-from reconstruction.session.mover_detection import dilate
+from reconstruction.scores.truth import fill_from_nearest, median_still_depth, true_depth_in_unit
+from reconstruction.session.motion import dilate
 
 CONTROL_MARGIN_PX = 4
 """Pixels this near to a mover do not belong to the control."""

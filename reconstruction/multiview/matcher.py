@@ -6,10 +6,9 @@ from enum import StrEnum
 from pathlib import Path
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.backends.engine import CPU, SweepEngine
-from reconstruction.depth.backends.gpu import find_engine
-from reconstruction.depth.colmap_workspace import read_maps, write_workspace
-from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
+from reconstruction.depth.colmap import CudaGpu, find_gpu, read_maps, run_patch_match, write_workspace
+from reconstruction.depth.engine import CPU, SweepEngine
+from reconstruction.depth.gpu import find_engine
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
 

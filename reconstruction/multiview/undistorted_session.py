@@ -10,7 +10,7 @@ from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.multiview.input_images import InputImage, undistort_image, undistort_nearest
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import SceneMotion, dilate
+from reconstruction.session.motion import SceneMotion, dilate
 
 KEPT_IMAGES = 32
 

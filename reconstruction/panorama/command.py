@@ -9,19 +9,18 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
-from reconstruction.calibration.adoption import adopt_kept_calibration
+from reconstruction.calibration.kept import adopt_kept_calibration
 from reconstruction.calibration.rig import calibrated_views
-from reconstruction.common.foreign_calls import opencv_calls
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
-from reconstruction.common.memory_budget import memory_budget
-from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import comparison_folder, write_metrics
-from reconstruction.panorama.ghosting import Misfit, Overlaps, OverlapScore
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.native_libraries import library_versions, opencv_calls
+from reconstruction.common.outputs import comparison_folder, write_metrics
+from reconstruction.panorama.overlap import Misfit, Overlaps, OverlapScore
 from reconstruction.panorama.stitcher import MAX_SIDE_PX, PanoramaStitcher
+from reconstruction.session.conditions import nearest_frame_offset
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.frame_offset import nearest_frame_offset
-from reconstruction.session.mover_detection import SceneMotion
+from reconstruction.session.motion import SceneMotion
 from reconstruction.session.picture_checksums import picture_checks
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}

@@ -1,18 +1,226 @@
 """Where the pictures of a panorama belong: cameras that only turn, found by what stands still.
 
 Brown and Lowe, Automatic Panoramic Image Stitching using Invariant Features, 2007, by OpenCV.
+
+Cameras that only turn, estimated from the points that their pictures share, and adjusted together.
+
+The estimators are OpenCV's (`cv2.detail`); what surrounds them leaves out points that do not fit all pictures
+together: clouds, ice or people fit a homography between two of them.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array, View
-from reconstruction.pairs.features import MIN_MATCHES, Features, match_features
-from reconstruction.panorama.camera_estimate import PictureOverlap, estimate_cameras, long_view
+from reconstruction.common.geometry import Array, View, angle_deg
+from reconstruction.pairs import MIN_MATCHES, Features, match_features
+
+ROUNDS = 3
+"""Times that the cameras are adjusted again without the points that do not fit all pictures together."""
+OUTLIER = 2.0
+"""Such points are off by more than so many medians, and by more than a pixel."""
+FOCAL_LIMITS = (0.25, 30.0)
+"""Of the picture's longer side; a focal length beyond is a failed estimate."""
+HELD_FOCALS = (1.0, 4.0, 20.0)
+"""The same, tried where it cannot be estimated: pictures only shifted look as if taken with a long lens."""
+GOOD_PX = 2.0
+"""An estimate whose points are off by less needs no other to be tried."""
+LEVEL_DEG = 3.0
+"""Cameras that look less far apart cannot tell where up is."""
+EXPECTED_MATCHES = (8.0, 0.2)
+"""Two pictures overlap if more matches than this number and share of all fit (Brown and Lowe, eq. 13).
+
+Their share is 0.3; cameras of a rig stand apart, and one plane of the scene is less of all that they share.
+"""
+
+
+@dataclass(frozen=True)
+class PictureOverlap:
+    """Still points that two pictures share, and which of them one homography explains."""
+
+    at: tuple[Array, Array]
+    """Pixels (n, 2) in both, without the lens's distortion."""
+    fits: Array
+    """Bool (n,)."""
+    homography: Array
+    """3x3, from the first to the second, pixels counted from the pictures' middles."""
+
+    @property
+    def confidence(self) -> float:
+        """Above 1 the two pictures show the same place."""
+        least, share = EXPECTED_MATCHES
+        found = int(self.fits.sum())
+        return found / (least + share * len(self.fits)) if found >= MIN_MATCHES else 0.0
+
+
+def estimate_cameras(
+    views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], calibrated: bool
+) -> dict[str, View]:
+    """Views whose `rotation` is camera from panorama, without translation.
+
+    The focal lengths are estimated too where the views are not `calibrated`.
+
+    Raises:
+        ValueError: there is no such estimate.
+    """
+    used = {pair: one for pair, one in overlaps.items() if one.confidence > 1 and views.keys() >= set(pair)}
+    turned = _adjust_by_rounds(views, used, calibrated)
+    if not calibrated and (turned is None or _misfit(turned, used) > GOOD_PX):
+        longest = max(max(view.width, view.height) for view in views.values())
+        tried = [turned] + [
+            _adjust_by_rounds(
+                {name: _with_focal(view, sides * longest) for name, view in views.items()}, used, True
+            )
+            for sides in HELD_FOCALS
+        ]
+        turned = min(
+            (one for one in tried if one is not None), key=lambda one: _misfit(one, used), default=None
+        )
+    if turned is None:
+        raise ValueError("no camera that only turns explains the pictures")
+    return _level(turned)
+
+
+def long_view(width: int, height: int) -> View:
+    """The view of an unknown camera: a focal length of the longer side, no distortion."""
+    view = View(width, height, np.eye(3), np.zeros(5), np.eye(3), np.zeros(3))
+    return _with_focal(view, max(width, height))
+
+
+def _with_focal(view: View, focal: float) -> View:
+    """An unknown view with a focal length, px."""
+    matrix = np.diag([focal, focal, 1.0])
+    matrix[:2, 2] = view.width / 2, view.height / 2
+    return replace(view, matrix=matrix)
+
+
+def _adjust_by_rounds(
+    views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], held: bool
+) -> dict[str, View] | None:
+    """Adjust the cameras, and again without outliers; None where that fails. `held`: intrinsics stay."""
+    turned = _adjust(views, overlaps, held)
+    for _ in range(ROUNDS):
+        if turned is None:
+            return None
+        kept = {(a, b): _without_outliers(one, turned[a], turned[b]) for (a, b), one in overlaps.items()}
+        turned = _adjust(views, kept, held)
+    return turned
+
+
+def _misfit(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> float:
+    """How far the points are off, px: the mean over the overlaps of their medians."""
+    medians = [np.median(_off(one, views[a], views[b])[one.fits]) for (a, b), one in overlaps.items()]
+    return float(np.mean(medians))
+
+
+def _level(views: Mapping[str, View]) -> dict[str, View]:
+    """Turn all views together so that up is up."""
+    turns: list[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
+    first, *others = views.values()
+    if max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
+        turns = list(cv2.detail.waveCorrect(turns, cv2.detail.WAVE_CORRECT_AUTO))
+    return {
+        name: replace(view, rotation=np.asarray(turn, np.float64).T)
+        for (name, view), turn in zip(views.items(), turns, strict=True)
+    }
+
+
+def _adjust(
+    views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], held: bool
+) -> dict[str, View] | None:
+    features, matches = _for_opencv(list(views), list(views.values()), overlaps)
+    ok, cameras = cv2.detail.HomographyBasedEstimator(held).apply(
+        features, matches, [_camera(view) for view in views.values()]
+    )
+    for camera in cameras:
+        camera.R = np.asarray(camera.R, np.float32)
+    if ok and _plausible(cameras, views):
+        adjuster = cv2.detail.BundleAdjusterReproj() if held else cv2.detail.BundleAdjusterRay()
+        adjuster.setConfThresh(0.0)
+        if held:
+            adjuster.setRefinementMask(np.zeros((3, 3), np.uint8))
+        ok, cameras = adjuster.apply(features, matches, cameras)
+    if not ok or not _plausible(cameras, views):
+        return None
+    return {
+        name: replace(
+            view,
+            matrix=np.asarray(camera.K(), np.float64),
+            rotation=np.asarray(camera.R, np.float64).T,
+            translation=np.zeros(3),
+        )
+        for (name, view), camera in zip(views.items(), cameras, strict=True)
+    }
+
+
+def _without_outliers(overlap: PictureOverlap, a: View, b: View) -> PictureOverlap:
+    """The overlap by those of its points that fit these views."""
+    off = _off(overlap, a, b)
+    fits = overlap.fits & (off <= max(1.0, OUTLIER * float(np.median(off[overlap.fits]))))
+    return replace(overlap, fits=fits) if fits.sum() >= MIN_MATCHES else overlap
+
+
+def _off(overlap: PictureOverlap, a: View, b: View) -> Array:
+    """How far points (n,) are off in the second picture by these views, px."""
+    rays = np.column_stack([overlap.at[0], np.ones(len(overlap.fits))]) @ np.linalg.inv(a.matrix).T
+    seen = rays @ a.rotation @ b.rotation.T @ b.matrix.T
+    depth = np.where(np.abs(seen[:, 2:]) < 1e-9, 1e-9, seen[:, 2:])
+    return np.asarray(np.linalg.norm(seen[:, :2] / depth - overlap.at[1], axis=1))
+
+
+def _camera(view: View) -> Any:
+    camera = cv2.detail.CameraParams()
+    camera.focal, camera.aspect = view.matrix[0, 0], view.matrix[1, 1] / view.matrix[0, 0]
+    camera.ppx, camera.ppy = view.matrix[:2, 2]
+    camera.R = np.eye(3)
+    return camera
+
+
+def _plausible(cameras: Sequence[Any], views: Mapping[str, View]) -> bool:
+    for camera, view in zip(cameras, views.values(), strict=True):
+        longest = max(view.width, view.height)
+        if not np.isfinite(camera.R).all() or not np.isfinite(camera.focal):
+            return False
+        if not FOCAL_LIMITS[0] * longest < camera.focal < FOCAL_LIMITS[1] * longest:
+            return False
+    return True
+
+
+def _for_opencv(
+    names: Sequence[str], views: Sequence[View], overlaps: Mapping[tuple[str, str], PictureOverlap]
+) -> tuple[list[Any], list[Any]]:
+    """Features of each picture and matches of any two, both ways, as `cv2.detail` takes them."""
+    count = len(names)
+    keypoints: list[list[Any]] = [[] for _ in names]
+    matches = [cv2.detail.MatchesInfo() for _ in range(count**2)]
+    for (a, b), overlap in overlaps.items():
+        i, j = names.index(a), names.index(b)
+        begin = len(keypoints[i]), len(keypoints[j])
+        for which, at in zip((i, j), overlap.at, strict=True):
+            keypoints[which] += [cv2.KeyPoint(float(x), float(y), 1.0) for x, y in at]
+        back = np.linalg.inv(overlap.homography)
+        for one, other, homography, (own, theirs) in (
+            (i, j, overlap.homography, begin),
+            (j, i, back, begin[::-1]),
+        ):
+            info = matches[one * count + other]
+            info.src_img_idx, info.dst_img_idx = one, other
+            info.matches = [cv2.DMatch(own + k, theirs + k, 0.0) for k in range(len(overlap.fits))]
+            info.inliers_mask = overlap.fits.astype(np.uint8)
+            info.num_inliers, info.confidence = int(overlap.fits.sum()), max(overlap.confidence, 1.0)
+            info.H = homography
+    features = []
+    for index, (view, points) in enumerate(zip(views, keypoints, strict=True)):
+        feature = cv2.detail.ImageFeatures()
+        feature.img_idx, feature.img_size = index, (view.width, view.height)
+        feature.keypoints = points
+        features.append(feature)
+    return features, matches
+
 
 INLIER_PX = 3.0
 

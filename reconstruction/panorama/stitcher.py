@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View, resize_view
-from reconstruction.common.memory_budget import memory_budget
-from reconstruction.pairs.features import Features, detect_features
-from reconstruction.panorama.composition import compose_layers
-from reconstruction.panorama.projection import Layer, Projection
+from reconstruction.common.memory import memory_budget
+from reconstruction.pairs import Features, detect_features
+from reconstruction.panorama.composition import Layer, Projection, compose_layers
 from reconstruction.panorama.registration import register_pictures
 
 MAX_SIDE_PX = 2000

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.scores.dose_result import DoseResult
-from reconstruction.scores.results import PoseComparison
+from reconstruction.scores.comparison_results import DoseResult
+from reconstruction.scores.study_result import PoseComparison
 
 
 @dataclass(frozen=True)

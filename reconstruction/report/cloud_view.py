@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.common.point_file import read_points
-from reconstruction.scores.results import InstantClouds
+from reconstruction.common.outputs import read_points
+from reconstruction.scores.study_result import InstantClouds
 
 MAX_POINTS = 26_000
 """Of each side, drawn at random: the page stays under three megabytes."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.scores.results import MultiviewComparison, PoseComparison
+from reconstruction.scores.study_result import MultiviewComparison, PoseComparison
 
 WITHIN = "Measured correctly"
 COVERAGE = "Given a distance"

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from capture_app.text import count
 from reconstruction.report import wording
-from reconstruction.scores.compare_results import CompareResult
-from reconstruction.scores.results import Picture
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.study_result import Picture
 
 ShownPicture = tuple[Picture, wording.Sides]
 """A picture, and what its two sides are called."""

@@ -1,4 +1,7 @@
-"""Tables of a page as data: both conditions side by side, all conditions, every instant by itself."""
+"""Tables of a page as data: both conditions side by side, all conditions, every instant by itself.
+
+How late each camera of a rig is, as a table of a page.
+"""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -6,9 +9,11 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from reconstruction.report import wording
+from reconstruction.report.findings import rig_judgement, rig_lateness
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, POINTS, STILL_COVERAGE, WITHIN, Measure, pixels
-from reconstruction.scores.compare_results import CompareResult, ConditionResult
-from reconstruction.scores.results import DepthScores, PanoramaScores, PoseScores, TriangulationScores
+from reconstruction.scores.comparison_results import CompareResult, ConditionResult
+from reconstruction.scores.study_result import DepthScores, PanoramaScores, PoseScores, TriangulationScores
+from reconstruction.scores.timing import RigTiming
 
 Scores = DepthScores | PanoramaScores | PoseScores | TriangulationScores
 Show = Callable[[float | None], str]
@@ -243,3 +248,17 @@ def instants_table(
     heads = [Column("Moving pixels")] if counted else []
     heads += [Column(side, name, tone) for _, name, _ in columns for tone, side in tones]
     return Table(caption, heads, rows, first="Instant", prefix="Instant ")
+
+
+def timing_table(rig: RigTiming) -> Table:
+    """Every camera against the reference, by what moves: its lateness, and what follows from it."""
+    rows = [
+        Row(one.other, [Cell(rig_lateness(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])
+        for one in rig.cameras
+    ]
+    return Table(
+        f"When the cameras took their pictures, against {rig.reference}, by what moves; 95 %",
+        [Column("Against it"), Column("Judged as")],
+        rows,
+        first="Camera",
+    )

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from capture_app.text import duration
-from reconstruction.report.verdict import CLEAR_SHARE, DEPTH_MEASURES, first_known
-from reconstruction.scores.compare_results import CompareResult
+from reconstruction.report.findings import CLEAR_SHARE, DEPTH_MEASURES, first_known
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.timing import are_apart, are_together
 
 NOT_AVAILABLE = "n/a"

@@ -12,8 +12,8 @@ import numpy as np
 from msgspec import Struct
 
 from reconstruction.common.geometry import Array
-from reconstruction.scores.depth_truth import TOLERANCES, right_depth
-from reconstruction.scores.results import Interval
+from reconstruction.scores.study_result import Interval
+from reconstruction.scores.truth import TOLERANCES, right_depth
 
 F_SCORE = "f_score"
 MAX_DIFFERENCES = 20000

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import msgspec
 from msgspec import Struct
 
-from reconstruction.scores.results import DepthScores
-from reconstruction.time_offsets.offset_fit import MIN_INSTANTS, OffsetFit
+from reconstruction.scores.study_result import DepthScores
+from reconstruction.time_offsets.crossings import MIN_INSTANTS, OffsetFit
 
 SIGMAS = 2.0
 """Standard deviations of the error that is shown (95 %)."""

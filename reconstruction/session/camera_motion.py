@@ -7,9 +7,9 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
+from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.frame_offset import evenly_spread
-from reconstruction.session.mover_detection import SHAKE_PX
+from reconstruction.session.motion import SHAKE_PX
 
 GRID = (8, 6)
 """Cells across and down: each counts once, so that a thing with much texture is not all that counts."""

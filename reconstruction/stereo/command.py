@@ -10,14 +10,14 @@ from msgspec import Struct, structs
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
-from reconstruction.calibration.adoption import adopt_kept_calibration
+from reconstruction.calibration.kept import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.image_files import save_picture, write_image
-from reconstruction.common.memory_budget import memory_budget
+from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
-from reconstruction.scores.depth_truth import share_right
+from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
+from reconstruction.scores.truth import share_right
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.picture_checksums import picture_checks
 from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair, find_disparity_range

@@ -10,11 +10,11 @@ from capture_app.errors import BadInputError, NotApplicableError
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importers.realigning import realign_session
 from capture_app.terminal import Progress
-from reconstruction.calibration.adoption import adopt_kept_calibration
+from reconstruction.calibration.kept import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.alignment import SOURCE, MotionAlignment
-from reconstruction.time_offsets.light_offsets import LIGHT, NO_LAMP, LightOffset, measure_light_offsets
+from reconstruction.time_offsets.lamp import LIGHT, NO_LAMP, LightOffset, measure_light_offsets
+from reconstruction.time_offsets.motion_alignment import SOURCE, MotionAlignment
 from reconstruction.time_offsets.rig_offsets import CameraOffset, measure_rig_offsets
 
 

@@ -1,27 +1,148 @@
-"""How late one camera of a session is against another, by all that moves before both."""
+"""How late one camera of a session is against another, by all that moves before both.
+
+Points on what moves in one image, and where they are in the images before and after.
+
+The epipolar geometry of two cameras, mended by what stands still before both.
+
+A calibration that is off by a milliradian moves what crosses its lines by a time; what stands still shows it.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import cv2
 import numpy as np
 
-from capture_app.session.format.row_exposures import RowExposures, row_exposures
+from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array, View
-from reconstruction.pairs.features import match_features
+from reconstruction.common.point_tracking import track_there_and_back
+from reconstruction.pairs import match_descriptors, match_features
+from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.frame_offset import evenly_spread
-from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.time_offsets.epipolar_crossings import (
+from reconstruction.session.instants import choose_moving_instants
+from reconstruction.time_offsets.crossings import (
     Crossings,
+    OffsetFit,
     Path,
+    StillErrors,
     epipolar_errors_px,
     find_crossings,
+    fit_offset,
 )
-from reconstruction.time_offsets.moving_points import MovingPoints, find_moving_points, match_moving_points
-from reconstruction.time_offsets.offset_fit import OffsetFit, StillErrors, fit_offset
-from reconstruction.time_offsets.pair_geometry import mend_pair
+
+MAX_POINTS = 400
+MAX_SIDE_PX = 960
+"""Where what moves is larger, points are looked for in a smaller picture of it."""
+MARGIN_PX = 16
+"""Of the picture around what moves, so that points at its edge are described too."""
+MAX_DRIFT_PX = 0.5
+"""A point followed to the neighbouring image and back must return to within this."""
+WINDOW_PX = 15
+LEVELS = 4
+"""Of the pyramid in which points are followed."""
+
+
+@dataclass(frozen=True)
+class MovingPoints:
+    """Points of one image: `at` (n, 2) px, unit descriptors (n, 128), `before` and `after` (n, 2) px.
+
+    The latter are the places in the image before and the one after, NaN where a point was not followed.
+    """
+
+    at: Array
+    descriptors: Array
+    before: Array
+    after: Array
+
+
+def find_moving_points(
+    image: Array, movers: Array, before: Array | None, after: Array | None
+) -> MovingPoints:
+    """SIFT points (RootSIFT) of a grey image (uint8) on its movers (bool), followed by Lucas-Kanade.
+
+    Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
+    """
+    nothing = np.zeros((0, 2))
+    if not movers.any():
+        return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
+    ys, xs = np.nonzero(movers)
+    left, top = max(0, int(xs.min()) - MARGIN_PX), max(0, int(ys.min()) - MARGIN_PX)
+    part = np.s_[top : int(ys.max()) + MARGIN_PX, left : int(xs.max()) + MARGIN_PX]
+    small, allowed = np.ascontiguousarray(image[part]), np.ascontiguousarray(movers[part]).astype(np.uint8)
+    scale = min(1.0, MAX_SIDE_PX / max(small.shape))
+    if scale < 1:
+        small = cv2.resize(small, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        allowed = cv2.resize(allowed, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    sift = cv2.SIFT.create(nfeatures=MAX_POINTS, contrastThreshold=0.01)
+    keypoints, raw = sift.detectAndCompute(small, allowed)
+    if raw is None:
+        return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
+    at = (np.array([point.pt for point in keypoints]) + 0.5) / scale - 0.5 + np.array([left, top])
+    roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7)).astype(np.float32)
+    return MovingPoints(at, roots, _follow(image, before, at), _follow(image, after, at))
+
+
+def match_moving_points(a: MovingPoints, b: MovingPoints, ratio: float = 0.8) -> tuple[Array, Array]:
+    """Indices (n,) into a and b of points that are each other's best match."""
+    return match_descriptors(a.descriptors, b.descriptors, ratio)
+
+
+def _follow(image: Array, other: Array | None, at: Array) -> Array:
+    """Where points (n, 2) lie in another image; NaN where they do not return."""
+    if other is None:
+        return np.full_like(at, np.nan)
+    there, drift = track_there_and_back(image, other, at, WINDOW_PX, LEVELS)
+    return np.where((drift < MAX_DRIFT_PX)[:, None], there.astype(np.float64), np.nan)
+
+
+LEAST_MATCHES = 60
+"""Fewer of what stands still tell less than the calibration."""
+FARTHEST_PX = 6.0
+"""Matches that are further from their epipolar lines are wrong ones."""
+PRIOR = np.array([5e-4, 5e-4, 5e-4, 1e-3, 1e-3])
+"""What a calibration may be wrong by: the rotation, and the direction from camera to camera, rad."""
+LEAST_SPREAD_PX = 0.15
+STEP = 1e-5
+ROUNDS = 8
+
+
+def mend_pair(a: View, b: View, at_a: Array, at_b: Array) -> View:
+    """The second view, turned and moved a little so that still matches (n, 2) px lie on their lines.
+
+    Gauss-Newton with Cauchy weights and the prior; the distance between the cameras stays.
+    """
+    errors = epipolar_errors_px(a, b, at_a, at_b)
+    near = np.abs(errors) < FARTHEST_PX
+    if near.sum() < LEAST_MATCHES:
+        return b
+    at_a, at_b, change = at_a[near], at_b[near], np.zeros(5)
+    for _ in range(ROUNDS):
+        now = epipolar_errors_px(a, _changed(a, b, change), at_a, at_b)
+        slopes = [
+            (epipolar_errors_px(a, _changed(a, b, change + step), at_a, at_b) - now) / STEP
+            for step in STEP * np.eye(5)
+        ]
+        jacobian = np.stack(slopes, axis=1)
+        spread = max(LEAST_SPREAD_PX, 1.4826 * float(np.median(np.abs(now - np.median(now)))))
+        weights = 1 / spread**2 / (1 + (now / (2 * spread)) ** 2)
+        normal = jacobian.T @ (weights[:, None] * jacobian) + np.diag(1 / PRIOR**2)
+        change = change - np.linalg.solve(normal, jacobian.T @ (weights * now) + change / PRIOR**2)
+    return _changed(a, b, change)
+
+
+def _changed(a: View, b: View, change: Array) -> View:
+    """The second view after a rotation (3,) rad, its direction from the first changed by (2,) rad."""
+    rotation = cv2.Rodrigues(change[:3])[0] @ b.rotation
+    apart = b.centre - a.centre
+    distance = float(np.linalg.norm(apart))
+    direction = apart / distance
+    beside = np.linalg.svd(direction[None])[2][1:]
+    direction = direction + beside.T @ change[3:]
+    centre = a.centre + distance * direction / np.linalg.norm(direction)
+    return replace(b, rotation=rotation, translation=-rotation @ centre)
+
 
 REACH_MS = 300.0
 """Offsets up to this are looked for."""

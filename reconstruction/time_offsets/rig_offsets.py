@@ -10,7 +10,7 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import angle_deg
 from reconstruction.session.camera_motion import measure_camera_motion
-from reconstruction.time_offsets.offset_fit import OffsetFit
+from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 PARTNERS = 3

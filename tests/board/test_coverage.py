@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.board.charuco import DEFAULT_BOARD
-from capture_app.board.coverage import CoverageCount, coverage_table
+from capture_app.board.boards import DEFAULT_BOARD
+from capture_app.board.coverage import MOMENT_NS, CoverageCount, PreviewCount, coverage_table
 from capture_app.board.detector import Corners
-from capture_app.board.preview_count import MOMENT_NS, PreviewCount
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 600.0
 SIZES = {"a": (WIDTH, HEIGHT), "b": (WIDTH, HEIGHT)}

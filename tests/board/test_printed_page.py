@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_app.board.charuco import DEFAULT_BOARD, CharucoBoard
+from capture_app.board.boards import DEFAULT_BOARD, CharucoBoard
 from capture_app.board.detector import BoardDetector
-from capture_app.board.page import to_pdf, to_svg
-from capture_app.board.printed_page import PrintedPage
+from capture_app.board.printing import PrintedPage, to_pdf, to_svg
 from reconstruction import cli
 from tests.board.pages import PX_PER_MM, read_pdf, read_svg
 

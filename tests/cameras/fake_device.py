@@ -6,8 +6,8 @@ import threading
 import time
 from fractions import Fraction
 
-from capture_app.cameras.v4l2 import layout as v4l2
-from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.v4l2 import kernel as v4l2
+from capture_app.cameras.v4l2.kernel import VideoDevice
 
 MJPG = v4l2.PixelFormat("MJPG", 640, 480, 0)
 PERIOD_NS = 33_333_333

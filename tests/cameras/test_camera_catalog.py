@@ -4,16 +4,16 @@ import types
 
 import pytest
 
-from capture_app.cameras import base, catalog
+from capture_app.cameras import base, specs
 from capture_app.clock import HostClock, NodeClock, SimulatedClock
 from capture_app.errors import BadInputError, CameraError
-from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.profiles import PROFILES
 from tests.node.test_supervisor import FakeCamera, frame
 
 
 def test_parse_spec() -> None:
-    assert catalog.parse_spec("sim:pi") == catalog.CameraSpec("sim", "pi", {})
-    assert catalog.parse_spec("v4l2:/dev/video2, width=640 ,fps=30") == catalog.CameraSpec(
+    assert specs.parse_spec("sim:pi") == specs.CameraSpec("sim", "pi", {})
+    assert specs.parse_spec("v4l2:/dev/video2, width=640 ,fps=30") == specs.CameraSpec(
         "v4l2", "/dev/video2", {"width": "640", "fps": "30"}
     )
 
@@ -29,7 +29,7 @@ def test_parse_spec() -> None:
     ],
 )
 def test_a_camera_is_named_after_its_device(spec: str, label: str) -> None:
-    assert catalog.parse_spec(spec).label == label
+    assert specs.parse_spec(spec).label == label
 
 
 @pytest.mark.parametrize(
@@ -49,15 +49,15 @@ def test_a_camera_is_named_after_its_device(spec: str, label: str) -> None:
 )
 def test_bad_specs_say_what_to_write(spec: str, needle: str) -> None:
     with pytest.raises(BadInputError) as error:
-        catalog.open_camera(spec, clock=HostClock(), name="a")
+        specs.open_camera(spec, clock=HostClock(), name="a")
     assert needle in str(error.value)
 
 
 def test_every_simulated_camera_listed_opens() -> None:
-    listed = [listing for listing in catalog.list_cameras() if listing.kind == "sim"]
+    listed = [listing for listing in specs.list_cameras() if listing.kind == "sim"]
     assert [listing.spec for listing in listed] == [f"sim:{name}" for name in PROFILES]
     for listing in listed:
-        camera = catalog.open_camera(listing.spec, clock=HostClock(), name="a")
+        camera = specs.open_camera(listing.spec, clock=HostClock(), name="a")
         assert camera.facts.model == listing.model
         assert "640x480 at 30 frames/s" in listing.detail
 
@@ -87,16 +87,16 @@ def test_a_driver_is_added_by_the_name_of_its_module(monkeypatch: pytest.MonkeyP
     driver = types.ModuleType("a_new_driver")
     driver.list_cameras, driver.open_camera = list_cameras_of_a_driver, open_camera_of_a_driver
     monkeypatch.setitem(sys.modules, "a_new_driver", driver)
-    monkeypatch.setitem(catalog.DRIVERS, "new", catalog.DriverEntry("a_new_driver", "new:NUMBER"))
-    assert list_cameras_of_a_driver()[0] in catalog.list_cameras()
+    monkeypatch.setitem(specs.DRIVERS, "new", specs.DriverEntry("a_new_driver", "new:NUMBER"))
+    assert list_cameras_of_a_driver()[0] in specs.list_cameras()
     with pytest.raises(CameraError, match=r"^1 \{'fps': '30'\} for a$"):
-        catalog.open_camera("new:1,fps=30", clock=HostClock(), name="a")
+        specs.open_camera("new:1,fps=30", clock=HostClock(), name="a")
 
 
 def test_opening_a_test_card_loads_no_heavy_library() -> None:
     code = (
         "import sys\n"
-        "from capture_app.cameras.catalog import open_camera\n"
+        "from capture_app.cameras.specs import open_camera\n"
         "from capture_app.clock import HostClock\n"
         "open_camera('sim:pi', clock=HostClock(), name='a')\n"
         "print(sorted({'cv2', 'numpy', 'open3d', 'pycolmap', 'textual'} & set(sys.modules)))\n"

@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from capture_app.cameras.v4l2 import layout
-from capture_app.cameras.v4l2.ioctl import check_layout
+from capture_app.cameras.v4l2 import kernel
+from capture_app.cameras.v4l2.kernel import check_layout
 from capture_app.errors import NotAvailableError
 
 U32, S32 = c.c_uint32, c.c_int32
@@ -122,12 +122,12 @@ STRUCTS = (
 
 @pytest.mark.parametrize("kernels", STRUCTS)
 def test_sizes_are_the_kernels(kernels):
-    ours = getattr(layout, re.sub("(?<!^)(?=[A-Z])", "_", kernels.__name__).upper())
+    ours = getattr(kernel, re.sub("(?<!^)(?=[A-Z])", "_", kernels.__name__).upper())
     assert ours.size == c.sizeof(kernels)
 
 
 def test_buffer_fields_lie_where_the_kernel_puts_them():
-    packed = layout.BUFFER.pack(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
+    packed = kernel.BUFFER.pack(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
     buffer = Buffer.from_buffer_copy(packed)
     assert (buffer.index, buffer.type, buffer.bytesused, buffer.flags, buffer.field) == (1, 2, 3, 4, 5)
     assert (buffer.timestamp.tv_sec, buffer.timestamp.tv_usec) == (6, 7)
@@ -135,7 +135,7 @@ def test_buffer_fields_lie_where_the_kernel_puts_them():
 
 
 def test_format_fields_lie_where_the_kernel_puts_them():
-    packed = Format.from_buffer_copy(layout.FORMAT.pack(1, 640, 480, b"MJPG", 2, 1280, 614400))
+    packed = Format.from_buffer_copy(kernel.FORMAT.pack(1, 640, 480, b"MJPG", 2, 1280, 614400))
     mjpg = struct.unpack("<I", b"MJPG")[0]
     assert packed.type == 1
     assert list(packed.fmt.pix)[:6] == [640, 480, mjpg, 2, 1280, 614400]
@@ -143,7 +143,7 @@ def test_format_fields_lie_where_the_kernel_puts_them():
 
 
 def test_stream_parameters_lie_where_the_kernel_puts_them():
-    packed = StreamParameters.from_buffer_copy(layout.STREAM_PARAMETERS.pack(1, 0x1000, 0, 1, 30))
+    packed = StreamParameters.from_buffer_copy(kernel.STREAM_PARAMETERS.pack(1, 0x1000, 0, 1, 30))
     capture = packed.parm.capture
     assert (packed.type, capture.capability, capture.capturemode) == (1, 0x1000, 0)
     assert (capture.timeperframe.numerator, capture.timeperframe.denominator) == (1, 30)
@@ -154,7 +154,7 @@ def test_enumerated_ranges_lie_where_the_kernel_puts_them():
     interval.pixel_format = b"YUYV"
     interval.stepwise[0] = Fract(1, 60)
     interval.stepwise[1] = Fract(1, 5)
-    index, fourcc, width, height, kind, *numbers = layout.FRAME_INTERVAL.unpack(bytes(interval))
+    index, fourcc, width, height, kind, *numbers = kernel.FRAME_INTERVAL.unpack(bytes(interval))
     assert (index, fourcc, width, height, kind) == (3, b"YUYV", 640, 480, 3)
     assert numbers[:4] == [1, 60, 1, 5]
 
@@ -181,7 +181,7 @@ def test_enumerated_ranges_lie_where_the_kernel_puts_them():
     ],
 )
 def test_request_numbers_are_what_a_c_compiler_prints(name, number):
-    assert getattr(layout, name) == number
+    assert getattr(kernel, name) == number
 
 
 def test_a_32_bit_system_is_refused_in_words(monkeypatch):
@@ -191,6 +191,6 @@ def test_a_32_bit_system_is_refused_in_words(monkeypatch):
 
 
 def test_sizes_in_steps_are_rounded_to_the_nearest_one():
-    size = layout.FrameSize(16, 1920, 16, 16, 1080, 8)
+    size = kernel.FrameSize(16, 1920, 16, 16, 1080, 8)
     assert size.nearest(641, 477) == (640, 480)
     assert size.nearest(9999, 1) == (1920, 16)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.cameras.v4l2 import layout as v4l2
+from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, parse_options

@@ -13,14 +13,14 @@ import pytest
 from click.testing import CliRunner
 
 from capture_app.cli import COMMANDS, run
-from capture_app.commands.leader_search import choose_leader, find_leader
+from capture_app.commands.joining import choose_leader, find_leader
 from capture_app.commands.node import node
 from capture_app.errors import ExitCode, NetworkError
 from capture_app.net.address import Address
-from capture_app.net.discovery.search import ReachableLeader
+from capture_app.net.discovery import ReachableLeader
 from capture_app.net.server import bind_port
 from capture_app.rig_process import recorded_rig
-from capture_app.sync.wire.version import version_answer
+from capture_app.sync.wire.codec import version_answer
 
 USAGE, BAD_INPUT = ExitCode.USAGE, ExitCode.BAD_INPUT
 NO_CAMERA, NETWORK = ExitCode.NO_CAMERA, ExitCode.NETWORK
@@ -167,7 +167,7 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     # Whatever leader this machine has at the usual port is not asked.
-    monkeypatch.setattr(sys.modules["capture_app.commands.leader_search"], "DEFAULT_PORT", 1)
+    monkeypatch.setattr(sys.modules["capture_app.commands.joining"], "DEFAULT_PORT", 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         own = Address("127.0.0.1", sock.getsockname()[1])

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from capture_app import doctor
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.usb import UsbCamera, usb_cameras
-from capture_app.doctor import host
-from capture_app.host_rate import HostRate
+from capture_app.clock import HostRate
 
 SAMPLE_BYTES = 1 << 20
 
@@ -22,25 +22,25 @@ def slewing_by(ppm: float) -> HostRate:
 
 @pytest.mark.parametrize(("ppm", "grade", "remedy"), [(0.0, "good", ""), (300.0, "warning", "wait until")])
 async def test_a_clock_that_is_being_slewed_is_a_warning(ppm: float, grade: str, remedy: str) -> None:
-    found = await host.clock(slewing_by(ppm), watched_s=0.0)
+    found = await doctor.clock(slewing_by(ppm), watched_s=0.0)
     assert found.grade == grade
     assert found.remedy.startswith(remedy)
 
 
 async def test_a_host_that_does_not_tell_is_noted() -> None:
-    found = await host.clock(HostRate(read=lambda: None), watched_s=0.0)
+    found = await doctor.clock(HostRate(read=lambda: None), watched_s=0.0)
     assert found.grade == "note"
 
 
 def test_a_folder_that_is_not_there_yet_is_measured_where_it_will_be(tmp_path: Path) -> None:
-    found = host.disk(tmp_path / "spool" / "new", "the spool", "--spool", SAMPLE_BYTES)
+    found = doctor.disk(tmp_path / "spool" / "new", "the spool", "--spool", SAMPLE_BYTES)
     assert found.grade in ("good", "warning")
     assert f"MB/s to {tmp_path}" in found.text
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_disk_that_cannot_be_written_is_a_problem() -> None:
-    found = host.disk(Path("/dev/full/spool"), "the spool", "--spool", SAMPLE_BYTES)
+    found = doctor.disk(Path("/dev/full/spool"), "the spool", "--spool", SAMPLE_BYTES)
     assert found.grade == "problem"
     assert "choose another folder with --spool" in found.remedy
 
@@ -52,14 +52,14 @@ def test_cameras_that_may_not_be_used_say_how_they_may(tmp_path: Path) -> None:
         CameraListing("v4l2:/dev/video2", "v4l2", "Other", "640x480"),
         CameraListing("sim:webcam", "sim", "", ""),
     ]
-    problem, good = host.cameras(listings)
+    problem, good = doctor.cameras(listings)
     assert (problem.grade, problem.text) == ("problem", "no permission to use /dev/video0")
     assert "sudo usermod -aG video $USER" in problem.remedy
     assert good.text == "v4l2:/dev/video2: Other"
 
 
 def test_a_machine_without_cameras_is_noted_only() -> None:
-    (found,) = host.cameras([CameraListing("sim:webcam", "sim", "", "")])
+    (found,) = doctor.cameras([CameraListing("sim:webcam", "sim", "", "")])
     assert found.grade == "note"
 
 
@@ -83,16 +83,16 @@ def test_cameras_that_share_a_slow_bus_are_a_warning(tmp_path: Path) -> None:
     plug(tmp_path, "2-2", 2, "5000", "video10")
     found = usb_cameras(tmp_path / "class")
     assert [camera.node for camera in found] == ["/dev/video0", "/dev/video2", "/dev/video4", "/dev/video10"]
-    (warning,) = host.usb(found)
+    (warning,) = doctor.usb(found)
     assert warning.grade == "warning"
     assert warning.text.startswith("/dev/video0 and /dev/video2 share one USB 2 bus of 480 Mbit/s")
     assert "format=MJPG" in warning.remedy
 
 
 def test_cameras_apart_are_no_warning(tmp_path: Path) -> None:
-    (good,) = host.usb([UsbCamera("/dev/video0", 1, 480), UsbCamera("/dev/video2", 2, 480)])
+    (good,) = doctor.usb([UsbCamera("/dev/video0", 1, 480), UsbCamera("/dev/video2", 2, 480)])
     assert good.grade == "good"
-    assert list(host.usb([])) == []
+    assert list(doctor.usb([])) == []
 
 
 def test_what_is_no_usb_camera_is_left_out(tmp_path: Path) -> None:

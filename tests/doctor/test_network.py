@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.doctor import network
+from capture_app import doctor
 from capture_app.net.address import Address
 from capture_app.net.firewall import Firewall, active_firewalls
 from capture_app.net.wifi import told_power_save, wifi_interfaces
@@ -31,29 +31,29 @@ def test_a_machine_without_a_firewall_has_none(tmp_path: Path) -> None:
     write(tmp_path, "etc/ufw/ufw.conf", "# ENABLED=yes would start it\nENABLED=no\n")
     enable_nftables(tmp_path, "table inet filter { chain input { type filter hook input priority 0; } }")
     assert active_firewalls(tmp_path) == []
-    (found,) = network.firewalls([], [47010])
+    (found,) = doctor.firewalls([], [47010])
     assert found.grade == "good"
 
 
 def test_ufw_needs_the_port_of_a_leader_and_nothing_of_a_node(tmp_path: Path) -> None:
     write(tmp_path, "etc/ufw/ufw.conf", "ENABLED=yes\nLOGLEVEL=low\n")
     active = active_firewalls(tmp_path)
-    (found,) = network.firewalls(active, [47010])
+    (found,) = doctor.firewalls(active, [47010])
     assert found.grade == "warning"
     assert "only root sees" in found.text
     assert found.remedy == "sudo ufw allow 47010"
-    assert list(network.firewalls(active, [])) == []
+    assert list(doctor.firewalls(active, [])) == []
     write(tmp_path, "etc/ufw/user.rules", "### tuple ### allow any 47010 0.0.0.0/0 any 0.0.0.0/0 in\n")
-    assert list(network.firewalls(active_firewalls(tmp_path), [47010])) == []
-    (other,) = network.firewalls(active_firewalls(tmp_path), [47020])
+    assert list(doctor.firewalls(active_firewalls(tmp_path), [47010])) == []
+    (other,) = doctor.firewalls(active_firewalls(tmp_path), [47020])
     assert other.remedy == "sudo ufw allow 47020"
 
 
 def test_a_leader_warns_of_what_keeps_cameras_away_and_of_nothing_else(tmp_path: Path) -> None:
-    assert network.warnings_for_leader(47010, tmp_path) == []
+    assert doctor.warnings_for_leader(47010, tmp_path) == []
     write(tmp_path, "etc/ufw/ufw.conf", "ENABLED=yes\n")
     (tmp_path / "sys/class/net/no-such-wlan/phy80211").mkdir(parents=True)
-    (warning,) = network.warnings_for_leader(47010, tmp_path)
+    (warning,) = doctor.warnings_for_leader(47010, tmp_path)
     assert warning.startswith("ufw is active here, and must let cameras come in to port 47010")
     assert warning.endswith(": sudo ufw allow 47010")
 
@@ -63,7 +63,7 @@ def test_firewalld_and_nftables_say_how_they_are_opened(tmp_path: Path) -> None:
     enable_nftables(tmp_path, "chain input { policy drop; }")
     firewalld, nftables = active_firewalls(tmp_path)
     assert (firewalld.name, nftables.name) == ("firewalld", "nftables")
-    remedies = [finding.remedy for finding in network.firewalls([firewalld, nftables], [47010])]
+    remedies = [finding.remedy for finding in doctor.firewalls([firewalld, nftables], [47010])]
     assert remedies[0].startswith(
         "sudo firewall-cmd --permanent --add-port=47010/udp --add-port=47010/tcp &&"
     )
@@ -92,20 +92,20 @@ def test_wifi_interfaces_are_told_from_others(tmp_path: Path) -> None:
 
 async def test_a_leader_in_reach_is_good_and_one_that_is_not_is_a_problem(tmp_path: Path) -> None:
     async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as running:
-        assert (await network.leader(running.address)).grade == "good"
-        own = await network.own_rig(running.address)
+        assert (await doctor.leader(running.address)).grade == "good"
+        own = await doctor.own_rig(running.address)
     assert own.grade == "warning"
     assert "only this machine reaches it" in own.text
-    found = await network.leader(closed_port())
+    found = await doctor.leader(closed_port())
     assert found.grade == "problem"
     assert "start it there" in found.remedy
 
 
 async def test_a_rig_that_does_not_answer_is_a_problem() -> None:
-    assert (await network.own_rig(Address("127.0.0.1", closed_port().port))).grade == "problem"
+    assert (await doctor.own_rig(Address("127.0.0.1", closed_port().port))).grade == "problem"
 
 
 def test_what_a_machine_goes_by_is_told(tmp_path: Path) -> None:
-    assert network.trust(Trust.open()).grade == "note"
+    assert doctor.trust(Trust.open()).grade == "note"
     own = Trust(tmp_path)
-    assert own.identity.pin in network.trust(own).text
+    assert own.identity.pin in doctor.trust(own).text

@@ -6,7 +6,7 @@ from typing import Any
 
 from capture_app.errors import ExitCode
 from capture_app.net.address import parse_address
-from capture_app.node.operator.requests import ask_burst, ask_status
+from capture_app.node.requests import ask_burst, ask_status
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, NodeStatus
 from capture_app.session.format.manifest import JOURNAL

@@ -4,8 +4,7 @@ import random
 from statistics import fmean
 
 from capture_app.experiments.led_panel.limit import minimum_filter_error_ns, oracle_error_ns
-from capture_app.simulation.network.delay_laws import GammaDelay
-from capture_app.simulation.network.link import Link
+from capture_app.simulation.links import GammaDelay, Link
 
 
 def test_an_oracle_knows_the_clock_better_than_the_message_with_the_least_round_trip() -> None:

@@ -12,7 +12,7 @@ from capture_app.errors import BadInputError, ExitCode
 from capture_app.experiments.paper import experiment
 from capture_app.experiments.paper.applications import APPLICATIONS
 from capture_app.experiments.paper.compared import read_compared
-from reconstruction.scores.results import PanoramaComparison, PanoramaScores, Picture
+from reconstruction.scores.study_result import PanoramaComparison, PanoramaScores, Picture
 
 ROOT = Path(__file__).resolve().parents[2]
 OVERLAP = Picture(key="panorama_overlap", title="", synced="pictures/one.png", offset="pictures/other.png")

@@ -8,8 +8,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import SimulshotError
-from capture_app.session.alignment.gopro import read_gps_clock
-from capture_app.session.alignment.gpmf import parse_payload
+from capture_app.session.alignment.gopro import parse_payload, read_gps_clock
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
@@ -18,8 +17,7 @@ from capture_app.session.importers.open_sources import open_sources
 from capture_app.session.importers.rate_or_table import timeline_by_table
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.decoding import decode_image
-from capture_app.session.reading.exif import read_exif
-from capture_app.session.reading.picture_size import size_of
+from capture_app.session.reading.file_headers import read_exif, size_of
 from capture_app.session.reading.reader import Session
 from tests.fuzz.folders import Reader, contents, put, small_session
 from tests.session.conftest import calibration_of, jpeg

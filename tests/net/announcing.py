@@ -12,8 +12,8 @@ from pathlib import Path
 
 from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
-from capture_app.net.discovery.announcement import SERVICE, Kind, announced
-from capture_app.sync.wire.version import version_answer
+from capture_app.net.discovery import SERVICE, Kind, announced
+from capture_app.sync.wire.codec import version_answer
 from capture_app.trust.trust import Trust
 from tests.net.machines import LEADER_HOST
 

@@ -4,7 +4,7 @@ import asyncio
 import sys
 from pathlib import Path
 
-from capture_app.net.discovery.search import search_leaders
+from capture_app.net.discovery import search_leaders
 from capture_app.trust.trust import Trust
 
 if __name__ == "__main__":

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture_app import __version__
-from capture_app.net.discovery.announcement import announced_hosts
-from capture_app.net.discovery.search import NOBODY, search_leaders
+from capture_app.net.discovery import NOBODY, announced_hosts, search_leaders
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 

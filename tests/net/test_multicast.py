@@ -11,7 +11,7 @@ import pytest
 from capture_app.clock import HostClock
 from capture_app.net.interfaces import source_address
 from capture_app.net.multicast import BeaconReceiver, BeaconSender, open_group_socket
-from capture_app.sync.wire.beacon import Group
+from capture_app.sync.wire.messages import Group
 
 ELSEWHERE = "127.0.0.2"
 """As if another machine: the way there begins at another address than its own."""

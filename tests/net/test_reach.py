@@ -12,7 +12,7 @@ import pytest
 from capture_app.net.address import Address
 from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port
-from capture_app.sync.wire.version import VERSION, version_answer, version_mismatch
+from capture_app.sync.wire.codec import VERSION, version_answer, version_mismatch
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.clock import HostClock, NodeClock, SimulatedClock
-from capture_app.net.receipt_times import SO_TIMESTAMPNS, ReceiptTimes
+from capture_app.net.udp import SO_TIMESTAMPNS, ReceiptTimes
 
 MS, S = 1_000_000, 1_000_000_000
 EPOCH_NS = 1_700_000_000 * S

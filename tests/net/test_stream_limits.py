@@ -10,8 +10,7 @@ import pytest
 
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
-from capture_app.net.channel import MAX_PAYLOAD_BYTES, Channel, connect
-from capture_app.net.stream_limits import Patience
+from capture_app.net.channel import MAX_PAYLOAD_BYTES, Channel, Patience, connect
 from tests.net.echoes import PING, Ping, Pong, echo, serving
 
 MESSAGE = struct.pack(">4sIQ", b"SSH1", len(PING), 0) + PING

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.camera_share import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.writing.session_writer import SessionWriter

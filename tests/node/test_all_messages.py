@@ -9,15 +9,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from capture_app.camera_controls import CameraControls, Control
-from capture_app.camera_facts import EXACT_STAMPS
+from capture_app.camera_facts import EXACT_STAMPS, CameraControls, Control
 from capture_app.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating, pairing
 from capture_app.node.wire.messages import FromLeader, ToLeader
-from capture_app.node.wire.views import NodeDetail
+from capture_app.node.wire.status import NodeDetail
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust

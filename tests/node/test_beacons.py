@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.cameras.catalog import open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.net.address import Address
 from capture_app.net.multicast import BEACONS, BeaconSender, open_group_socket
@@ -15,8 +15,8 @@ from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.relay import RelayNode
 from capture_app.sync.rig.client import Client
-from capture_app.sync.wire.beacon import Beacon
 from capture_app.sync.wire.codec import decode
+from capture_app.sync.wire.messages import Beacon
 
 
 class NearSender(BeaconSender):

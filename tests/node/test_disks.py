@@ -16,8 +16,8 @@ from capture_app.errors import DiskError, SimulshotError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.answers import refusal_of
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.transfer.spool import Spool
 from capture_app.node.wire.messages import (
     BurstRequest,
     FromLeader,
@@ -31,7 +31,7 @@ from capture_app.node.wire.messages import (
 )
 from capture_app.session.files.disk import disk_error
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.received_image import ReceivedImage
+from capture_app.session.writing.image_store import ReceivedImage
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.node import bursts
 from tests.node.joining import joined

@@ -1,6 +1,6 @@
 """What a node tells of itself in detail."""
 
-from capture_app.node.camera.journal import NodeJournal
+from capture_app.node.camera.camera_node import NodeJournal
 from capture_app.node.wire.operating import Vitals
 from capture_app.sync.clock.clock_filter import ClockSample
 

@@ -16,8 +16,8 @@ from capture_app.node.operator.stamp_calibration import (
     measured_stamps,
 )
 from capture_app.session.format.manifest import CameraRecord
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.rig.rig import NodeSpec
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec
 from tests.facts import make_facts
 from tests.simulation.rig.rigs import LAN, MS, ready_rig
 

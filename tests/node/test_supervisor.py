@@ -11,7 +11,7 @@ from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor
-from capture_app.sync.stamps.frame_stamp import FrameStamp
+from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.facts import make_facts
 

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.control_keeper import ControlKeeper
+from capture_app.node.camera.supervisor import ControlKeeper
 from capture_app.node.camera.viewfinder import Viewfinder, small_jpeg
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.operator.link import RigLink
-from capture_app.node.operator.updates import Update
+from capture_app.node.rig_link import RigLink, Update
 from capture_app.node.wire.messages import FromLeader
 from capture_app.node.wire.operating import (
     DetailAnswer,
@@ -29,7 +28,7 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
-from capture_app.node.wire.views import NodeDetail, Preview
+from capture_app.node.wire.status import NodeDetail, Preview
 from tests.node.camera.controlled_camera import ControlledCamera
 from tests.node.joining import joined
 from tests.waiting import patience

@@ -6,8 +6,15 @@ import json
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.panel.catalog import PANELS, panel_named, panel_of_marker, screen_panel
-from capture_app.panel.pattern import MARKER_SIZE, Panel, Scan
+from capture_app.panel.pattern import (
+    MARKER_SIZE,
+    PANELS,
+    Panel,
+    Scan,
+    panel_named,
+    panel_of_marker,
+    screen_panel,
+)
 
 
 def test_the_papers_panel_lights_a_column_a_tick_and_a_lamp_of_its_row_for_ten() -> None:

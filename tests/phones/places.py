@@ -12,9 +12,9 @@ from typing import Any
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.phones.admission import Admission
+from capture_app.phones.camera import PhoneNodes
 from capture_app.phones.certificate import own_certificate
 from capture_app.phones.gateway import PhoneGateway
-from capture_app.phones.phone_nodes import PhoneNodes
 from capture_app.session.reading.reader import Session
 from capture_app.sync.wire.messages import NodeState
 from tests.phones.stand_in import StandInPhone

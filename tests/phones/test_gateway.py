@@ -10,10 +10,9 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
-from capture_app.camera_controls import MICROSECONDS, CameraControls, Control
-from capture_app.camera_facts import StampSource
+from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
 from capture_app.errors import SimulshotError
-from capture_app.node.operator.requests import ask_controls
+from capture_app.node.requests import ask_controls
 from capture_app.phones.gateway import REPLACED
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState

@@ -6,19 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from reconstruction.bullet_time.camera_sweep import render_camera_sweep
-from reconstruction.bullet_time.gif_animation import save_animation
-from reconstruction.bullet_time.stabilization import (
+from reconstruction.bullet_time import (
+    order_by_place,
     project_point,
+    render_camera_sweep,
     render_view,
+    save_animation,
     stabilize_views,
     triangulate_subject,
 )
-from reconstruction.calibration.camera_order import order_by_place
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.common.geometry import View
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import SceneMotion
+from reconstruction.session.motion import SceneMotion
 
 from .conftest import HEIGHT, WIDTH, jump, make_view
 

@@ -13,12 +13,20 @@ import pytest
 from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
-from reconstruction.depth import patchmatch
-from reconstruction.depth.colmap_workspace import read_array, read_maps, write_workspace
-from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_gpu, run_patch_match
+from reconstruction.depth import colmap
+from reconstruction.depth.colmap import (
+    ENVIRONMENT,
+    PROGRAM,
+    CudaGpu,
+    find_gpu,
+    read_array,
+    read_maps,
+    run_patch_match,
+    write_workspace,
+)
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.input_images import undistort_image, undistort_nearest
-from reconstruction.scores.depth_truth import depth_shares
+from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.true_workspace import write_true_workspace
@@ -240,4 +248,4 @@ def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
 
 def test_the_cuda_module_is_never_imported_here() -> None:
     assert "pycolmap" in PROGRAM
-    assert not hasattr(patchmatch, "pycolmap")
+    assert not hasattr(colmap, "pycolmap")

@@ -7,7 +7,7 @@ import pytest
 from capture_app.errors import ExitCode
 from capture_app.session.files.disk import is_full
 from capture_app.session.reading.reader import Session
-from reconstruction.common.output_folder import comparison_folder
+from reconstruction.common.outputs import comparison_folder
 from tests.reconstruction.conftest import Reconstruct
 
 

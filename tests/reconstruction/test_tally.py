@@ -2,7 +2,7 @@
 
 import pytest
 
-from reconstruction.scores.results import DepthScores
+from reconstruction.scores.study_result import DepthScores
 from reconstruction.scores.tally import Measurements, Tally
 
 

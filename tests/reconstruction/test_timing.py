@@ -3,9 +3,9 @@
 import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
-from reconstruction.report.timing_words import motion_sentence, timing_sentences
+from reconstruction.report.findings import motion_sentence, timing_sentences
 from reconstruction.scores.timing import Timing, judge_timing, with_curve_peak, without_common_times
-from reconstruction.time_offsets.offset_fit import InstantOffset, OffsetFit
+from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 
 FRAME_MS = 33.3
 PAIR = ("L", "R")

@@ -10,12 +10,11 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
+from capture_app.panel import simulated
 from capture_app.samples.recipe import read_recipe
 from capture_app.samples.render import render, same_files
-from capture_app.session.format.manifest import RECIPE
-from capture_app.session.format.row_exposures import row_exposures
+from capture_app.session.format.manifest import RECIPE, row_exposures
 from capture_app.session.reading.reader import Session
-from capture_app.simulation.rendering import led_panel
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_sessions"
 SHAPES = {"jumper": (5, 5), "naive": (5, 5), "pinwheel": (5, 5), "crossing": (3, 5), "led_panel": (2, 5)}
@@ -126,9 +125,9 @@ def test_the_time_can_be_read_off_the_panel_of_leds() -> None:
         assert record.exposure_ns is not None
         assert row_time_ns is not None
         picture = np.asarray(picture, np.uint8)
-        read_ns = led_panel.read_time(picture, exposure_ns=record.exposure_ns, row_time_ns=row_time_ns)
-        true_ns = truth[record.camera, record.instant] % led_panel.CYCLE_NS
-        assert abs(led_panel.difference_ns(read_ns, true_ns)) < 5_000
+        read_ns = simulated.read_time(picture, exposure_ns=record.exposure_ns, row_time_ns=row_time_ns)
+        true_ns = truth[record.camera, record.instant] % simulated.CYCLE_NS
+        assert abs(simulated.difference_ns(read_ns, true_ns)) < 5_000
 
 
 def test_depth_is_in_steps_and_reaches_across_the_room() -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from capture_app.session.reading.camera_order import arc_order
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.take_sheet import arc_order
 from capture_app.session.writing.session_writer import SessionWriter
 
 from .conftest import HEIGHT, INSTANTS, WIDTH, BurstRecord, camera_record, jpeg

@@ -5,9 +5,8 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.camera_facts import TimestampSource
-from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage
-from capture_app.session.format.row_exposures import row_exposures
-from capture_app.session.reading.synchronization import sync_record
+from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage, row_exposures
+from capture_app.session.reading.verdict import sync_record
 
 from .conftest import HEIGHT, camera_record
 

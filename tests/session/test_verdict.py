@@ -12,8 +12,14 @@ from capture_app.session.format.manifest import (
     Manifest,
     MissingImage,
 )
-from capture_app.session.reading.synchronization import sync_record
-from capture_app.session.reading.verdict import GRADE_LIMITS, Grade, describe_displacement, grade_of, judge
+from capture_app.session.reading.verdict import (
+    GRADE_LIMITS,
+    Grade,
+    describe_displacement,
+    grade_of,
+    judge,
+    sync_record,
+)
 
 from .conftest import camera_record
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.rendering import led_panel
+from capture_app.panel import simulated
 from capture_app.simulation.rendering.picture_source import LED_PANEL, PictureSource, open_picture_source
+from capture_app.simulation.sensor import SensorFrame
 
 ROW_NS, EXPOSURE_NS = 10_840, 97_560
 
@@ -23,8 +23,8 @@ def frame(start_ns: int) -> SensorFrame:
 def test_a_picture_tells_when_it_was_taken(start_ns: int) -> None:
     picture = view().render(frame(start_ns), seed=1)
     assert picture.shape == (480, 640, 3)
-    read_ns = led_panel.read_time(picture, exposure_ns=EXPOSURE_NS, row_time_ns=ROW_NS)
-    assert abs(led_panel.difference_ns(read_ns, start_ns % led_panel.CYCLE_NS)) < 5_000
+    read_ns = simulated.read_time(picture, exposure_ns=EXPOSURE_NS, row_time_ns=ROW_NS)
+    assert abs(simulated.difference_ns(read_ns, start_ns % simulated.CYCLE_NS)) < 5_000
 
 
 def test_pictures_are_a_function_of_frame_and_seed() -> None:

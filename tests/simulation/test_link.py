@@ -8,17 +8,18 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation.network.delay_laws import GammaDelay, ReplayedDelay
-from capture_app.simulation.network.exchanges import read_trace
-from capture_app.simulation.network.link import (
+from capture_app.simulation.exchanges import read_trace
+from capture_app.simulation.links import (
     Channel,
+    GammaDelay,
     Link,
     MediumQueue,
     Outage,
+    ReplayedDelay,
     SharedMedium,
     TroubleSpells,
 )
-from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.paper_link import PAPER_LINK
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)

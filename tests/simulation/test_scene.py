@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.board.charuco import DEFAULT_BOARD
+from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import CoverageCount
 from capture_app.errors import BadInputError
-from capture_app.node.leader.local.local_nodes import FLAT_SCENES, VIEWS
+from capture_app.node.leader.local_nodes import FLAT_SCENES, VIEWS
+from capture_app.simulation.rendering.layers import look_at
 from capture_app.simulation.rendering.scene import SCENES, Scene, load
-from capture_app.simulation.rendering.view import look_at
-from capture_app.simulation.scenes import crossing, held_board, pinwheel, poses, studio
+from capture_app.simulation.scenes import moving_bodies, stages, studio
 
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
@@ -51,7 +51,7 @@ def test_unknown_scene_and_view_name_what_there_is(scene):
 
 
 def test_a_leader_starts_cameras_for_the_views_there_are():
-    definitions = {"studio": studio, "pinwheel": pinwheel, "crossing": crossing, "board": held_board}
+    definitions = {"studio": studio, "pinwheel": stages, "crossing": stages, "board": stages}
     assert set(SCENES) == set(definitions) == set(VIEWS) - set(FLAT_SCENES)
     for name, module in definitions.items():
         assert VIEWS[name] == tuple(module.DEFINITION.cameras)
@@ -205,10 +205,10 @@ def test_all_is_far_enough_for_a_panorama(scene):
         assert scene.ground_truth(view, START_NS, EXPOSURE_NS, ROW_NS)[0].min() >= 1.8
 
 
-@pytest.mark.parametrize("time_ns", [0, -1, 2**63 - 10**9, -(2**63), poses.CYCLE_NS - 1])
+@pytest.mark.parametrize("time_ns", [0, -1, 2**63 - 10**9, -(2**63), moving_bodies.CYCLE_NS - 1])
 def test_motion_goes_on_for_ever(time_ns):
-    seconds = poses.cycle_seconds(np.array([time_ns, time_ns + 1], np.int64))
-    for pose in (poses.jumping_child(seconds) | poses.turning_wheel(seconds)).values():
+    seconds = moving_bodies.cycle_seconds(np.array([time_ns, time_ns + 1], np.int64))
+    for pose in (moving_bodies.jumping_child(seconds) | moving_bodies.turning_wheel(seconds)).values():
         assert np.allclose(np.linalg.det(pose.rotation), 1)
         # Nothing moves faster than 10 m/s or turns faster than 40 rad/s: no jump where the cycle ends.
         assert np.ptp(pose.translation, axis=0).max() < 1e-8
@@ -216,8 +216,8 @@ def test_motion_goes_on_for_ever(time_ns):
 
 
 def test_no_part_stands_still_for_66_ms():
-    start = np.arange(0, poses.HOP_S * 6, 0.013)
-    now, later = poses.jumping_child(start), poses.jumping_child(start + 0.066)
+    start = np.arange(0, moving_bodies.HOP_S * 6, 0.013)
+    now, later = moving_bodies.jumping_child(start), moving_bodies.jumping_child(start + 0.066)
     torso = np.linalg.norm((later["torso"].translation - now["torso"].translation)[:, :2], axis=1)
     # 3 mm sideways look like 2 % of the depth to the stereo pair, 0.16 m apart.
     assert torso.min() > 0.015
@@ -246,9 +246,9 @@ def test_the_studio_looks_as_it_always_did():
 
 def test_the_board_is_held_everywhere_before_every_camera():
     seconds = np.arange(0, 60, 1.3)
-    held = held_board.DEFINITION.poses(seconds)["sheet"]
+    held = stages.HELD_BOARD.poses(seconds)["sheet"]
     views = {
-        name: look_at(name, *held_board.DEFINITION.cameras[name])
+        name: look_at(name, *stages.HELD_BOARD.cameras[name])
         for name in ("cam00", "cam01", "cam04", "cam05", "cam06")
     }
     count = CoverageCount(DEFAULT_BOARD, dict.fromkeys(views, (640, 480)))
@@ -278,11 +278,13 @@ def test_the_other_scenes_show_their_movers_in_every_view(name):
 
 
 def test_walkers_keep_their_feet_on_the_floor_and_repeat_themselves():
-    seconds = np.arange(0, poses.LAP_S, 0.01)
-    walked = poses.walking_child(seconds, ahead=0.25, prefix="")
-    again = poses.walking_child(seconds + poses.LAP_S, ahead=0.25, prefix="")
-    ankles = np.stack([walked[f"{side}_shin"].point(0, poses.SHIN_M, 0) for side in ("left", "right")])
-    height = poses.FLOOR_Y - poses.ANKLE_M - ankles[:, :, 1]
+    seconds = np.arange(0, moving_bodies.LAP_S, 0.01)
+    walked = moving_bodies.walking_child(seconds, ahead=0.25, prefix="")
+    again = moving_bodies.walking_child(seconds + moving_bodies.LAP_S, ahead=0.25, prefix="")
+    ankles = np.stack(
+        [walked[f"{side}_shin"].point(0, moving_bodies.SHIN_M, 0) for side in ("left", "right")]
+    )
+    height = moving_bodies.FLOOR_Y - moving_bodies.ANKLE_M - ankles[:, :, 1]
     assert np.abs(height.min(axis=0)).max() < 0.01  # one foot always stands
     assert 0.03 < height.max() < 0.3
     for name, pose in walked.items():

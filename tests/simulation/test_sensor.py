@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.errors import BadInputError, CameraError
-from capture_app.simulation.devices.profiles import PROFILES, SensorProfile, find_profile
-from capture_app.simulation.devices.sensor import Sensor, SensorFrame
+from capture_app.simulation.profiles import PROFILES, SensorProfile, find_profile
+from capture_app.simulation.sensor import Sensor, SensorFrame
 
 START_NS = 5_000_000_000_000
 

@@ -2,7 +2,7 @@
 
 import random
 
-from capture_app.sync.wire.speaker import Speaker
+from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import MOST_OF_ONE, ClientKeys, LeaderKeys
 
 

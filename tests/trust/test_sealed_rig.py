@@ -7,9 +7,11 @@ import pytest
 from msgspec import structs
 
 from capture_app.sync.rig.events import BurstAccepted, StrangeTrigger
-from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
 from capture_app.sync.wire.messages import (
+    AgreedArrival,
+    ArrivalReport,
+    Beacon,
     Goodbye,
     Heartbeat,
     HeartbeatAck,
@@ -25,10 +27,9 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.speaker import Speaker
+from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import Address
-from capture_app.trust.refusals import Refusals
-from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refused
+from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refusals, Refused
 from tests.facts import make_facts
 from tests.trust.sealed_pair import LEADER, SealedRig, running
 

@@ -3,9 +3,15 @@
 import random
 
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.wire.codec import decode, encode
+from capture_app.sync.wire.codec import (
+    TOKEN_BYTES,
+    VERSION,
+    answered_version,
+    decode,
+    encode,
+    version_question,
+)
 from capture_app.sync.wire.messages import Hello, JoinRefusal
-from capture_app.sync.wire.version import TOKEN_BYTES, VERSION, answered_version, version_question
 from capture_app.trust.keys import ClientKeys
 from capture_app.trust.sealed_engines import SealedLeader
 from tests.facts import make_facts

@@ -8,8 +8,8 @@ from typing import Any
 from textual.widgets._toast import Toast
 
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.settings import Settings
+from capture_app.tui.widgets.lines import Lines
 from tests.tui.fake_rig import FakeRig
 from tests.waiting import looked_at, patience
 

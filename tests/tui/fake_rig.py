@@ -9,13 +9,20 @@ import msgspec
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.node.operator.camera_controls import ControlledCamera
-from capture_app.node.operator.updates import LinkLost, Update
+from capture_app.node.requests import ControlledCamera
+from capture_app.node.rig_link import LinkLost, Update
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.operating import PhoneInvited
 from capture_app.node.wire.pairing import Invited
-from capture_app.node.wire.status import BurstStatus, CameraTransfer, NodeStatus, RigStatus
-from capture_app.node.wire.views import NewsLine, NodeDetail, Preview
+from capture_app.node.wire.status import (
+    BurstStatus,
+    CameraTransfer,
+    NewsLine,
+    NodeDetail,
+    NodeStatus,
+    Preview,
+    RigStatus,
+)
 from capture_app.sync.wire.messages import NodeState
 from tests.facts import make_facts
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from capture_app.cameras.v4l2 import driver
-from capture_app.node.wire.views import NewsLine, NodeDetail
+from capture_app.node.wire.status import NewsLine, NodeDetail
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle

@@ -5,9 +5,8 @@ from pathlib import Path
 from textual.widgets import Button, Static
 
 from capture_app.text import ProgressStep
-from capture_app.tui.jobs.job import Job, JobState
-from capture_app.tui.jobs.kinds import COMPARE
-from capture_app.tui.quitting import quit_question
+from capture_app.tui.app import quit_question
+from capture_app.tui.jobs.job import COMPARE, Job, JobState
 from tests.tui.driving import make_app, settle
 from tests.tui.fake_rig import FakeRig, make_node
 

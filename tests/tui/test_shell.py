@@ -4,7 +4,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.messages import Mishap
+from capture_app.tui.rig_record import Mishap
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig

@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping
 
 from capture_app.cameras.base import Camera, CameraListing, in_node_clock
 from capture_app.cameras.libcamera.camera import LibcameraCamera
-from capture_app.cameras.libcamera.facts import KIND, Origin, origin_of
+from capture_app.cameras.libcamera.configuration import KIND, Origin, origin_of, parse_options
 from capture_app.cameras.libcamera.library import Library, load_library
-from capture_app.cameras.libcamera.mode import parse_options
 from capture_app.cameras.system_packages import is_installed
 from capture_app.clock import NodeClock
 from capture_app.errors import NotAvailableError

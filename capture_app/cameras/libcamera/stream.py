@@ -1,17 +1,89 @@
-"""The requests of one camera of libcamera: they are filled, handed on, and queued with new settings."""
+"""The requests of one camera of libcamera: they are filled, handed on, and queued with new settings.
 
+The buffers of a stream of libcamera, mapped once, and their pictures copied out of them.
+
+Which clock libcamera stamps in, and its stamps in the host's monotonic clock.
+
+Its documentation says CLOCK_BOOTTIME; where the kernel's V4L2 stamps, it is CLOCK_MONOTONIC. The two part
+while the machine sleeps, and not otherwise.
+"""
+
+import mmap
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from capture_app.cameras.libcamera.buffers import MappedBuffers
 from capture_app.cameras.libcamera.controls import KnownControls, by_name, frame_duration
 from capture_app.cameras.libcamera.library import Library
-from capture_app.cameras.libcamera.stamp_clock import StampClock
-from capture_app.cameras.v4l2.layout import PixelFormat
-from capture_app.cameras.v4l2.pictures import JpegPicture, RawPicture
+from capture_app.cameras.v4l2.kernel import PixelFormat
+from capture_app.cameras.v4l2.pictures import JpegPicture, RawPicture, picture_from_buffer
+
+
+class MappedBuffers:
+    """The memory of a stream's buffers."""
+
+    def __init__(self, module: Any, camera: Any, stream: Any, layout: PixelFormat) -> None:
+        """Allocate and map what a configured stream needs. Raises what the library raises, OSError."""
+        self._allocator = module.FrameBufferAllocator(camera)
+        self._allocator.allocate(stream)
+        self._layout = layout
+        self.buffers = list(self._allocator.buffers(stream))
+        self._memory: dict[int, mmap.mmap] = {}
+        lengths: dict[int, int] = {}
+        for plane in (plane for buffer in self.buffers for plane in buffer.planes):
+            lengths[plane.fd] = max(lengths.get(plane.fd, 0), plane.offset + plane.length)
+        for fd, length in lengths.items():
+            self._memory[fd] = mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ)
+
+    def picture(self, buffer: Any) -> JpegPicture | RawPicture | None:
+        """The picture in a finished buffer; None where it is damaged."""
+        filled = zip(buffer.planes, buffer.metadata.planes, strict=True)
+        data = b"".join(
+            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used] for plane, used in filled
+        )
+        return picture_from_buffer(data, self._layout)
+
+    def close(self) -> None:
+        """Let go of the memory."""
+        for memory in self._memory.values():
+            memory.close()
+        self._memory, self.buffers, self._allocator = {}, [], None
+
+
+_NOISE_NS = 1_000_000
+"""Two readings, one after the other, differ by less, and a sleep is longer."""
+_FOREIGN_NS = 60_000_000_000
+"""A stamp this far from now is of neither clock."""
+
+
+class StampClock:
+    """Brings stamps into the monotonic clock; both clocks can be others in a test."""
+
+    def __init__(
+        self,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        boot_ns: Callable[[], int] = lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME),
+    ) -> None:
+        self._monotonic_ns, self._boot_ns = monotonic_ns, boot_ns
+        self._asleep_ns = 0
+
+    def now_ns(self) -> int:
+        """The monotonic clock now."""
+        return self._monotonic_ns()
+
+    def monotonic_of(self, stamp_ns: int) -> int | None:
+        """The time in ns of a stamp that has just come; None where it is of another clock."""
+        now_ns = self._monotonic_ns()
+        asleep_ns = self._boot_ns() - now_ns
+        if abs(asleep_ns - self._asleep_ns) > _NOISE_NS:
+            self._asleep_ns = asleep_ns
+        by_boot_ns = stamp_ns - self._asleep_ns
+        nearest_ns = min(stamp_ns, by_boot_ns, key=lambda ns: abs(now_ns - ns))
+        return nearest_ns if abs(now_ns - nearest_ns) < _FOREIGN_NS else None
+
 
 _TOLD = (
     "SensorTimestamp",

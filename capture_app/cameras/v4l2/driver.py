@@ -10,7 +10,7 @@ from pathlib import Path
 
 from capture_app.cameras.base import Camera, CameraListing, in_node_clock
 from capture_app.cameras.v4l2.driver_errors import driver_error
-from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.v4l2.kernel import VideoDevice
 from capture_app.cameras.v4l2.modes import check_capture, configure, offered_modes, parse_options
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.clock import NodeClock

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from capture_app.cameras.options import refuse_unknown
-from capture_app.cameras.v4l2 import layout as v4l2
-from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.specs import refuse_unknown
+from capture_app.cameras.v4l2 import kernel as v4l2
+from capture_app.cameras.v4l2.kernel import VideoDevice
 from capture_app.errors import BadInputError, CameraError
 
 USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from capture_app.cameras.v4l2.layout import PixelFormat
+from capture_app.cameras.v4l2.kernel import PixelFormat
 
 if TYPE_CHECKING:
     import numpy as np

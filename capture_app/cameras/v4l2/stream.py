@@ -3,6 +3,10 @@
 Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are kept as stamped: `facts` say which
 moment of a frame the driver claims that they mean, and how late they are. uvcvideo claims the start of the
 exposure, and stamps the arrival of a frame's first bytes.
+
+The exposure controls of a V4L2 camera.
+
+Exposure, gain, white balance and focus of a V4L2 camera, by the kernel's controls of any driver.
 """
 
 import asyncio
@@ -13,19 +17,152 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass
 
 from msgspec import structs
 
-from capture_app.camera_controls import Control, ControlState
-from capture_app.camera_facts import CameraFacts, PhaseControl, StampSource, TimestampSource
+from capture_app.camera_facts import (
+    KELVIN,
+    MICROSECONDS,
+    CameraFacts,
+    Control,
+    ControlState,
+    PhaseControl,
+    StampSource,
+    TimestampSource,
+    steps_of,
+)
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
-from capture_app.cameras.v4l2 import controls, exposure
-from capture_app.cameras.v4l2 import layout as v4l2
+from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error
-from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.v4l2.kernel import VideoDevice
 from capture_app.cameras.v4l2.pictures import picture_from_buffer
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+
+_UNIT_NS = 100_000
+"""Of the control of the exposure."""
+
+
+def exposure_limits_ns(device: VideoDevice) -> tuple[int | None, int | None]:
+    """Shortest and longest exposure in ns; None where the camera has no such control."""
+    limits = device.control_range(v4l2.CID_EXPOSURE_ABSOLUTE)
+    return (limits[0] * _UNIT_NS, limits[1] * _UNIT_NS) if limits else (None, None)
+
+
+def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
+    """Exposure in ns and gain in the device's unit, None where the camera chooses them frame by frame."""
+    automatic = device.control(v4l2.CID_EXPOSURE_AUTO)
+    if automatic not in (None, v4l2.EXPOSURE_MANUAL):
+        return None, None
+    exposure, gain = device.control(v4l2.CID_EXPOSURE_ABSOLUTE), device.control(v4l2.CID_GAIN)
+    return (
+        None if exposure is None else exposure * _UNIT_NS,
+        None if gain is None or device.control(v4l2.CID_AUTOGAIN) else float(gain),
+    )
+
+
+def keep_rate_constant(device: VideoDevice) -> int | None:
+    """Forbid longer frames in the dark; returns the setting to restore, None where there is nothing to."""
+    before = device.control(v4l2.CID_EXPOSURE_AUTO_PRIORITY)
+    if not before:
+        return None
+    with suppress(OSError):
+        device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, 0)
+    return before
+
+
+def restore_rate(device: VideoDevice, before: int | None) -> None:
+    """Set what `keep_rate_constant` returned."""
+    if before is not None:
+        with suppress(OSError):
+            device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, before)
+
+
+_EXPOSURE_UNIT_US = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Control:
+    """A control of a value, and the switch that lets the camera choose it: what that is off, and on."""
+
+    value: int
+    switch: int
+    manual: int = 0
+    automatic: tuple[int, ...] = (1,)
+    """The first of these that the driver takes."""
+    unit: str | None = None
+    """None for steps of that model."""
+    scale: float = 1.0
+    """Of one step, in `unit`."""
+
+
+_CONTROLS = {
+    Control.EXPOSURE: _Control(
+        v4l2.CID_EXPOSURE_ABSOLUTE,
+        v4l2.CID_EXPOSURE_AUTO,
+        manual=v4l2.EXPOSURE_MANUAL,
+        # Webcams keep the aperture, which they cannot move; others call the same plainly automatic.
+        automatic=(v4l2.EXPOSURE_APERTURE_PRIORITY, v4l2.EXPOSURE_AUTO),
+        unit=MICROSECONDS,
+        scale=_EXPOSURE_UNIT_US,
+    ),
+    Control.GAIN: _Control(v4l2.CID_GAIN, v4l2.CID_AUTOGAIN),
+    Control.WHITE_BALANCE: _Control(v4l2.CID_WHITE_BALANCE_K, v4l2.CID_AUTO_WHITE_BALANCE, unit=KELVIN),
+    Control.FOCUS: _Control(v4l2.CID_FOCUS_ABSOLUTE, v4l2.CID_FOCUS_AUTO),
+}
+
+
+def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
+    """Those that the device has."""
+    return tuple(state for control in Control if (state := _read(device, model, control)) is not None)
+
+
+def set_control(device: VideoDevice, control: Control, value: float | None) -> None:
+    """Set a control in its unit, and hold it there; None: let the camera choose.
+
+    Raises CameraError where the device has no such control, OSError of the driver.
+    """
+    of = _CONTROLS[control]
+    if value is None:
+        _set_automatic(device, control, of)
+        return
+    if device.control_range(of.value) is None:
+        raise CameraError(f"{device.path} has no control of its {control}")
+    if device.control(of.switch) not in (None, of.manual):
+        device.set_control(of.switch, of.manual)
+    device.set_control(of.value, round(value / of.scale))
+
+
+def _read(device: VideoDevice, model: str, control: Control) -> ControlState | None:
+    of = _CONTROLS[control]
+    limits = device.control_range(of.value)
+    if limits is None:
+        return None
+    switch, value = device.control(of.switch), device.control(of.value)
+    return ControlState(
+        control=control,
+        value=None if value is None else value * of.scale,
+        unit=of.unit or steps_of(model),
+        automatic=switch not in (None, of.manual),
+        can_be_automatic=switch is not None,
+        least=limits[0] * of.scale,
+        most=limits[1] * of.scale,
+    )
+
+
+def _set_automatic(device: VideoDevice, control: Control, of: _Control) -> None:
+    switch = device.control(of.switch)
+    if switch is None:
+        raise CameraError(f"{device.path} does not choose its {control} itself")
+    if switch in of.automatic:
+        return
+    for choice in of.automatic[:-1]:
+        with suppress(OSError):
+            device.set_control(of.switch, choice)
+            return
+    device.set_control(of.switch, of.automatic[-1])
+
 
 _log = logging.getLogger(__name__)
 
@@ -58,11 +195,11 @@ class V4L2Camera(Camera):
         self._clock_checked = False
         self._on_frame: OnFrame
         self._on_failure: OnFailure
-        self._exposure_ns, self._gain = exposure.read_exposure(device)
+        self._exposure_ns, self._gain = read_exposure(device)
         count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
-        shortest_ns, longest_ns = exposure.exposure_limits_ns(device)
+        shortest_ns, longest_ns = exposure_limits_ns(device)
         capability = device.capability()
         self._is_uvc = capability.driver == _UVC
         self._facts = CameraFacts(
@@ -78,7 +215,7 @@ class V4L2Camera(Camera):
             max_exposure_ns=longest_ns,
         )
         self._facts = self._facts_at(self._exposure_ns)
-        self._auto_priority = exposure.keep_rate_constant(device)
+        self._auto_priority = keep_rate_constant(device)
 
     @property
     def facts(self) -> CameraFacts:
@@ -138,9 +275,7 @@ class V4L2Camera(Camera):
         if self._closing.is_set():
             return ()
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(
-            self._worker, controls.read_controls, self._device, self._facts.model
-        )
+        return await loop.run_in_executor(self._worker, read_controls, self._device, self._facts.model)
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
@@ -152,8 +287,8 @@ class V4L2Camera(Camera):
             raise driver_error(self._device.path, error) from error
 
     def _set_control(self, control: Control, value: float | None) -> None:
-        controls.set_control(self._device, control, value)
-        self._exposure_ns, self._gain = exposure.read_exposure(self._device)
+        set_control(self._device, control, value)
+        self._exposure_ns, self._gain = read_exposure(self._device)
         self._facts = self._facts_at(self._exposure_ns)
 
     def _facts_at(self, exposure_ns: int | None) -> CameraFacts:
@@ -168,7 +303,7 @@ class V4L2Camera(Camera):
         for memory in self._memory:
             memory.close()
         self._memory = []
-        exposure.restore_rate(self._device, self._auto_priority)
+        restore_rate(self._device, self._auto_priority)
         self._device.close()
         self._worker.shutdown(wait=False)
 
@@ -177,7 +312,7 @@ class V4L2Camera(Camera):
         self._device.stream_on()
 
     def _prepare(self) -> None:
-        self._exposure_ns, self._gain = exposure.read_exposure(self._device)
+        self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
 

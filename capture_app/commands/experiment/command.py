@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from capture_app.cli import LazyGroup
 from capture_app.commands.experiment.options import experiment_options
 from capture_app.commands.experiment.paper import paper
-from capture_app.commands.lazy_group import LazyGroup
 from capture_app.commands.options import AddressType, run_until_stopped
 from capture_app.experiments import EXPERIMENTS, load
 from capture_app.net.address import DEFAULT_PORT, Address

@@ -18,11 +18,9 @@ from capture_app.experiments.clock_filters.links import (
     replayed,
 )
 from capture_app.experiments.common.result import Table
-from capture_app.simulation.network.changing_clock import ChangingClock, RateSpell
-from capture_app.simulation.network.delay_laws import ReplayedDelay
-from capture_app.simulation.network.exchanges import START_TRUE_NS, LocalClock, exchanges_at
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.wandering_clock import draw_wandering_clock
+from capture_app.simulation.clocks import ChangingClock, RateSpell, draw_wandering_clock
+from capture_app.simulation.exchanges import START_TRUE_NS, LocalClock, exchanges_at
+from capture_app.simulation.links import Link, ReplayedDelay
 from capture_app.sync.clock.clock_filter import ClockFilter
 
 _S = 1_000_000_000

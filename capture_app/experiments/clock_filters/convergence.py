@@ -7,8 +7,8 @@ from capture_app.clock import SimulatedClock
 from capture_app.experiments.clock_filters.coverage import steady_times
 from capture_app.experiments.clock_filters.filters import estimator_family
 from capture_app.experiments.clock_filters.trials import EstimatorErrors, draw_clock
-from capture_app.simulation.network.exchanges import START_TRUE_NS, exchanges_at
-from capture_app.simulation.network.paper_link import PACE_NS, PAPER_LINK
+from capture_app.simulation.exchanges import START_TRUE_NS, exchanges_at
+from capture_app.simulation.paper_link import PACE_NS, PAPER_LINK
 
 COUNTS = (10, 30, 100, 300, 1000, 3000, 10_000)
 _S = 1_000_000_000

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from capture_app.experiments.clock_filters.links import DrawLink
-from capture_app.simulation.network.exchanges import START_TRUE_NS, exchanges_at
-from capture_app.simulation.network.wandering_clock import draw_wandering_clock
+from capture_app.simulation.clocks import draw_wandering_clock
+from capture_app.simulation.exchanges import START_TRUE_NS, exchanges_at
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
 from capture_app.sync.tree.follower import WINDOW_NS

@@ -40,8 +40,8 @@ from capture_app.experiments.clock_filters.trials import FIRST, run_law_trials
 from capture_app.experiments.common.paper_values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_3
 from capture_app.experiments.common.result import Outcome, Result, error_figures
 from capture_app.experiments.common.workers import call_all
-from capture_app.simulation.network.exchanges import read_trace
-from capture_app.simulation.network.paper_link import LINKS_BY_LAW
+from capture_app.simulation.exchanges import read_trace
+from capture_app.simulation.paper_link import LINKS_BY_LAW
 
 TRIALS = 100
 PAPER = {

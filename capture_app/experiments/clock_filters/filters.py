@@ -9,8 +9,7 @@ from itertools import pairwise
 from typing import Protocol
 
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.likely_line import lower_hull
-from capture_app.sync.clock.priors import MAX_SKEW
+from capture_app.sync.clock.likely_line import MAX_SKEW, lower_hull
 from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
 REJECT_NS = 10_000_000

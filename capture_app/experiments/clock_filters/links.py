@@ -4,15 +4,16 @@ import random
 from collections.abc import Callable
 from dataclasses import replace
 
-from capture_app.simulation.network.delay_laws import (
+from capture_app.simulation.links import (
     BimodalDelay,
     DelayLaw,
     GammaDelay,
+    Link,
     LognormalDelay,
     ReplayedDelay,
+    TroubleSpells,
 )
-from capture_app.simulation.network.link import Link, TroubleSpells
-from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
+from capture_app.simulation.paper_link import LINKS_BY_LAW, PAPER_LINK
 
 HALF_LEAST_NS = 498_000
 """Half the least round trip of the paper's link: no more than this can an asymmetry be."""

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import mean
 
-from capture_app.simulation.network.exchanges import START_TRUE_NS, TURNAROUND_NS
-from capture_app.simulation.network.link import Channel, Link
-from capture_app.simulation.network.paper_link import LATE_NS, PACE_NS, PAPER_LINK
+from capture_app.simulation.exchanges import START_TRUE_NS, TURNAROUND_NS
+from capture_app.simulation.links import Channel, Link
+from capture_app.simulation.paper_link import LATE_NS, PACE_NS, PAPER_LINK
 
 MESSAGES = 10_000
 

@@ -17,7 +17,7 @@ from capture_app.experiments.clock_filters.trials import FIRST, EstimatorErrors
 from capture_app.experiments.common.paper_values import TABLE_3
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.result import Table
-from capture_app.simulation.network.paper_link import LINKS_BY_LAW
+from capture_app.simulation.paper_link import LINKS_BY_LAW
 
 
 @dataclass(frozen=True, slots=True)

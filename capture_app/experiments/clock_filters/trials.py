@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from capture_app.clock import SimulatedClock
 from capture_app.experiments.clock_filters.filters import ClockEstimator, estimator_family
 from capture_app.experiments.common.result import error_figures
-from capture_app.simulation.network.delay_laws import ReplayedDelay
-from capture_app.simulation.network.exchanges import exchanges
-from capture_app.simulation.network.link import Link
+from capture_app.simulation.exchanges import exchanges
+from capture_app.simulation.links import Link, ReplayedDelay
 
 FIRST = 300
 """K of the paper, and of our engine."""

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay
-from capture_app.simulation.network.link import Link
+from capture_app.simulation.links import DelayLaw, GammaDelay, Link
 
 Floats = NDArray[np.float64]
 REACH_NS, STEP_NS = 250_000, 500

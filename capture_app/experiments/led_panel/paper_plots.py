@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from capture_app.experiments.common.paper_values import TABLE_2
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.led_panel.plots import pictures_figure
-from capture_app.simulation.rendering.led_panel import Image
+from capture_app.panel.simulated import Image
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from capture_app.experiments.common.plots import new_figure, save
-from capture_app.simulation.rendering.led_panel import Image
+from capture_app.panel.simulated import Image
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

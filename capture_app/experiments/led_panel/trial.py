@@ -11,12 +11,12 @@ from capture_app.errors import IncompleteError
 from capture_app.experiments.led_panel.limit import minimum_filter_error_ns, oracle_error_ns
 from capture_app.experiments.led_panel.once_schedule import OnceSchedule
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
-from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
-from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.network.link import LOOPBACK, Channel
-from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.simulation.rendering.led_panel import Image, difference_ns, read_time, render
-from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.panel.simulated import Image, difference_ns, read_time, render
+from capture_app.simulation.links import LOOPBACK, Channel
+from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.profiles import PROFILES, SensorProfile
+from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.timekeeping.poll_schedule import SteadySchedule
 

@@ -9,8 +9,8 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from capture_app.simulation.network.link import Channel
-from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.links import Channel
+from capture_app.simulation.paper_link import PAPER_LINK
 
 FRAME_MS = 33.0
 """A camera that streams takes the frame nearest to the key: up to half a period early or late (CameraX, "zero

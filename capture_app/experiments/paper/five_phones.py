@@ -11,11 +11,11 @@ from capture_app.experiments.common.paper_values import BURST, START_UP, WORST_P
 from capture_app.experiments.common.reproduction import Measured, Reproduction, share_of
 from capture_app.experiments.common.workers import call_all
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
-from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
-from capture_app.simulation.network.exchanges import TURNAROUND_NS
-from capture_app.simulation.network.link import LOOPBACK, Channel
-from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.simulation.exchanges import TURNAROUND_NS
+from capture_app.simulation.links import LOOPBACK, Channel
+from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.profiles import PROFILES, SensorProfile
+from capture_app.simulation.rig import NodeSpec, VirtualRig
 
 TRIALS = 100
 PHONES, FRAMES = 5, 5

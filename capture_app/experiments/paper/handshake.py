@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from capture_app.experiments.common.paper_values import FIGURE_3
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.reproduction import Measured, Reproduction
-from capture_app.simulation.network.exchanges import TURNAROUND_NS
-from capture_app.simulation.network.link import Channel
-from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.exchanges import TURNAROUND_NS
+from capture_app.simulation.links import Channel
+from capture_app.simulation.paper_link import PAPER_LINK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

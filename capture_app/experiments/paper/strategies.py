@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from capture_app.experiments.common.paper_values import FIGURE_4
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.reproduction import Measured, Reproduction
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor import Sensor, SensorFrame
-from capture_app.simulation.rig.bench import Bench
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.sensor import Sensor, SensorFrame
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

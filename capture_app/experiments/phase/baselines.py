@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from capture_app.simulation.devices.profiles import SensorProfile
+from capture_app.simulation.profiles import SensorProfile
 
 S = 1_000_000_000
 PAPERS_SLEEP_NS = S

@@ -10,8 +10,8 @@ from capture_app.experiments.common.result import Table
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.phase.baselines import S
 from capture_app.experiments.phase.trials import unknown_phone
-from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
-from capture_app.simulation.rig.bench import Bench
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.profiles import PROFILES, SensorProfile
 
 TOLERANCE_NS, WIDE_NS = 20_000, 100_000
 GAINS = (*(round(1.0 + 0.05 * step, 2) for step in range(21)), 3.0)

@@ -27,8 +27,8 @@ from capture_app.experiments.phase.trials import (
     restart_together,
     unknown_phone,
 )
-from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
-from capture_app.simulation.rig.bench import Bench
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.profiles import PROFILES, SensorProfile
 
 TRIALS = 20
 TOLERANCE_NS = 20_000

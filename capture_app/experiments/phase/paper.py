@@ -15,7 +15,7 @@ from capture_app.experiments.phase.baselines import Attempt, S
 from capture_app.experiments.phase.experiment import PAPERS_WINDOW_NS, PHONE, TOLERANCE_NS
 from capture_app.experiments.phase.trials import align_one_camera, unknown_phone
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS, RESET_TOLERANCE_NS
-from capture_app.simulation.rig.bench import Bench
+from capture_app.simulation.bench import Bench
 
 TRIALS = 239
 """Of the paper's injections; it has ten of restarts."""

@@ -5,11 +5,11 @@ import random
 from dataclasses import replace
 
 from capture_app.experiments.phase.baselines import Attempt, S, uniform_ppm
-from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
-from capture_app.simulation.rig.bench import Bench
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection_history import InjectionProfile
+from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
 
 EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)

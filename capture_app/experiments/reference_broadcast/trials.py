@@ -7,12 +7,10 @@ import random
 from dataclasses import dataclass, replace
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.delay_laws import GammaDelay
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.simulation.network.radio_cell import RadioCell, Receiver
-from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.simulation.links import GammaDelay, Link, RadioCell, Receiver
+from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap
 
 S, US, HOURS_NS = 1_000_000_000, 1_000, 9 * 3600 * 1_000_000_000

@@ -13,8 +13,7 @@ from typing import Any
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.result import Outcome, Result, Table, quantile
 from capture_app.experiments.common.workers import call_all
-from capture_app.simulation.rig.tree import TreeSpec
-from capture_app.simulation.rig.tree_result import TreeResult, run_shard
+from capture_app.simulation.tree import TreeResult, TreeSpec, run_shard
 
 SIZES = (10, 40)
 FULL_SIZES = (10, 100, 1000, 5000)

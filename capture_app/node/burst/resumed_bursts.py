@@ -6,8 +6,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_progress import PATIENCE_NS
-from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.camera_share import PATIENCE_NS, DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan

@@ -1,33 +1,38 @@
-"""One camera node: the camera, the engine on a socket, and the way of its images to the leader."""
+"""One camera node: the camera, the engine on a socket, and the way of its images to the leader.
+
+What a node keeps of its latest exchanges and lines, for whoever asks for its details.
+"""
 
 import asyncio
 import contextlib
 import random
 import secrets
 import socket
+import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl, StampAccuracy
 from capture_app.cameras.base import Camera, CapturedFrame
-from capture_app.clock import HostClock, NodeClock
+from capture_app.clock import HostClock, HostRate, NodeClock
 from capture_app.errors import NetworkError, ungrouped_errors
-from capture_app.host_rate import HostRate
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.node.camera.journal import NodeJournal
-from capture_app.node.camera.picked_bursts import PickedBursts
 from capture_app.node.camera.records import event_line, event_words
+from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.node.camera.uploader import PickedBursts, Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
-from capture_app.node.transfer.spool import Spool
-from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import KeyRequest
-from capture_app.node.wire.views import NodeDetail
+from capture_app.node.wire.operating import Vitals
+from capture_app.node.wire.status import NewsLine, NodeDetail
+from capture_app.session.files.disk import free_bytes
+from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
@@ -36,6 +41,67 @@ from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
+
+SAMPLES_KEPT = 300
+LINES_KEPT = 100
+
+
+class NodeJournal:
+    """One node's."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
+        self._lines: deque[NewsLine] = deque(maxlen=LINES_KEPT)
+
+    def add_sample(self, sample: ClockSample) -> None:
+        """Keep an exchange with the leader."""
+        self._samples.append(sample)
+
+    def forget_samples(self) -> None:
+        """Another leader has another clock."""
+        self._samples.clear()
+
+    def add_line(self, text: str) -> None:
+        """Keep what the node has said."""
+        self._lines.append(NewsLine(unix_ns=time.time_ns(), text=text, camera=self._name))
+
+    def detail(
+        self,
+        vitals: Vitals,
+        *,
+        skew_ppm: float | None,
+        phase_errors_ns: tuple[int, ...],
+        newest: CapturedFrame | None,
+        spool: Path | None,
+    ) -> NodeDetail:
+        """Return all of it, with how the camera runs and where its images wait.
+
+        By `skew_ppm` the leader's clock gains on this one; its share is taken off the offsets, which then
+        show by what the exchanges erred.
+        """
+        rate = (skew_ppm or 0.0) * 1e-6
+        last_ns = self._samples[-1].t3_ns if self._samples else 0
+        samples = tuple(
+            (
+                (sample.lower_ns + sample.upper_ns) // 2 + round(rate * (last_ns - sample.t3_ns)),
+                sample.round_trip_ns,
+            )
+            for sample in self._samples
+        )
+        return NodeDetail(
+            camera=self._name,
+            samples=samples,
+            phase_errors_ns=phase_errors_ns,
+            log=tuple(self._lines),
+            fps=vitals.fps,
+            exposure_ns=vitals.exposure_ns,
+            gain=vitals.gain,
+            white_balance=None if newest is None else newest.white_balance,
+            spool="" if spool is None else str(spool),
+            disk_free_bytes=None if spool is None else free_bytes(spool),
+        )
+
 
 DEFAULT_TOLERANCE_NS = 100_000
 RESET_TOLERANCE_NS = 2_000_000

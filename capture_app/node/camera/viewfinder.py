@@ -17,8 +17,8 @@ from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.control_keeper import ControlKeeper
-from capture_app.node.transfer.encoding import lower_priority
+from capture_app.node.camera.encoding import lower_priority
+from capture_app.node.camera.supervisor import ControlKeeper
 from capture_app.node.wire.messages import FromLeader, Refusal
 from capture_app.node.wire.operating import (
     ControlsAnswer,
@@ -33,7 +33,7 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
-from capture_app.node.wire.views import NodeDetail
+from capture_app.node.wire.status import NodeDetail
 from capture_app.trust.trust import Trust
 
 RETRY_S = 2.0

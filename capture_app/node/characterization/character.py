@@ -5,7 +5,7 @@ from statistics import median
 from msgspec import Struct
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.sync.phase.injection_history import InjectionProfile
+from capture_app.sync.phase.injection import InjectionProfile
 
 
 class Moves(Struct, frozen=True, kw_only=True):

@@ -8,8 +8,7 @@ from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.node.characterization.character import Moves
 from capture_app.node.characterization.common_step import LEAST_SHIFTS, common_step
 from capture_app.node.characterization.stream_watch import PLACE_FRAMES, StreamWatch
-from capture_app.sync.phase.injection import FIRST_STRETCH_NS, INSIDE_ROW, InjectionActuator
-from capture_app.sync.phase.injection_history import InjectionHistory
+from capture_app.sync.phase.injection import FIRST_STRETCH_NS, INSIDE_ROW, InjectionActuator, InjectionHistory
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, SetFrameDuration
 
 MOVES = 20

@@ -8,8 +8,8 @@ from statistics import fmean, median
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
-from capture_app.sync.stamps.estimator import PhaseEstimator
-from capture_app.sync.stamps.frame_stamp import FrameStamp
+from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 PATIENCE_S = 15.0

@@ -12,27 +12,29 @@ from msgspec.structs import replace
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError
+from capture_app.interop.guests import Guests
 from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, reachable_host
-from capture_app.net.multicast import BeaconSender
+from capture_app.net.multicast import BeaconSender, send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
-from capture_app.node.burst.burst_length import first_instant, frames_and_spacing
 from capture_app.node.burst.resumed_bursts import RETURN_NS
-from capture_app.node.foreign.guests import Guests
 from capture_app.node.keys import KeyDesk
-from capture_app.node.leader.active_bursts import ActiveBursts
-from capture_app.node.leader.advice import RateReview, rig_advice
-from capture_app.node.leader.beacons import send_due_beacon
-from capture_app.node.leader.local.local_nodes import LocalNodes
-from capture_app.node.leader.news_log import NewsLog
+from capture_app.node.leader.bursts import ActiveBursts, first_instant, frames_and_spacing
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.news import News, NewsLog, TrustNews
 from capture_app.node.leader.orders import OperatorOrders
-from capture_app.node.leader.readiness import FolderRoom, coarse_nodes, reasons_until_ready
+from capture_app.node.leader.readiness import (
+    FolderRoom,
+    RateReview,
+    coarse_nodes,
+    reasons_until_ready,
+    rig_advice,
+)
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
-from capture_app.node.leader.wording import News, TrustNews
-from capture_app.node.pairing.desk import PairingDesk, is_node
+from capture_app.node.pairing import PairingDesk, is_node
 from capture_app.node.wire.messages import BurstRequest, ToLeader
 from capture_app.node.wire.operating import AddCamera
 from capture_app.node.wire.pairing import Invited

@@ -4,10 +4,10 @@ import asyncio
 from collections.abc import Callable
 
 from capture_app.errors import BadInputError, NotAvailableError
-from capture_app.node.foreign.guests import Guests
-from capture_app.node.leader.active_bursts import ActiveBursts
-from capture_app.node.leader.local.local_nodes import LocalNodes
-from capture_app.node.leader.news_log import NewsLog
+from capture_app.interop.guests import Guests
+from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.news import NewsLog
 from capture_app.node.wire import operating
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import NodeState

@@ -7,9 +7,9 @@ from msgspec import Struct
 
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.camera_share import DiskThreads
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.wording import News
+from capture_app.node.leader.news import News
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written

@@ -16,11 +16,11 @@ from capture_app.net.channel import Channel
 from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.keys import KeyDesk
-from capture_app.node.leader.active_bursts import ActiveBursts
+from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
-from capture_app.node.pairing.desk import PairingDesk, check_allowed, peer_of
+from capture_app.node.pairing import PairingDesk, check_allowed, peer_of
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.trust.trust import Peer

@@ -9,8 +9,7 @@ from capture_app.node.wire.messages import SpoolSpace
 from capture_app.node.wire.operating import Vitals
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState, Report
-from capture_app.sync.wire.upstream_map import MAX_DEPTH
+from capture_app.sync.wire.messages import MAX_DEPTH, WITHOUT_CAMERA, NodeState, Report
 
 _UNKNOWN = Vitals()
 

@@ -22,7 +22,7 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
-from capture_app.node.wire.views import NodeDetail
+from capture_app.node.wire.status import NodeDetail
 
 ANSWER_TIMEOUT_S = 5.0
 A = TypeVar("A")

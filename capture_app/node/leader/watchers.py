@@ -6,7 +6,7 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
-from capture_app.node.leader.news_log import NewsLog
+from capture_app.node.leader.news import NewsLog
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.wire.messages import StatusAnswer, ToLeader
 from capture_app.node.wire.operating import NewsAnswer, PreviewSeen, PreviewsWanted

@@ -4,11 +4,10 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from capture_app.camera_controls import CameraControls, Control, ControlValue
-from capture_app.camera_facts import Count, StampAccuracy
+from capture_app.camera_facts import CameraControls, Control, ControlValue, Count, StampAccuracy
 from capture_app.names import Name
 from capture_app.node.wire.message import Message
-from capture_app.node.wire.views import NewsLine, NodeDetail
+from capture_app.node.wire.status import NewsLine, NodeDetail
 
 MAX_PREVIEW_PX = 1920
 

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.poses import distortion_of, matrix_of, rodrigues, rotation_of
+from capture_app.session.exporters.common.lens import distortion_of, matrix_of, rodrigues, rotation_of
 from capture_app.session.exporters.common.tables import renaming_notes, toml_table, unit_note, write_frames
 from capture_app.session.exporters.common.videos import write_timeline
 from capture_app.session.format.calibration import METRES, Calibration

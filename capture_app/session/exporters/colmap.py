@@ -6,16 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.files import place, suffix_for
-from capture_app.session.exporters.common.masks import write_mask
-from capture_app.session.exporters.common.point_cloud import read_ply
-from capture_app.session.exporters.common.poses import (
+from capture_app.session.exporters.common.files import place, suffix_for, write_mask
+from capture_app.session.exporters.common.lens import (
     Array,
     distortion_of,
     quaternion,
     rotation_of,
     translation_of,
 )
+from capture_app.session.exporters.common.point_cloud import read_ply
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import RIG, ImageRecord

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.opencv_yaml import write_cameras, yaml_names
-from capture_app.session.exporters.common.tables import renaming_notes, unit_note
+from capture_app.session.exporters.common.tables import renaming_notes, unit_note, write_cameras, yaml_names
 from capture_app.session.exporters.common.videos import write_paired_videos
 
 

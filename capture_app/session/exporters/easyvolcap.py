@@ -7,12 +7,16 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.files import place, place_redrawn, suffix_for
-from capture_app.session.exporters.common.lens import redrawing
-from capture_app.session.exporters.common.masks import write_mask
-from capture_app.session.exporters.common.opencv_yaml import write_cameras, yaml_names
-from capture_app.session.exporters.common.poses import distortion_of, matrix_of
-from capture_app.session.exporters.common.tables import Frame, renaming_notes, unit_note, write_frames
+from capture_app.session.exporters.common.files import place, place_redrawn, suffix_for, write_mask
+from capture_app.session.exporters.common.lens import distortion_of, matrix_of, redrawing
+from capture_app.session.exporters.common.tables import (
+    Frame,
+    renaming_notes,
+    unit_note,
+    write_cameras,
+    write_frames,
+    yaml_names,
+)
 from capture_app.session.exporters.common.videos import spacing_notes
 from capture_app.session.format.calibration import CameraCalibration
 

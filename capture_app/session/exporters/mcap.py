@@ -6,11 +6,10 @@ from typing import Any
 import msgspec
 
 from capture_app.optional_packages import load_optional
-from capture_app.session.exchange.export_record import with_images_listed
-from capture_app.session.exchange.foxglove import descriptor_set, message_class
+from capture_app.session.exchange import descriptor_set, message_class, with_images_listed
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import jpeg_or_png
-from capture_app.session.exporters.common.poses import (
+from capture_app.session.exporters.common.lens import (
     centre_of,
     distortion_of,
     matrix_of,

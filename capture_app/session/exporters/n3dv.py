@@ -8,9 +8,17 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Redraw
-from capture_app.session.exporters.common.lens import picture_rays, project_rays, rays_of, redrawing
+from capture_app.session.exporters.common.lens import (
+    Array,
+    centre_of,
+    picture_rays,
+    project_rays,
+    rays_of,
+    redrawing,
+    rotation_of,
+    translation_of,
+)
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
-from capture_app.session.exporters.common.poses import Array, centre_of, rotation_of, translation_of
 from capture_app.session.exporters.common.tables import Frame, renaming_notes, write_frames
 from capture_app.session.exporters.common.videos import spacing_notes, write_video
 from capture_app.session.format.calibration import CameraCalibration

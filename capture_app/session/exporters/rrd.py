@@ -9,7 +9,7 @@ import numpy as np
 from capture_app.optional_packages import load_optional
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import jpeg_or_png
-from capture_app.session.exporters.common.poses import centre_of, matrix_of, rotation_of
+from capture_app.session.exporters.common.lens import centre_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.calibration import CameraCalibration
 

@@ -11,7 +11,7 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
-from capture_app.session.files.regular import read_regular
+from capture_app.session.files.strangers import read_regular
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.text import UNREADABLE
 

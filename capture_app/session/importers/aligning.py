@@ -5,13 +5,10 @@ from dataclasses import replace
 from enum import StrEnum
 
 from capture_app.errors import BadInputError
-from capture_app.session.alignment.chain import chain_cameras
-from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_clock_line
-from capture_app.session.alignment.flash import match_flashes
+from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, chain_cameras, fit_clock_line
+from capture_app.session.alignment.flashes import Lights, match_flashes, read_lights
 from capture_app.session.alignment.gopro import GpsClock, match_gps_clocks, read_gps_clock
-from capture_app.session.alignment.lights import Lights, read_lights
-from capture_app.session.alignment.sound import Sound, match_sounds, read_sound
-from capture_app.session.alignment.timecode import Timecode, read_timecode
+from capture_app.session.alignment.tracks import Sound, Timecode, match_sounds, read_sound, read_timecode
 from capture_app.session.format.common_times import CameraTimes, CommonTimes, TimesState
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.sources import Source, Video

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.optional_packages import load_optional
-from capture_app.session.reading.exif import read_exif
+from capture_app.session.reading.file_headers import read_exif
 
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"

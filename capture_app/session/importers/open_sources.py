@@ -1,13 +1,225 @@
-"""Opens the cameras of a recording that a user named on the command line."""
+"""Opens the cameras of a recording that a user named on the command line.
 
-from collections.abc import Sequence
+Recordings of phones that were synchronized by libsoftwaresync or by RecSync, with the leader's times.
+
+libsoftwaresync writes for each shot sync_metadata_TIME.txt (leader_sensor_timestamp_ns and
+local_sensor_timestamp_ns), and beside it img_TIME.jpg or img_TIME.nv21 with nv21_metadata_TIME.txt, in a
+folder for each shot.
+
+RecSync (MobileRoboticsSkoltech/RecSync-android, MainActivity.java and CSVLogger.java) writes on each phone
+RecSync/VID/VID_TIME.mp4 and RecSync/TIME.csv: a line a frame, its time by the leader's clock in ns. RecSyncNG
+(DFKI-SignLanguage/RecSync-android) writes RecSync/VID/PREFIX_TIME.mp4 and RecSync/PREFIX_TIME.csv there; its
+file_server.py collects both in PREFIX/CLIENT/, and its PostProcessVideos.py makes of them CLIENT.mp4 and
+CLIENT.csv, whose second column tells frames that were put in (black) where the phone dropped one.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, is_name, natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importers.phones import PhoneVideo, is_phone, phone, table_of
-from capture_app.session.importers.sources import ImageFolder, Source, Video, images_in, videos_in
+from capture_app.session.importers.frame_matching import TimedFrame, check_order
+from capture_app.session.importers.sources import (
+    JPEG_QUALITY,
+    ImageFolder,
+    Source,
+    Video,
+    images_in,
+    read_images,
+    videos_in,
+)
+
+_METADATA = "sync_metadata_"
+_VIDEOS, _HEADING = "VID", "timestamp"
+_LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
+
+
+@dataclass(frozen=True, slots=True)
+class _Shot:
+    image: Path
+    leader_ns: int
+    local_ns: int | None
+
+
+class PhoneShots(Source):
+    """The shots of one phone with libsoftwaresync, by the leader's time; JPEG bytes are kept as they are."""
+
+    kind = "libsoftwaresync"
+    suffix = ".jpg"
+    numbered = False
+    """Shots have times; their numbers are just the order."""
+
+    def __init__(self, name: str, path: Path) -> None:
+        self.name, self.path = name, path
+        shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
+        if not shots:
+            raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
+        self._shots = sorted(shots, key=lambda shot: shot.leader_ns)
+        self.numbers = range(len(shots))
+
+    def embedded_times(self) -> Sequence[TimedFrame]:
+        """When each shot was taken, by the leader's clock and by the phone's."""
+        return [TimedFrame(n, shot.leader_ns, shot.local_ns) for n, shot in enumerate(self._shots)]
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        return read_images([shot.image for shot in self._shots], indices, _read_shot)
+
+
+def _read_shot(file: Path) -> bytes:
+    return file.read_bytes() if file.suffix == ".jpg" else _from_nv21(file)
+
+
+class PhoneVideo(Video):
+    """A video of one phone with RecSync; its table gives each frame's leader time."""
+
+    kind = "RecSync"
+
+    def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
+        super().__init__(name, path, png=png)
+        table = table_of(path)
+        if table is None:
+            raise BadInputError(f"{path} has no table of times")
+        self._table = table
+        self._table_ns, self._put_in = _lines(table)
+
+    def embedded_times(self) -> Sequence[TimedFrame]:
+        """When each frame was taken; if table and video differ in length, as many as the shorter has."""
+        count = min(len(self._table_ns), len(self.numbers))
+        if len(self._table_ns) != len(self.numbers):
+            of = f"{len(self._table_ns)} times for {len(self.numbers)} frames"
+            self.remark = f"{self._table} has {of}: the first {count} are taken"
+        taken = [number for number in range(count) if number not in self._put_in]
+        if len(taken) < count:
+            self.remark = f"{self._table}: {count - len(taken)} of {count} frames are fillers and left out"
+        frames = [TimedFrame(number, self._table_ns[number]) for number in taken]
+        check_order(str(self._table), frames)
+        return frames
+
+
+def is_phone(folder: Path) -> bool:
+    """Whether a folder holds one phone's shots of libsoftwaresync, or its videos of RecSync."""
+    return folder.is_dir() and (next(_metadata_in(folder), None) is not None or bool(_pairs_in(folder)))
+
+
+def phone(name: str, folder: Path, *, png: bool, recording: str | None = None) -> Source:
+    """The source of a phone's folder. Raises BadInputError where `recording` does not tell one of several."""
+    pairs = _pairs_in(folder)
+    if not pairs:
+        return PhoneShots(name, folder)
+    chosen = [path for path in pairs if recording is None or recording in path.stem]
+    if len(chosen) == 1:
+        return PhoneVideo(name, chosen[0], png=png)
+    files = ", ".join(path.name for path in pairs)
+    if recording is not None:
+        raise BadInputError(
+            f"{folder} has {len(chosen)} recordings named like {recording}: {files}",
+            hint="--recording takes a part of one's name that no other has",
+        )
+    raise BadInputError(
+        f"{folder} has several recordings: {files}",
+        hint=f"--recording {pairs[0].stem}, or choose one: {name}={pairs[0]}",
+    )
+
+
+def table_of(video: Path) -> Path | None:
+    """RecSync's table of a video's times, beside it or beside the folder VID that it is in."""
+    folders = (video.parent, video.parent.parent) if video.parent.name == _VIDEOS else (video.parent,)
+    for folder in folders:
+        for stem in (video.stem, video.stem.removeprefix("VID_")):
+            table = folder / f"{stem}.csv"
+            if table.is_file() and _is_table(table):
+                return table
+    return None
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a CSV begins with a time in ns, or with RecSyncNG's heading, or has nothing in it."""
+    with path.open("rb") as file:
+        lines = file.read(4096).decode("utf-8", "replace").splitlines()
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return not first or first.startswith(_HEADING) or re.fullmatch(r"-?\d{1,19}\s*", first) is not None
+
+
+def _metadata_in(folder: Path) -> Iterator[Path]:
+    """The metadata of all shots, in the folder or in one folder a shot."""
+    yield from sorted(folder.glob(f"{_METADATA}*.txt"))
+    yield from sorted(folder.glob(f"*/{_METADATA}*.txt"))
+
+
+def _pairs_in(folder: Path) -> list[Path]:
+    """The videos with a table of one phone; those of RecSyncNG's postprocessing are a camera each."""
+    places = (folder, folder / _VIDEOS, folder / "RecSync" / _VIDEOS, folder / "TMP_MROB" / _VIDEOS)
+    videos = [path for place in places for path in sorted(place.glob("*.mp4"))]
+    tables = {path: table for path in videos if (table := table_of(path)) is not None}
+    return [path for path, table in tables.items() if not _has_heading(table)]
+
+
+def _has_heading(table: Path) -> bool:
+    with table.open("rb") as file:
+        return file.read(len(_HEADING)).startswith(_HEADING.encode())
+
+
+def _shot(metadata: Path) -> _Shot | None:
+    times = _values(metadata)
+    if _LEADER not in times:
+        raise BadInputError(f"{metadata} has no {_LEADER}")
+    time = metadata.stem.removeprefix(_METADATA)
+    for image in (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21")):
+        if image.is_file():
+            return _Shot(image, times[_LEADER], times.get(_LOCAL))
+    return None
+
+
+def _values(path: Path) -> dict[str, int]:
+    """Numbers of `name: number` lines."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"cannot read {path}: {error}") from error
+    return {key: int(value) for key, value in re.findall(r"^(\w+):\s*(-?\d+)\s*$", text, re.MULTILINE)}
+
+
+def _from_nv21(file: Path) -> bytes:
+    """Raw NV21 (a plane of brightness, then interleaved V and U at half the size) as JPEG."""
+    import cv2
+    import numpy as np
+
+    time = file.stem.removeprefix("img_")
+    size = _values(file.with_name(f"nv21_metadata_{time}.txt"))
+    width, height = size.get("width", 0), size.get("height", 0)
+    raw = np.frombuffer(file.read_bytes(), np.uint8)
+    if width <= 0 or height <= 0 or width % 2 or height % 2 or raw.size != width * height * 3 // 2:
+        raise BadInputError(f"{file} is not {width}x{height} pixels of NV21, as its metadata says")
+    image = cv2.cvtColor(raw.reshape(height * 3 // 2, width), cv2.COLOR_YUV2BGR_NV21)
+    encoded: Any = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+    return bytes(encoded.tobytes())
+
+
+def _lines(table: Path) -> tuple[list[int], set[int]]:
+    """The time in ns of every frame, and the numbers of frames that were put in."""
+    times: list[int] = []
+    put_in: set[int] = set()
+    try:
+        lines = table.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"cannot read {table}: {error}") from error
+    for number, line in enumerate(lines, 1):
+        text, _, made = (part.strip() for part in line.partition(","))
+        if not text or text.startswith("#") or (number == 1 and text == _HEADING):
+            continue
+        if not re.fullmatch(r"-?\d{1,19}", text):
+            raise BadInputError(f"{table}, line {number}: {text!r} is not a time in ns")
+        if made == "Generated":
+            put_in.add(len(times))
+        times.append(int(text))
+    if not times:
+        raise BadInputError(f"{table} has no times")
+    return times, put_in
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 import msgspec
 
 from capture_app.errors import NotApplicableError
-from capture_app.session.alignment.chain import compose
+from capture_app.session.alignment.clock_line import compose
 from capture_app.session.files.output_folder import OutputFolder
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes, TimesState
 from capture_app.session.importers.aligning import with_common_times
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importers.records import missing_images
+from capture_app.session.importers.recording import missing_images
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 

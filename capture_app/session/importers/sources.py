@@ -1,18 +1,24 @@
-"""The cameras of a recording: for each a folder of images or a video file."""
+"""The cameras of a recording: for each a folder of images or a video file.
+
+What a program's folder holds, in one form for all programs.
+"""
 
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from capture_app.errors import BadInputError
 from capture_app.names import natural_order
+from capture_app.session.exchange import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
+from capture_app.session.importers.calibrations.views import Views
 from capture_app.session.importers.embedded_times import video_pictures, video_times_ns
-from capture_app.session.importers.frame_matching import TimedFrame
+from capture_app.session.importers.frame_matching import TimedFrame, Timeline
 from capture_app.session.reading.decoding import decode_image, image_size
-from capture_app.session.reading.exif import read_exif
+from capture_app.session.reading.file_headers import read_exif
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
 """Videos that do not say how many frames they have."""
@@ -210,3 +216,27 @@ def images_in(folder: Path) -> list[Path]:
         for path in folder.iterdir()
         if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file() and not path.name.startswith(".")
     ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """The cameras in a program's folder, and its times and calibration where it has them."""
+
+    program: str
+    path: Path
+    """Where the cameras are."""
+    sources: tuple[Source, ...]
+    timeline: Timeline | None = None
+    """The times that the program wrote."""
+    timestamps: Path | None = None
+    """A table with them."""
+    same_frames: bool = False
+    """Frames of the same number are of one instant, at the videos' own rate."""
+    calibration: Path | None = None
+    views: Views | None = None
+    """The calibration, where it is in the recording itself."""
+    unit: str | None = None
+    record: ExportRecord | None = None
+    """Of our own exports: the session that it was made of."""
+    remark: str = ""
+    """What the user should know."""

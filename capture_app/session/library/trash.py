@@ -23,8 +23,7 @@ from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.checks import encode_checked, indented, read_struct
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
-from capture_app.session.library.changes import rename_session
-from capture_app.session.library.results import move_result_folder, results_folder
+from capture_app.session.library.changes import move_result_folder, rename_session, results_folder
 
 TRASH = ".trash"
 _RECORD, _SESSION, _RESULTS = "trashed.json", "session", "results"

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from capture_app.session.files.durable import write_unsynced
-from capture_app.session.files.regular import read_regular
+from capture_app.session.files.strangers import read_regular
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
+from capture_app.session.format.journal import FRAMES_SUFFIX, is_frames_path
 from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE, VIDEOS
-from capture_app.session.format.video_frames import FRAMES_SUFFIX, is_frames_path
 
 CHECKSUMS = "checksums.sha256"
 COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)

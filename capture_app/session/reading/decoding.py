@@ -3,7 +3,7 @@
 import io
 from typing import TYPE_CHECKING
 
-from capture_app.session.reading.picture_size import size_of
+from capture_app.session.reading.file_headers import size_of
 
 if TYPE_CHECKING:
     import numpy as np

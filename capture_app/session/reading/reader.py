@@ -8,10 +8,11 @@ import msgspec
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.names import is_name
-from capture_app.session.files.regular import read_regular
+from capture_app.session.files.strangers import read_regular
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, inside, read_struct
 from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
+from capture_app.session.format.journal import VideoFrame, frame_records, frames_path
 from capture_app.session.format.manifest import (
     CALIBRATION,
     JOURNAL,
@@ -23,7 +24,6 @@ from capture_app.session.format.manifest import (
     Manifest,
     VideoRecord,
 )
-from capture_app.session.format.video_frames import VideoFrame, frame_records, frames_path
 from capture_app.text import UNREADABLE
 
 

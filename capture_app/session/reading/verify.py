@@ -11,9 +11,9 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import PART
-from capture_app.session.files.regular import read_regular
+from capture_app.session.files.strangers import read_regular
 from capture_app.session.format.ground_truth import ground_truth_path
-from capture_app.session.format.journal import lines_of_file, record_of_line
+from capture_app.session.format.journal import frames_path, lines_of_file, record_of_line
 from capture_app.session.format.manifest import (
     CALIBRATION,
     IMAGES,
@@ -24,11 +24,10 @@ from capture_app.session.format.manifest import (
     FrameRecord,
     ImageRecord,
 )
-from capture_app.session.format.video_frames import frames_path
 from capture_app.session.reading.checksums import changed_files
 from capture_app.session.reading.decoding import image_size, told_size
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.synchronization import computed_sync
+from capture_app.session.reading.verdict import computed_sync
 
 _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 20e-6

@@ -1,9 +1,16 @@
-"""Writes a session so that a crash at any moment loses at most the image being written."""
+"""Writes a session so that a crash at any moment loses at most the image being written.
 
+The manifest that completes a session: reserves room for it, checks it and writes it.
+
+Writes the ground truth of a simulated session, as safely as its images.
+"""
+
+import hashlib
+import heapq
 import os
 import shutil
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,36 +20,161 @@ import msgspec
 
 from capture_app import __version__
 from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, IncompleteError, SimulshotError
 from capture_app.names import check_name
-from capture_app.session.files.disk import disk_error, make_new_folder
+from capture_app.session.files.disk import disk_error, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,
+    make_folders_unsynced,
+    sync_all,
     sync_folder,
     write_atomic,
+    write_unsynced,
 )
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import encode_checked, indented
+from capture_app.session.format.checks import check_references, encode_checked, indented
+from capture_app.session.format.ground_truth import (
+    TIMES,
+    TRUE_TIMES_JOURNAL,
+    TrueTime,
+    TrueTimes,
+    ground_truth_path,
+)
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
     JOURNAL,
+    MANIFEST,
     BurstRecord,
     CameraRecord,
     ImageRecord,
     Manifest,
     MissingImage,
 )
+from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.completion import earlier_note, encode_manifest, reserve_room, write_manifest
-from capture_app.session.writing.image_store import ImageStore, NewImage, new_image
+from capture_app.session.reading.verdict import sync_record
+from capture_app.session.writing.image_store import ImageStore, NewImage, ReceivedImage, new_image
 from capture_app.session.writing.instant_set import InstantSet
-from capture_app.session.writing.received_image import ReceivedImage
-from capture_app.session.writing.recovery import remove_leftovers
-from capture_app.session.writing.truth_store import TruthStore
+from capture_app.session.writing.recovery import RESERVE, recover_true_times, remove_leftovers
 from capture_app.session.writing.video_store import NewFrame, VideoStore
+
+RESERVED_BYTES = 1 << 16
+RESERVED_BYTES_PER_IMAGE = 1500
+"""What the manifest and the checksums may need."""
+RESERVED_BYTES_PER_INSTANT, MOST_RESERVED_INSTANTS = 60, 400_000
+"""The same of a recording, of which nobody knows how long it will be."""
+
+
+def reserve_room(folder: Path, plan: BurstPlan) -> None:
+    """Keep room on the disk for the manifest of a burst. Raises OSError where there is none."""
+    instants = len(plan.instants_ns)
+    if plan.streamed is not None and plan.streamed.video:
+        needed = RESERVED_BYTES_PER_INSTANT * min(instants, MOST_RESERVED_INSTANTS)
+    else:
+        needed = RESERVED_BYTES_PER_IMAGE * len(plan.cameras) * instants
+    reserve(folder / RESERVE, RESERVED_BYTES + needed)
+
+
+def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageRecord] = ()) -> bytes:
+    """Add the sync record and encode; `frames` are those of its videos, in the order of their instants.
+
+    Raises BadInputError where the records contradict each other.
+    """
+    encode_checked(manifest, Manifest)
+    check_references(folder / MANIFEST, manifest)
+    images = heapq.merge(manifest.images, frames, key=lambda image: image.instant)
+    sync = sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
+    return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+
+
+def earlier_note(folder: Path) -> str:
+    """The note of a manifest that is replaced: somebody may have written it since."""
+    try:
+        return Session.open(folder).stored_manifest.note
+    except (BadInputError, IncompleteError):
+        return ""
+
+
+def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:
+    """Write the checksums and then the manifest, which makes the session complete. Raises OSError.
+
+    The files and folders `before` it are synced first, all at once.
+    """
+    checksums = write_checksums(folder, data)
+    for error in sync_all((*before, checksums, folder)).values():
+        raise error
+    write_atomic(folder / MANIFEST, data)
+
+
+class TruthStore:
+    """The ground truth of one session being written; all methods may raise OSError."""
+
+    def __init__(self, folder: Path, make_folders: Callable[[Path], None]) -> None:
+        """`make_folders` makes a folder in the session, which `add` leaves to be synced."""
+        self._folder = folder
+        self._make_folders = make_folders
+        self._times: dict[tuple[str, int], TrueTime] = {}
+        self._clocks: dict[str, SimulatedClock] = {}
+        self._journal: AppendOnlyFile | None = None
+
+    @property
+    def knows_times(self) -> bool:
+        """Whether any image came with its true time."""
+        return bool(self._times)
+
+    def recover(self, images: Iterable[ImageRecord]) -> None:
+        """Read the true times of these images that an interrupted writer has left."""
+        self._times = recover_true_times(self._folder, images)
+
+    def add(
+        self, camera: str, instant: int, true_ns: int, *, data: bytes | None, crash_safe: bool
+    ) -> tuple[Path, ...]:
+        """Keep an image's true first-row time in ns of the host's clock, and its .npz where there is one.
+
+        With `crash_safe` the time survives a crash; else it is written with the manifest only. Returns the
+        files and folders that are still to be synced.
+        """
+        changed: tuple[Path, ...] = ()
+        if data is not None:
+            path = self._folder / ground_truth_path(camera, instant)
+            self._make_folders(path.parent)
+            write_unsynced(path, data)
+            changed = path, path.parent
+        sha256 = None if data is None else hashlib.sha256(data).hexdigest()
+        true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
+        self._times[camera, instant] = true
+        if crash_safe:
+            journal = self._folder / TRUE_TIMES_JOURNAL
+            if self._journal is None:
+                self._make_folders(journal.parent)
+                self._journal = AppendOnlyFile(journal)
+            self._journal.append(msgspec.json.encode(true), durable=False)
+            changed = *changed, journal, journal.parent
+        return changed
+
+    def set_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
+        """Keep each camera's clock as it really is."""
+        self._clocks = dict(clocks)
+
+    def write(self) -> tuple[Path, ...]:
+        """Write times.json, unless no true time and no clock is known; return what is still to be synced."""
+        if not self._times and not self._clocks:
+            return ()
+        images = tuple(true for _, true in sorted(self._times.items()))
+        times = TrueTimes(images=images, clocks=self._clocks)
+        path = self._folder / TIMES
+        changed = make_folders_unsynced(path.parent, self._folder)
+        write_unsynced(path, indented(encode_checked(times, TrueTimes)))
+        return path, path.parent, *changed
+
+    def close(self) -> None:
+        """Close the journal: all saved times are in it already."""
+        if self._journal is not None:
+            with suppress(OSError):
+                self._journal.close(synced=False)
 
 
 class SessionWriter:

@@ -21,14 +21,14 @@ from capture_app.session.files.durable import (
     sync_folder,
     write_atomic,
 )
-from capture_app.session.format.manifest import VIDEOS, FrameRecord, ImageRecord, VideoRecord, video_path
-from capture_app.session.format.video_frames import (
+from capture_app.session.format.journal import (
     FRAMES_SUFFIX,
     VideoFrame,
     frame_line,
     frame_record,
     frames_path,
 )
+from capture_app.session.format.manifest import VIDEOS, FrameRecord, ImageRecord, VideoRecord, video_path
 from capture_app.session.writing.recovery import SET_ASIDE
 from capture_app.text import UNREADABLE
 

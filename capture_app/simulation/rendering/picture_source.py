@@ -1,14 +1,19 @@
-"""Where the pictures of a simulated camera come from: a rendered scene, the LED panel, or a test card."""
+"""Where the pictures of a simulated camera come from: a rendered scene, the LED panel, or a test card.
+
+The pictures of a simulated camera out of an MJPEG file: a real camera's load without the camera.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.simulation.devices.sensor import SensorFrame
+from capture_app.session.reading.decoding import decode_image, told_size
+from capture_app.simulation.sensor import SensorFrame
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,6 +22,8 @@ if TYPE_CHECKING:
     from capture_app.simulation.rendering.scene import Scene
 
     GroundTruthArrays = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]
+    import numpy as np
+    from numpy.typing import NDArray
 
 TEST_CARD = "bars"
 LED_PANEL = "led-panel"
@@ -150,7 +157,7 @@ def open_picture_source(
             raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
         return ColourBars(round(width * scale), round(height * scale), camera)
     if scene == LED_PANEL:
-        from capture_app.simulation.rendering.led_panel import PanelView
+        from capture_app.panel.simulated import PanelView
 
         if view:
             raise BadInputError(f"the panel {LED_PANEL!r} has no view {view!r}", hint="leave view= out")
@@ -167,3 +174,48 @@ def open_picture_source(
         )
     calibration = loaded.calibration().cameras[view]
     return SceneView(calibration.width, calibration.height, loaded, view, row_time_ns)
+
+
+MOST_BYTES = 1 << 28
+_END, _START = b"\xff\xd9", b"\xff\xd8"
+
+
+@dataclass(frozen=True, slots=True)
+class Replay(PictureSource):
+    """The JPEGs of a file, one after the other and again from the first, each as it is in the file."""
+
+    jpegs: tuple[bytes, ...]
+
+    @classmethod
+    def open(cls, path: Path) -> Replay:
+        """Read a file of JPEGs, one behind the other, as recordings have them.
+
+        Raises BadInputError where it cannot be read, is too large to keep in memory, or is no such file.
+        """
+        try:
+            size = path.stat().st_size
+            data = b"" if size > MOST_BYTES else path.read_bytes()
+        except OSError as error:
+            raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        if size > MOST_BYTES:
+            raise BadInputError(f"{path} is larger than {MOST_BYTES >> 20} MB", hint="replay a part of it")
+        parts = data.split(_END + _START)
+        starts = [b"", *[_START] * (len(parts) - 1)]
+        ends = [*[_END] * (len(parts) - 1), b""]
+        jpegs = tuple(start + part + end for start, part, end in zip(starts, parts, ends, strict=True))
+        sizes = {told_size(jpeg) for jpeg in jpegs}
+        known = sizes.pop()
+        if known is None or sizes:
+            raise BadInputError(f"{path} does not hold JPEGs of one size, one behind the other")
+        return cls(*known, jpegs)
+
+    def jpeg(self, frame: SensorFrame) -> bytes | None:
+        """Return the next of the file's, a copy as a driver makes one of its buffer."""
+        return bytes(bytearray(self.jpegs[frame.sequence % len(self.jpegs)]))
+
+    def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
+        """Return the picture decoded, BGR uint8 of height x width x 3."""
+        import numpy as np
+
+        picture = decode_image(self.jpegs[frame.sequence % len(self.jpegs)], colour=True)
+        return np.zeros((self.height, self.width, 3), np.uint8) if picture is None else picture

@@ -10,21 +10,20 @@ from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.simulation.rendering import moving, still
+from capture_app.simulation.rendering import layers as moving
+from capture_app.simulation.rendering import layers as still
+from capture_app.simulation.rendering.layers import SUBPIXELS, MovingPart, StillLayer, View, look_at
 from capture_app.simulation.rendering.lighting import OpenSky, sun_direction
-from capture_app.simulation.rendering.moving import MovingPart
 from capture_app.simulation.rendering.raycast import Body, Texture
-from capture_app.simulation.rendering.still import SUBPIXELS, StillLayer
-from capture_app.simulation.rendering.view import View, look_at
-from capture_app.simulation.scenes import crossing, held_board, pinwheel, poses, studio
+from capture_app.simulation.scenes import moving_bodies, stages, studio
 from capture_app.simulation.scenes.definition import SceneDefinition
 from capture_app.simulation.scenes.meshes import Floats
 
 _DEFINITIONS = {
     "studio": studio.DEFINITION,
-    "pinwheel": pinwheel.DEFINITION,
-    "crossing": crossing.DEFINITION,
-    "board": held_board.DEFINITION,
+    "pinwheel": stages.PINWHEEL,
+    "crossing": stages.CROSSING,
+    "board": stages.HELD_BOARD,
 }
 SCENES = tuple(_DEFINITIONS)
 
@@ -157,7 +156,7 @@ class Scene:
 
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
         times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
-        seconds = poses.cycle_seconds(times_ns)
+        seconds = moving_bodies.cycle_seconds(times_ns)
         return moving.moving_parts(view, self._bodies, self._stage.poses(seconds))
 
 

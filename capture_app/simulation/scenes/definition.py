@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_app.simulation.scenes.moving_bodies import Part
-from capture_app.simulation.scenes.poses import Poses, Series
-from capture_app.simulation.scenes.textures import Picture
+from capture_app.simulation.scenes.materials import Picture
+from capture_app.simulation.scenes.moving_bodies import Part, Poses, Series
 
 Point = tuple[float, float, float]
 

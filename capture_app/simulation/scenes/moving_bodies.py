@@ -1,12 +1,195 @@
-"""The meshes and textures of what moves: a child of rigid parts, and the blades of a pinwheel."""
+"""The meshes and textures of what moves: a child of rigid parts, and the blades of a pinwheel.
+
+Poses of rigid parts over time: a child that jumps or walks, and a pinwheel that turns.
+
+All motion is a smooth periodic function of time, for ever.
+"""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from capture_app.simulation.scenes import poses, prints, textures
+from capture_app.simulation.scenes import materials
+from capture_app.simulation.scenes.materials import Colour, Picture
 from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, lathe, rod, sheet, turn
-from capture_app.simulation.scenes.textures import Colour, Picture
+
+Series = NDArray[np.float64]
+
+CYCLE_NS = 97_500_000_000
+"""All motion repeats after this time: whole numbers of hops, sways, turns of the body and the wheel."""
+
+WHEEL_TURNS_PER_S = 1.2
+WHEEL_HUB = (0.40, 0.14, 2.24)
+FLOOR_Y = 1.0
+
+THIGH_M = SHIN_M = 0.26
+ANKLE_M = 0.065
+HIP_HALF_M = 0.064
+HIP_Y = 0.045
+SHOULDER = (0.132, -0.335)
+UPPER_ARM_M = 0.19
+NECK_Y = -0.395
+
+HOP_S = 0.65
+"""One hop of the jumping child."""
+CONTACT_S = 0.12
+TAKE_OFF_M_S = 9.81 * (HOP_S - CONTACT_S) / 2
+"""2.6 m/s: what gravity turns round within the flight."""
+SWAY_M = 0.13
+TURN_S = 3.9
+FIGURE_AT = (-0.30, 2.44)
+"""x and z in m of the middle of the sway."""
+LEG_M = 0.505
+"""Hip to ankle when the feet leave the floor: knees a little bent."""
+
+LAP_S = 6.5
+"""One round of the walking child; a whole part of CYCLE_NS."""
+GAIT_S = 0.65
+WALK_CENTRE = (0.0, 2.75)
+"""x and z in m of the middle of the path."""
+WALK_REACH_M = (1.55, 0.42)
+"""Half axes of the path along x and z: 1.5 m/s where they pass each other, in the middle."""
+
+
+class Poses(NamedTuple):
+    """Poses at n times: x_world = rotation (n, 3, 3) x_part + translation (n, 3) in m."""
+
+    rotation: Series
+    translation: Series
+
+    def point(self, x: float, y: float, z: float) -> Series:
+        """World positions (n, 3) of a point of the part, in m."""
+        return np.asarray(self.rotation @ np.array([x, y, z]) + self.translation)
+
+
+def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:
+    """Poses of a part whose origin is at a point of its parent, rotated against it by (n, 3, 3)."""
+    return Poses(parent.rotation @ rotation, parent.point(*at))
+
+
+class LimbTurns(NamedTuple):
+    """Rotations (n, 3, 3) of one side's limbs against their parents; the shoe's is against the world."""
+
+    thigh: Series
+    shin: Series
+    shoe: Series
+    arm: Series
+    forearm: Series
+
+
+def child_poses(
+    hips: Poses, torso_turn: Series, head_turn: Series, left: LimbTurns, right: LimbTurns
+) -> dict[str, Poses]:
+    """Poses of all parts of a child by name, from the pose of its hips and the rotations of its joints."""
+    torso = joint(hips, (0.0, 0.02, 0.0), torso_turn)
+    parts = {"hips": hips, "torso": torso, "head": joint(torso, (0.0, NECK_Y, -0.005), head_turn)}
+    for side, name, turns in ((-1.0, "left", left), (1.0, "right", right)):
+        thigh = joint(hips, (side * HIP_HALF_M, HIP_Y, 0.0), turns.thigh)
+        shin = joint(thigh, (0.0, THIGH_M, 0.0), turns.shin)
+        arm = joint(torso, (side * SHOULDER[0], SHOULDER[1], 0.0), turns.arm)
+        parts[f"{name}_thigh"] = thigh
+        parts[f"{name}_shin"] = shin
+        parts[f"{name}_shoe"] = Poses(turns.shoe, shin.point(0.0, SHIN_M, 0.0))
+        parts[f"{name}_arm"] = arm
+        parts[f"{name}_forearm"] = joint(arm, (0.0, UPPER_ARM_M, 0.0), turns.forearm)
+    return parts
+
+
+def cycle_seconds(times_ns: NDArray[np.int64]) -> Series:
+    """Seconds within the cycle, exact to a ns wherever in 64 bits the times lie."""
+    return (times_ns % CYCLE_NS).astype(np.float64) / 1e9
+
+
+def turning_wheel(time_s: Series) -> dict[str, Poses]:
+    """Poses of the pinwheel's blades, which face the cameras with a slight slant."""
+    slant = turn(1, np.full_like(time_s, 0.16)) @ turn(0, np.full_like(time_s, 0.07))
+    turning = turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
+    return {"wheel": Poses(slant @ turning, np.broadcast_to(np.array(WHEEL_HUB), (len(time_s), 3)))}
+
+
+def hop_height(time_s: Series) -> Series:
+    """Height in m of the hips over their place at take-off: a flight, then a springy landing."""
+    phase = time_s % HOP_S
+    flight = phase - CONTACT_S
+    landing = -TAKE_OFF_M_S * phase * (1 - phase / CONTACT_S)
+    return np.where(flight < 0, landing, TAKE_OFF_M_S * flight - 9.81 / 2 * flight**2)
+
+
+def jumping_child(time_s: Series) -> dict[str, Poses]:
+    """Poses of the jumping child's parts at the times (n), by the part's name.
+
+    Where the hop stands still, at its top and at its lowest point, the sideways sway runs at 0.7 of its
+    full speed: two pictures some tens of ms apart always show the child in two places.
+    """
+    height = hop_height(time_s)
+    airborne = np.sin(np.pi * np.clip((time_s % HOP_S - CONTACT_S) / (HOP_S - CONTACT_S), 0, 1)) ** 2
+    # Still only midway between the lowest point and the top, where the hop is fast.
+    sway = np.pi * (time_s - CONTACT_S / 2) / HOP_S + np.pi / 4
+    yaw = 0.42 * np.sin(2 * np.pi * time_s / TURN_S)
+    roll = 0.09 * np.cos(sway)
+
+    leg = LEG_M + np.minimum(height, 0.0) - 0.085 * airborne
+    x, z = FIGURE_AT[0] + SWAY_M * np.sin(sway), FIGURE_AT[1] + 0.05 * np.cos(sway)
+    y = FLOOR_Y - ANKLE_M - LEG_M - height
+    hips = Poses(turn(1, yaw) @ turn(2, roll), np.stack([x, y, z], axis=1))
+    lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
+    knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
+
+    def limbs(side: float) -> LimbTurns:
+        spread = side * (0.06 + 0.42 * airborne)
+        level = turn(1, np.full_like(yaw, -side * 0.22)) @ turn(0, 0.55 * airborne)
+        beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
+        raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / TURN_S)
+        bent = 0.55 - 0.30 * beat
+        return LimbTurns(
+            thigh=turn(2, -spread) @ turn(0, -knee),
+            shin=turn(0, 2 * knee),
+            shoe=hips.rotation @ level,
+            arm=turn(2, -side * raised) @ turn(0, np.full_like(beat, -0.25)),
+            forearm=turn(2, -side * bent) @ turn(0, -0.3 * bent),
+        )
+
+    head = turn(1, -0.45 * yaw) @ turn(0, -0.9 * lean + 0.05)
+    return child_poses(hips, turn(0, lean), head, limbs(-1.0), limbs(1.0))
+
+
+def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Poses]:
+    """Poses by the part's name of a child that is `ahead` laps further on; names begin with `prefix`."""
+    round_ = 2 * np.pi * (time_s / LAP_S + ahead)
+    gait = 2 * np.pi * (time_s / GAIT_S + 2 * ahead)
+    speed = np.stack([-WALK_REACH_M[0] * np.sin(round_), WALK_REACH_M[1] * np.cos(round_)])
+    yaw = np.arctan2(-speed[0], -speed[1])
+
+    swing = {side: 0.52 * np.sin(gait + (np.pi if side > 0 else 0.0)) for side in (-1.0, 1.0)}
+    knee = {side: 0.16 + 0.38 * (1 + np.cos(gait + (np.pi if side > 0 else 0.0))) for side in (-1.0, 1.0)}
+    leg = np.maximum(*(_height(swing[side], knee[side]) for side in (-1.0, 1.0)))
+    x = WALK_CENTRE[0] + WALK_REACH_M[0] * np.cos(round_)
+    z = WALK_CENTRE[1] + WALK_REACH_M[1] * np.sin(round_)
+    place = np.stack([x, FLOOR_Y - ANKLE_M - HIP_Y - leg, z], axis=1)
+    hips = Poses(turn(1, yaw) @ turn(2, 0.04 * np.sin(gait)), place)
+
+    def limbs(side: float) -> LimbTurns:
+        pitch = turn(0, 0.6 * (knee[side] - swing[side]) - 0.12)
+        return LimbTurns(
+            thigh=turn(0, -swing[side]),
+            shin=turn(0, knee[side]),
+            shoe=hips.rotation @ pitch,
+            arm=turn(2, np.full_like(yaw, -side * 0.16)) @ turn(0, 0.75 * swing[side]),
+            forearm=turn(0, -0.45 - 0.3 * swing[side]),
+        )
+
+    torso = turn(1, -0.10 * np.sin(gait)) @ turn(0, np.full_like(yaw, 0.09))
+    head = turn(0, 0.03 * np.cos(2 * gait) - 0.05)
+    parts = child_poses(hips, torso, head, limbs(-1.0), limbs(1.0))
+    return {prefix + name: poses for name, poses in parts.items()}
+
+
+def _height(swing: Series, knee: Series) -> Series:
+    """From hip to ankle, downwards in m."""
+    return np.asarray(THIGH_M * np.cos(swing) + SHIN_M * np.cos(knee - swing))
+
 
 SKIN: Colour = (224, 168, 132)
 HAIR: Colour = (106, 66, 40)
@@ -24,19 +207,19 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
     """Textures of the moving_bodies, by name."""
     stripes: list[Colour] = [(188, 52, 50), (240, 230, 208), (44, 60, 100), (240, 230, 208)]
     found = {
-        "face": prints.face(rng, SKIN, HAIR),
-        "hair": textures.hair(rng, (160, 320), HAIR),
-        "shirt": textures.cloth(rng, (220, 330), stripes, stripe=17),
-        "sleeve": textures.cloth(rng, (64, 96), stripes, stripe=14),
-        "jeans": textures.denim(rng, (160, 200)),
-        "skin": textures.plain(rng, (160, 160), SKIN, rough=0.05),
-        "shoe": textures.cloth(rng, (96, 160), [(196, 54, 50)]),
-        "sole": textures.plain(rng, (32, 96), (238, 234, 224)),
-        "ribbon": textures.cloth(rng, (32, 32), [(62, 140, 178)]),
-        "hub": textures.plain(rng, (48, 48), (238, 190, 70)),
+        "face": materials.face(rng, SKIN, HAIR),
+        "hair": materials.hair(rng, (160, 320), HAIR),
+        "shirt": materials.cloth(rng, (220, 330), stripes, stripe=17),
+        "sleeve": materials.cloth(rng, (64, 96), stripes, stripe=14),
+        "jeans": materials.denim(rng, (160, 200)),
+        "skin": materials.plain(rng, (160, 160), SKIN, rough=0.05),
+        "shoe": materials.cloth(rng, (96, 160), [(196, 54, 50)]),
+        "sole": materials.plain(rng, (32, 96), (238, 234, 224)),
+        "ribbon": materials.cloth(rng, (32, 32), [(62, 140, 178)]),
+        "hub": materials.plain(rng, (48, 48), (238, 190, 70)),
     }
     for number in range(6):
-        found[f"blade{number}"] = prints.blade(rng, number)
+        found[f"blade{number}"] = materials.blade(rng, number)
     return found
 
 
@@ -141,10 +324,10 @@ def _wheel() -> list[Mesh]:
 
 def stand() -> list[Mesh]:
     """The pinwheel's pole and foot, which stand still."""
-    x, y, z = poses.WHEEL_HUB
-    pole = rod((x, y, z + 0.055), (x, poses.FLOOR_Y - 0.02, z + 0.055), 0.013, "pale_wood")
+    x, y, z = WHEEL_HUB
+    pole = rod((x, y, z + 0.055), (x, FLOOR_Y - 0.02, z + 0.055), 0.013, "pale_wood")
     axle = rod((x, y, z - 0.01), (x, y, z + 0.06), 0.006, "dark_wood")
     foot = lathe([(0.02, -0.035), (0.10, -0.022), (0.125, -0.012), (0.13, 0.0)], "dark_wood").moved(
-        (x, poses.FLOOR_Y, z + 0.055)
+        (x, FLOOR_Y, z + 0.055)
     )
-    return [pole, axle, foot, *box((x, poses.FLOOR_Y - 0.03, z + 0.055), (0.05, 0.05, 0.05), "pale_wood")]
+    return [pole, axle, foot, *box((x, FLOOR_Y - 0.03, z + 0.055), (0.05, 0.05, 0.05), "pale_wood")]

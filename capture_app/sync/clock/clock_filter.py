@@ -5,8 +5,16 @@ from dataclasses import dataclass
 from heapq import nsmallest
 from math import hypot, sqrt
 
-from capture_app.sync.clock.likely_line import TIGHTEST, LikelyLine, fit_line, lower_hull
-from capture_app.sync.clock.priors import ASYMMETRY, DRIFT, MAX_SKEW, STAMP_NS
+from capture_app.sync.clock.likely_line import (
+    ASYMMETRY,
+    DRIFT,
+    MAX_SKEW,
+    STAMP_NS,
+    TIGHTEST,
+    LikelyLine,
+    fit_line,
+    lower_hull,
+)
 from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
 BLOCK_NS, LONG_AGO_NS, SIGMAS_95 = 1_000_000_000, -(2**66), 1.96

@@ -1,4 +1,7 @@
-"""The shared goal of a rig: the grid of instants at which all its cameras take their frames."""
+"""The shared goal of a rig: the grid of instants at which all its cameras take their frames.
+
+Whether a stream is to be moved, and to where: its drift should take it through the goal when it counts.
+"""
 
 from dataclasses import dataclass
 
@@ -25,3 +28,78 @@ class Goal:
     def phase_error(self, leader_ns: int) -> int:
         """Distance in ns from the nearest grid instant, in [-period/2, period/2)."""
         return leader_ns - self.instant(self.index_of(leader_ns))
+
+
+LARGEST_AIM = 0.6
+"""Most that a stream is moved past its goal in advance of its drift, as a share of the tolerance; a quarter
+of that where half the tolerance is to be met."""
+BURST_SHARE = 0.25
+"""A burst whose error would exceed this share of the tolerance is corrected in advance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """A stream's error now in ns, its drift in ns per ns, and its period."""
+
+    error_ns: float
+    drift: float
+    period_ns: float
+    tolerance_ns: int
+    grace_ns: float
+    """Added to the tolerance, so that noise does not make a phase at its limit flicker in and out."""
+    latency_frames: float = 0.0
+    """Frames from a small step's command until it counts."""
+    landing_ns: float = 0.0
+    """How near a move should bring the stream."""
+    left_ns: float = 0.0
+    """An error of up to so much is left as it is."""
+
+    def error_after(self, ns: float) -> float:
+        """Error in ns after so much time, if nothing moves the stream."""
+        return self.error_ns + self.drift * ns
+
+    def tolerates(self, error_ns: float) -> bool:
+        """Whether an error can be left as it is."""
+        return abs(error_ns) <= self.tolerance_ns + self.grace_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """A wish for a move that takes effect `lead_ns` from now; times and errors in ns."""
+
+    lead_ns: float
+    error_ns: float
+    """What the error will be then without the move."""
+    wanted_ns: float
+    """What it should be then."""
+    off_centre_ns: float
+    """How far the wish itself is off the goal."""
+
+
+def aim_to_stay(course: Course, lead_ns: float, hold_ns: int) -> Aim:
+    """Where a stream stays within its tolerance for longest: drift takes it through the middle."""
+    furthest_ns = LARGEST_AIM * course.landing_ns**2 / max(1, course.tolerance_ns)
+    wanted_ns = min(max(-course.drift * hold_ns / 2, -furthest_ns), furthest_ns)
+    return Aim(lead_ns, course.error_after(lead_ns), wanted_ns, wanted_ns)
+
+
+def aim_to_meet(course: Course, lead_ns: float, ahead_ns: float) -> Aim | None:
+    """Where drift takes a stream to its goal at a moment to come; None if it will be there without a move."""
+    if course.tolerates(course.error_after(ahead_ns)):
+        return None
+    return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (ahead_ns - lead_ns), 0.0)
+
+
+def aim_at_burst(
+    course: Course, lead_ns: float, ready_ns: float, scatter_ns: float, *, begins_ns: float, lasts_ns: float
+) -> Aim | None:
+    """Where drift takes a stream to its goal in the middle of a burst.
+
+    None if the burst begins before `ready_ns`, when no long frame is on its way any more, or if its
+    error will be small, or no larger than `scatter_ns`, by which moves miss.
+    """
+    middle_ns = begins_ns + lasts_ns / 2
+    small_ns = max(BURST_SHARE * course.tolerance_ns, scatter_ns)
+    if begins_ns < ready_ns or abs(course.error_after(middle_ns)) <= small_ns:
+        return None
+    return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (middle_ns - lead_ns), 0.0)

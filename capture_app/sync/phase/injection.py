@@ -1,15 +1,169 @@
 """Frame injection: one long frame moves the phase by gain * row_time * (rows - neutral rows).
 
 Gain and neutral rows differ by device and are learned from what the injections do.
+
+What injections did to a camera's phase, and the profile of the device that explains it best.
+
+shift = gain * row_time * (rows - neutral rows). Most sensors hold a long frame's length for one, two or three
+frames (the gain), but any real gain is met: whole ones are believed until they misfit.
+
+Frame-duration control: single frames are made longer or shorter by whole rows.
+
+Far from the goal one frame takes the whole shift; near it one row at a time holds the phase to half a row,
+without any frame with another exposure.
 """
 
 from collections import deque
-from math import ceil, floor
+from dataclasses import dataclass
+from itertools import combinations
+from math import ceil, floor, sqrt
+from statistics import median
 
-from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
-from capture_app.sync.phase.aim import Aim, Course, aim_at_burst, aim_to_stay
-from capture_app.sync.phase.injection_history import USUAL_OVERHEAD_NS, InjectionHistory, InjectionProfile
-from capture_app.sync.wire.camera_commands import InjectFrame
+from capture_app.sync.phase.actuators import Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.frame_line import SIGMA_FROM_MAD
+from capture_app.sync.phase.goal import Aim, Course, aim_at_burst, aim_to_stay
+from capture_app.sync.wire.camera_commands import InjectFrame, SetFrameDuration
+
+GAINS = (1.0, 2.0, 3.0)
+GAIN_LIMITS = (0.5, 4.0)
+REAL_GAIN = 1.2
+"""Mean misfit in rows above which a gain that is no whole number is believed."""
+MISFIT_ROWS = 20.0
+"""A misfit over this counts for no more: an outlier among the timestamps is not the gain's fault."""
+APART_ROWS = 10.0
+"""Two injections that differ by more rows than this tell a gain."""
+USUAL_ROW_NS = 12_000
+"""Time of a row where it is not known."""
+FINEST_NS = 1_000
+"""Step of exposures where the row time is not known."""
+USUAL_OVERHEAD_NS = 250_000
+"""Time that a frame is longer than its exposure, where nothing is known yet."""
+OVERHEAD_SPREAD_NS = 1_000_000
+NO_OVERHEAD = 10.0
+"""Misfit of an exposure longer than the frame that it does not stretch."""
+PROVEN_ROWS = 0.75
+"""A whole gain that no injection missed by more is not doubted."""
+DOUBT = 0.002
+"""Doubt about any other gain, as a share of it."""
+FITTING_ROWS = 20.0
+"""Doubt about an exposure that fits into a period: it may stretch nothing, and teach next to nothing."""
+NEAR_ROWS = 300.0
+MISSED_ROWS = 3.0
+REMEMBERED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class InjectionProfile:
+    """How a device responds to a long frame, kept for its next use."""
+
+    row_time_ns: int
+    gain: float
+    neutral_rows: float
+    """Longest exposure that does not stretch a frame, in rows."""
+
+    def shift_rows(self, rows: float) -> float:
+        """By how many rows an exposure of so many delays all frames after it."""
+        return max(0.0, self.gain * (rows - self.neutral_rows))
+
+
+class InjectionHistory:
+    """The last injections of one camera: rows exposed, and the rows that the phase moved by."""
+
+    def __init__(self, *, period_ns: int, row_time_ns: int | None) -> None:
+        self.row_ns = row_time_ns or FINEST_NS
+        """What exposures are counted in."""
+        self.row_known = row_time_ns is not None
+        self._grain = 1.0 if self.row_known else USUAL_ROW_NS / self.row_ns
+        """The sensor's own rows in those that exposures are counted in, or the stamps' noise if larger."""
+        self._period_rows = period_ns / self.row_ns
+        self._seen: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
+
+    @property
+    def moved(self) -> bool:
+        """Whether any injection moved the phase: only then there is something to fit."""
+        return any(shift for _, shift in self._seen)
+
+    @property
+    def idle_rows(self) -> int:
+        """Longest exposure that moved nothing, 0 where there was none."""
+        return max((rows for rows, shift in self._seen if not shift), default=0)
+
+    def add(self, rows: int, shift_rows: float, noise_rows: float) -> None:
+        """Remember an injection; what the noise of its frames' timestamps explains is no misfit."""
+        self._grain = max(self._grain, noise_rows)
+        self._seen.append((rows, shift_rows))
+
+    def miss_rows(self, profile: InjectionProfile, rows: int, shift_rows: float) -> float:
+        """How far a shift was from what a profile says, in the sensor's own rows."""
+        return abs(shift_rows - profile.shift_rows(rows)) / self._grain
+
+    def scatter_ns(self, profile: InjectionProfile) -> float:
+        """Standard deviation of what injections did about what a profile says; 0 until it shows."""
+        misses = [self.miss_rows(profile, *one) for one in self._seen if one[1]]
+        if len(misses) < 2:
+            return 0.0
+        return (
+            SIGMA_FROM_MAD
+            * median(misses)
+            * sqrt(len(misses) / (len(misses) - 1))
+            * self._grain
+            * self.row_ns
+        )
+
+    def neutral_near(self, profile: InjectionProfile, shift_rows: float) -> float:
+        """Neutral rows by the injection that moved the phase most nearly so far, if it fits the profile.
+
+        Where rows or gain are not exact, a line is better near its points than elsewhere.
+        """
+        near = [
+            (abs(shift - shift_rows), rows - shift / profile.gain)
+            for rows, shift in self._seen
+            if shift and self.miss_rows(profile, rows, shift) < MISSED_ROWS
+        ]
+        distance, neutral_rows = min(near, default=(0.0, profile.neutral_rows))
+        exact = self.row_known and profile.gain in GAINS
+        return profile.neutral_rows if exact or distance > NEAR_ROWS * self._grain else neutral_rows
+
+    def doubt_rows(self, profile: InjectionProfile, rows: int) -> float:
+        """How far the profile may lead astray, away from the exposures that it was learned from."""
+        seen = self._seen
+        if not seen:
+            return 0.0
+        proven = profile.gain in GAINS and all(self.miss_rows(profile, *one) < PROVEN_ROWS for one in seen)
+        doubt_rows = 0.0 if proven else DOUBT * profile.gain * min(abs(rows - one) for one, _ in seen)
+        if rows < self._period_rows and not (proven and len(seen) > 1):
+            doubt_rows += FITTING_ROWS * self._grain
+        return doubt_rows
+
+    def fit(self) -> InjectionProfile:
+        """The gain whose line fits best, with the overhead it implies as a tie-breaker.
+
+        A real gain is that of an injection with the usual overhead, or what two injections tell.
+        """
+        idle = (self._period_rows - USUAL_OVERHEAD_NS / self.row_ns, 0.0)
+        gains = [
+            (shift - other) / (rows - base)
+            for (base, other), (rows, shift) in combinations([idle, *self._seen], 2)
+            if abs(rows - base) > APART_ROWS * self._grain
+        ]
+        real = [(gain, REAL_GAIN) for gain in gains if GAIN_LIMITS[0] <= gain <= GAIN_LIMITS[1]]
+        fits = [self._fit_gain(gain, penalty) for gain, penalty in [*((g, 0.0) for g in GAINS), *real]]
+        return min(fits, key=lambda fit: fit[0])[1]
+
+    def _fit_gain(self, gain: float, penalty: float) -> tuple[float, InjectionProfile]:
+        """The misfit of a gain, in rows, and the profile that it makes of the injections seen."""
+        neutral = median([rows - shift / gain for rows, shift in self._seen if shift])
+        if self.row_known and not penalty:
+            neutral = float(round(neutral))
+        profile = InjectionProfile(self.row_ns, gain, neutral)
+        misses = [self.miss_rows(profile, *one) for one in self._seen]
+        misfit = penalty + sum(min(miss, MISFIT_ROWS) for miss in misses) / len(misses)
+        overhead_ns = (self._period_rows - neutral) * self.row_ns
+        misfit += abs(overhead_ns - USUAL_OVERHEAD_NS) / OVERHEAD_SPREAD_NS
+        if overhead_ns < -2.0 * self._grain * self.row_ns:
+            misfit += NO_OVERHEAD
+        return misfit, profile
+
 
 LEAD_FRAMES = 6
 """From the command until the phase has moved, before any was seen: 2-4 frames of latency, long ones."""
@@ -197,3 +351,79 @@ class InjectionActuator(PhaseActuator):
             # Out of reach in one go: as far as the longest exposure gets.
             return most
         return best_rows
+
+
+FINE_ROWS = 16
+"""Up to so many rows a step is small: its effect is taken for granted, and no picture suffers."""
+DEADBAND_ROWS = 0.55
+"""A row is given where the predicted error exceeds this: over a half, or noise would make it flicker."""
+
+
+class FrameDurationActuator(PhaseActuator):
+    """Turns wished shifts into the duration of one frame; a step too long for one frame is done in part."""
+
+    def __init__(
+        self,
+        *,
+        period_ns: int,
+        row_time_ns: int | None,
+        min_duration_ns: int | None = None,
+        max_duration_ns: int | None = None,
+    ) -> None:
+        """Without limits, a frame can only be made longer, up to four periods."""
+        self._row_ns = row_time_ns or FINEST_NS
+        self._base_rows = round(period_ns / self._row_ns)
+        least_ns = period_ns if min_duration_ns is None else min_duration_ns
+        most_ns = 4 * period_ns if max_duration_ns is None else max_duration_ns
+        self._least_rows = min(0, -((self._base_rows * self._row_ns - least_ns) // self._row_ns))
+        self._most_rows = max(0, most_ns // self._row_ns - self._base_rows)
+        self.shift_ns = 0
+        """What the last command does to the phase, in ns."""
+
+    @property
+    def problem(self) -> str:
+        """Why this camera can never be moved."""
+        if self._most_rows > 0:
+            return ""
+        return "none of its frames can be made longer than the usual ones"
+
+    @property
+    def fine_ns(self) -> int:
+        """Largest shift in ns that is a small step."""
+        return FINE_ROWS * self._row_ns
+
+    @property
+    def small_shift_ns(self) -> int | None:
+        """What the last command does to the phase, None where it is more than a small step."""
+        return self.shift_ns if abs(self.shift_ns) <= self.fine_ns else None
+
+    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
+        """Straight at the goal: a step of a row costs nothing."""
+        lead_ns = course.latency_frames * course.period_ns
+        return Aim(lead_ns, course.error_after(lead_ns), 0.0, 0.0)
+
+    def aim_on_hold(self, course: Course) -> Aim | None:
+        """At the goal, if it is a few rows away at most: such a step shows in no picture."""
+        lead_ns = course.latency_frames * course.period_ns
+        error_ns = course.error_after(lead_ns)
+        return None if abs(error_ns) > self.fine_ns else Aim(lead_ns, error_ns, 0.0, 0.0)
+
+    def command(self, move: Move) -> SetFrameDuration | None:
+        """The duration of one frame; None while the error is within about half a row."""
+        later_ns = move.shift_ns
+        if later_ns > move.period_ns / 2:
+            later_ns -= round(move.period_ns)
+        if abs(later_ns) <= DEADBAND_ROWS * self._row_ns:
+            return None
+        rows = round(later_ns / self._row_ns)
+        if rows < self._least_rows == 0:
+            # Frames cannot be made shorter: the way round, by nearly a whole period, is the only one.
+            rows = round(move.shift_ns / self._row_ns)
+        rows = min(max(rows, self._least_rows), self._most_rows)
+        if rows == 0:
+            return None
+        self.shift_ns = rows * self._row_ns
+        return SetFrameDuration(round((self._base_rows + rows + INSIDE_ROW) * self._row_ns))
+
+    def learn(self, effect: MoveEffect) -> None:
+        """Nothing: the effect of a row is known exactly."""

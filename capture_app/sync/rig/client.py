@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import node_message
 from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined, StrangeTrigger
 from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
@@ -16,11 +17,8 @@ from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.stamps.frame_stamp import FrameStamp, PhaseEstimate
-from capture_app.sync.timekeeping.accuracy_goal import AccuracyGoal
-from capture_app.sync.timekeeping.leader_terms import LeaderTerms
-from capture_app.sync.timekeeping.poll_schedule import PollSchedule
-from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.poll_schedule import AccuracyGoal, PollSchedule
+from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
 

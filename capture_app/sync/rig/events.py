@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.frame_picks import Gap, Pick
-from capture_app.sync.stamps.frame_stamp import PhaseEstimate
 from capture_app.sync.timekeeping.clock_events import ClockEvent
-from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.sync.wire.messages import Trigger
+from capture_app.sync.wire.messages import Group, Trigger
 
 F = TypeVar("F")
 

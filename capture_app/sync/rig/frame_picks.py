@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.stamps.frame_stamp import StampError
+from capture_app.sync.phase.stamps import StampError
 
 F = TypeVar("F")
 EXACT_STAMP = StampError()

@@ -1,11 +1,11 @@
 """The one sentence with which a node says why it is not ready, and what a person can do about it."""
 
 from capture_app.sync.clock.clock_filter import SIGMAS_95
-from capture_app.sync.clock.priors import ASYMMETRY
+from capture_app.sync.clock.likely_line import ASYMMETRY
+from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
-from capture_app.sync.stamps.frame_stamp import PhaseEstimate
-from capture_app.sync.timekeeping.accuracy_goal import CLOCK_SHARE
-from capture_app.sync.timekeeping.rate_watch import RateWatch
+from capture_app.sync.timekeeping.poll_schedule import CLOCK_SHARE
+from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration

@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 from msgspec.structs import replace
 
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.stamps import PhaseEstimate, StampError
 from capture_app.sync.rig.events import BurstPicked
 from capture_app.sync.rig.frame_picks import (
     NO_FRAME_OF_ITS_OWN,
@@ -18,7 +19,6 @@ from capture_app.sync.rig.frame_picks import (
     timed_pick,
 )
 from capture_app.sync.rig.phase_loop import CameraGrid
-from capture_app.sync.stamps.frame_stamp import PhaseEstimate, StampError
 from capture_app.sync.wire.messages import Trigger
 
 F = TypeVar("F")

@@ -10,11 +10,11 @@ from capture_app.camera_facts import CameraFacts, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection_history import InjectionProfile
+from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
 from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
-from capture_app.sync.stamps.frame_stamp import PhaseEstimate
-from capture_app.sync.timekeeping.leader_terms import LeaderTerms
+from capture_app.sync.timekeeping.timekeeper import LeaderTerms
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
 

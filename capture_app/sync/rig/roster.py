@@ -11,7 +11,7 @@ from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeMoved, NodeReturned
 from capture_app.sync.wire.messages import CLOCK_ONLY, PROBE_NUMBER, WITHOUT_CAMERA, Hello, NodeState, Report
-from capture_app.sync.wire.speaker import Speaker
+from capture_app.sync.wire.principal import Speaker
 
 Address = tuple[str, int]
 

@@ -1,4 +1,7 @@
-"""A node's side of the protocol but for its camera: join a leader, keep its time, notice that it is gone."""
+"""A node's side of the protocol but for its camera: join a leader, keep its time, notice that it is gone.
+
+When a node tells its leader that it is there, and since when it has heard nothing of that leader.
+"""
 
 from collections import deque
 from collections.abc import Callable
@@ -9,15 +12,21 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
-from capture_app.sync.timekeeping.heartbeats import HEARTBEAT_EVERY_NS, LEADER_SILENT_NS, Heartbeats
-from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
-from capture_app.sync.timekeeping.timekeeper import Timekeeper
-from capture_app.sync.wire.beacon import AgreedArrival, Beacon
-from capture_app.sync.wire.codec import Message, OtherVersionError, WireError, decode, encode
+from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
+from capture_app.sync.wire.codec import (
+    Message,
+    OtherVersionError,
+    WireError,
+    decode,
+    encode,
+    version_mismatch,
+)
 from capture_app.sync.wire.messages import (
     CLOCK,
     WITHOUT_CAMERA,
+    AgreedArrival,
+    Beacon,
     ControlMessage,
     Goodbye,
     Heartbeat,
@@ -31,9 +40,51 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.version import version_mismatch
 
 _MS = 1_000_000
+HEARTBEAT_EVERY_NS = 500 * _MS
+LEADER_SILENT_NS = 2500 * _MS
+
+
+class Heartbeats:
+    """Those of one node, from each time that a leader takes it in; local times in ns."""
+
+    def __init__(self, every_ns: int | None, silent_ns: int) -> None:
+        """Without `every_ns` none is sent by itself, and no silence is noticed."""
+        self.due_ns = NEVER_NS
+        """When the next one is to be sent."""
+        self._every_ns, self._silent_ns = every_ns, silent_ns
+        self._heard_ns = 0
+
+    @property
+    def are_regular(self) -> bool:
+        """Whether they are sent by themselves."""
+        return self._every_ns is not None
+
+    @property
+    def silent_from_ns(self) -> int:
+        """From when on the leader is gone if it is not heard until then."""
+        return NEVER_NS if self._every_ns is None else self._heard_ns + self._silent_ns
+
+    def begin(self, now_ns: int) -> None:
+        """A leader has taken the node in."""
+        self._heard_ns = now_ns
+        self.due_ns = NEVER_NS if self._every_ns is None else now_ns
+
+    def heard(self, now_ns: int) -> None:
+        """The leader has said something."""
+        self._heard_ns = now_ns
+
+    def send_at_once(self) -> None:
+        """Have the next one sent without waiting."""
+        self.due_ns = AT_ONCE_NS
+
+    def sent(self, now_ns: int) -> None:
+        """One was sent."""
+        if self._every_ns is not None:
+            self.due_ns = now_ns + self._every_ns
+
+
 HELLO_EVERY_NS = 500 * _MS
 HELLOS = 3
 """So many unanswered hellos, and another leader is asked, where there is one."""

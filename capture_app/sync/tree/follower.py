@@ -9,12 +9,12 @@ from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
-from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
-from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
 from capture_app.sync.wire.messages import (
     CLOCK,
+    MAX_DEPTH,
     PROBE_NUMBER,
     ControlMessage,
     Goodbye,
@@ -22,7 +22,6 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.upstream_map import MAX_DEPTH
 
 Address = tuple[str, int]
 

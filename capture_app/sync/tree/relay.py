@@ -27,9 +27,9 @@ from capture_app.sync.wire.messages import (
     Trigger,
     UnknownMember,
     Welcome,
+    upstream_map,
 )
-from capture_app.sync.wire.speaker import Speaker
-from capture_app.sync.wire.upstream_map import upstream_map
+from capture_app.sync.wire.principal import Speaker
 
 HEARTBEAT_EVERY_NS = 500_000_000
 OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")

@@ -1,14 +1,111 @@
-"""Messages between nodes: time, joining, heartbeats and bursts."""
+"""Messages between nodes: time, joining, heartbeats and bursts.
+
+Messages of the reference broadcast: beacons, which a radio cell receives at one instant, and answers.
+
+A relay's map from its own clock to the root's, as messages carry it.
+"""
 
 from enum import StrEnum
+from math import isfinite
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.names import Name
-from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon, Group
-from capture_app.sync.wire.upstream_map import UpstreamMap
+from capture_app.sync.clock.time_map import TimeMap
+
+MOST_ARRIVALS = 32
+_OCTET = "(25[0-5]|2[0-4][0-9]|1[0-9][0-9]|[1-9]?[0-9])"
+Host = Annotated[str, Meta(pattern=rf"^239\.{_OCTET}\.{_OCTET}\.{_OCTET}$")]
+"""An IPv4 multicast address within an organization (RFC 2365), so that no client joins a global one."""
+Port = Annotated[int, Meta(ge=1024, le=65535)]
+BeaconNumber = Annotated[int, Meta(ge=1, le=2**32 - 1)]
+TimeNs = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+ErrorNs = Annotated[int, Meta(ge=0, le=10**18)]
+Arrival = tuple[BeaconNumber, TimeNs]
+"""A beacon's number, and when it was received, in ns of the leader's time."""
+
+
+class Group(Struct, frozen=True, array_like=True):
+    """The IPv4 multicast group and the UDP port that a leader sends its beacons to."""
+
+    host: Host
+    port: Port
+
+
+class Beacon(Struct, frozen=True, tag="beacon"):
+    """A datagram that all receive at one instant; when it was sent does not matter."""
+
+    leader: int
+    """The run of the leader that sent it."""
+    number: BeaconNumber
+
+
+class ArrivalReport(Struct, frozen=True, tag="arrivals"):
+    """When a client received the newest beacons, by its own estimate of the leader's clock."""
+
+    client: int
+    uncertainty_ns: ErrorNs
+    """95 % error of that estimate."""
+    hard_bound_ns: ErrorNs
+    """Largest error that the time messages allow."""
+    arrivals: Annotated[tuple[Arrival, ...], Meta(max_length=MOST_ARRIVALS)]
+
+
+class AgreedArrival(Struct, frozen=True, tag="agreed-arrival"):
+    """When a client's clock should have received a beacon, to agree with all clients that received it."""
+
+    client: int
+    number: BeaconNumber
+    """The beacon's."""
+    leader_ns: TimeNs
+    uncertainty_ns: ErrorNs
+    """95 % error against the leader's clock."""
+    relative_uncertainty_ns: ErrorNs
+    """95 % error against the other clients' clocks."""
+
+
+MAX_DEPTH = 8
+"""Most clocks between a node's and the root's."""
+Skew = Annotated[float, Meta(ge=-0.01, le=0.01)]
+Error = Annotated[float, Meta(ge=0.0, le=1e18)]
+SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
+Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+
+
+class UpstreamMap(Struct, frozen=True, array_like=True):
+    """A relay's map from its own clock to the root's, as it goes over the wire; times in ns.
+
+    A relay's time replies carry its own clock, which never jumps; its clients add this to what they find.
+    `path` names the instances from the root to the relay, so that no relay follows itself.
+    """
+
+    path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
+    epoch_local_ns: int
+    offset_ns: Offset
+    skew: Skew
+    uncertainty_ns: Error
+    hard_bound_ns: Error
+    skew_uncertainty: SkewError
+    skew_bound: SkewError
+    drift_uncertainty: SkewError = 0.0
+
+    def time_map(self) -> TimeMap | None:
+        """The map from the relay's clock to the root's; None where a value is not a number."""
+        fields = {name: getattr(self, name) for name in _SHARED_FIELDS}
+        if not all(isfinite(value) for value in fields.values() if isinstance(value, float)):
+            return None
+        return TimeMap(**fields, samples=0, round_trip_ns=0)
+
+
+_SHARED_FIELDS = UpstreamMap.__struct_fields__[1:]
+"""All but the path: fields that a time map has, too."""
+
+
+def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
+    """Return the message form of the time map of a relay with that path."""
+    return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))
 
 
 class NodeState(StrEnum):

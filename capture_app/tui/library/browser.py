@@ -17,14 +17,13 @@ from capture_app.session.library.listing import SessionCard, SessionListing, Ses
 from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
-from capture_app.tui.drawing.lines import Lines
-from capture_app.tui.drawing.row_list import RowList
 from capture_app.tui.jobs.job import Job
 from capture_app.tui.jobs.job_list import JobList
-from capture_app.tui.library.catalogue import Entry, Order, arrange
-from capture_app.tui.library.session_rows import SessionRows
-from capture_app.tui.library.take_pane import TakePane
-from capture_app.tui.messages import Mishap
+from capture_app.tui.library.session_rows import Entry, Order, SessionRows, arrange
+from capture_app.tui.library.take import TakePane
+from capture_app.tui.rig_record import Mishap
+from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.row_list import RowList
 
 LOOK_AGAIN_S = 2.0
 """How often the folder is looked at while it is seen."""

@@ -16,19 +16,18 @@ from capture_app.session.library.listing import SessionState
 from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.session.library.trash import restore_session, trash_session
 from capture_app.text import printable
-from capture_app.tui.drawing.row_list import RowList
-from capture_app.tui.jobs.job import Job
+from capture_app.tui.jobs.job import COMPARE, EXPORTS, KINDS, VERIFY, Job, JobKind
 from capture_app.tui.jobs.job_list import JobList
 from capture_app.tui.jobs.jobs_view import show_result
-from capture_app.tui.jobs.kinds import COMPARE, EXPORTS, KINDS, VERIFY, JobKind
 from capture_app.tui.library.browser import SessionBrowser
-from capture_app.tui.library.catalogue import Entry, Order
 from capture_app.tui.library.forms import export_form, job_form, name_question, note_question, typed_path
-from capture_app.tui.library.take_screen import TakeScreen
-from capture_app.tui.messages import Mishap, ShowSessions
+from capture_app.tui.library.session_rows import Entry, Order
+from capture_app.tui.library.take import TakeScreen
 from capture_app.tui.mode import ModeView
+from capture_app.tui.rig_record import Mishap, ShowSessions
 from capture_app.tui.settings import Settings
-from capture_app.tui.sheets.contact_sheet import ContactSheet
+from capture_app.tui.widgets.contact_sheet import ContactSheet
+from capture_app.tui.widgets.row_list import RowList
 
 T = TypeVar("T")
 

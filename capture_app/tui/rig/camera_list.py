@@ -1,5 +1,10 @@
-"""The list of cameras, one of them chosen: tall strips where there is room, else a line each."""
+"""The list of cameras, one of them chosen: tall strips where there is room, else a line each.
 
+What the list says of each camera: in a few lines beside a tall strip, or in one line of columns.
+"""
+
+import textwrap
+from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import events
@@ -12,19 +17,228 @@ from textual.message import Message
 
 from capture_app.node.leader.snapshots import in_tree_order
 from capture_app.node.wire.status import NodeStatus
-from capture_app.text import count
-from capture_app.tui.drawing.line_parts import chosen_line
-from capture_app.tui.drawing.lines import Lines
-from capture_app.tui.record import RigRecord, phases_at
-from capture_app.tui.rig.camera_rows import (
-    compact_head,
-    compact_row,
-    compact_strip_width,
-    tall_rows,
-    tall_strip_width,
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+from capture_app.text import NO_VALUE, count, duration, printable
+from capture_app.tui.rig_record import RigRecord, phases_at
+from capture_app.tui.signs import SIGNS, cameras_of
+from capture_app.tui.widgets.lines import Lines, chosen_line
+from capture_app.tui.widgets.plots import AXIS_WIDTH, SPAN_S, PhaseAxis, strip_rows, times_of
+
+MIN_STRIP = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of the one-line form; `room` is the width of the whole list from which on it is shown."""
+
+    title: str
+    width: int
+    room: int = 0
+
+
+NAME = Column("camera", 12)
+COLUMNS = (
+    Column("state", 13),
+    Column("phase", 8),
+    Column("error", 8),
+    Column("fps", 5),
+    Column("drops", 6),
+    Column("exposure", 9, 100),
+    Column("disk", 7, 110),
+    Column("  model", 20, 140),
 )
-from capture_app.tui.rig.phase_strip import SPAN_S, PhaseAxis, times_of
-from capture_app.tui.states import cameras_of
+
+
+def compact_head(width: int) -> Content:
+    """The titles of the columns, and what the strip between them shows."""
+    columns = [column for column in COLUMNS if width >= column.room]
+    strip = _strip_width(width)
+    words = [
+        f"  {NAME.title:<{NAME.width}}",
+        *(_fit(c.title, c.width, left=_is_left(c)) for c in columns[:3]),
+    ]
+    words += [f" {'phase over 30 s':<{strip}.{strip}} "]
+    words += [_fit(c.title, c.width, left=_is_left(c)) for c in columns[3:]]
+    return Content.styled("".join(words), "$foreground-muted")
+
+
+def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, width: int) -> Content:
+    """A camera in one line; `errors_ns` has two for each cell of `compact_strip_width`."""
+    gone = node.state is NodeState.LOST
+    cells = {
+        "state": _state(node),
+        "phase": _styled(_phase(node), "" if gone else _phase_style(node, axis)),
+        "error": _styled(_time_error(node)),
+        "fps": _styled(NO_VALUE if node.fps is None else f"{node.fps:.3g}"),
+        "drops": _styled(str(node.drops), "$warning" if node.drops else ""),
+        "exposure": _styled(_exposure(node)),
+        "disk": _styled(_disk(node)),
+        "  model": _styled(f"  {printable(node.camera.model)}"),
+    }
+    columns = [column for column in COLUMNS if width >= column.room]
+    parts = [_name(node, NAME.width)]
+    parts += [_fit_content(cells[c.title], c.width, left=_is_left(c)) for c in columns[:3]]
+    strip = _strip_width(width)
+    if any(error is not None for error in errors_ns) or not node.message:
+        parts += [
+            Content(" "),
+            *strip_rows(errors_ns, axis, width=strip, height=1, dimmed=gone),
+            Content(" "),
+        ]
+    else:
+        text = f" {printable(node.message):<{strip + 1}}"
+        parts.append(Content.styled(_cut(text, strip + 2), SIGNS[node.state].style))
+    parts += [_fit_content(cells[c.title], c.width, left=_is_left(c)) for c in columns[3:]]
+    row = Content("").join(parts)
+    return row.stylize_before("$foreground-muted") if gone else row
+
+
+def compact_strip_width(width: int) -> int:
+    """Cells of the strip in a line of such a width."""
+    return _strip_width(width)
+
+
+def tall_text_width(width: int) -> int:
+    """Cells that the words take beside a tall strip."""
+    return 34 if width < 100 else 42
+
+
+def tall_strip_width(width: int) -> int:
+    """Cells of a tall strip in a list of such a width."""
+    return max(width - tall_text_width(width) - AXIS_WIDTH - 1, MIN_STRIP)
+
+
+def tall_rows(
+    node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, *, width: int, height: int
+) -> list[Content]:
+    """A camera in `height` lines, three or more; `errors_ns` has two for each cell of the strip."""
+    gone = node.state is NodeState.LOST
+    room, strip = tall_text_width(width), tall_strip_width(width)
+    name = _name(node, room - 17)
+    words = [Content("").join((name, _state(node)))]
+    words.append(
+        Content.assemble(
+            ("  phase ", "$foreground-muted"),
+            _fit_content(_styled(_phase(node), "" if gone else _phase_style(node, axis)), 8, left=True),
+            ("  error ", "$foreground-muted"),
+            _time_error(node),
+        )
+    )
+    drops = (count(node.drops, "drop"), "$warning" if node.drops else "")
+    if node.camera.kind in WITHOUT_CAMERA:
+        words.append(Content.styled(f"  {node.camera.kind}", "$foreground-muted"))
+    else:
+        fps = NO_VALUE if node.fps is None else f"{node.fps:.3g}"
+        words.append(Content.assemble("  ", f"{fps} fps  ", _exposure(node), "  ", drops))
+    extra = [
+        # Cameras of the leader's machine share its disk, whose room the header tells.
+        f"  {_disk(node)} free" if node.disk_free_bytes is not None and not node.on_leader else "",
+        f"  {printable(node.camera.model)}",
+    ]
+    words += [Content.styled(_cut(line, room), "$foreground-muted") for line in extra if line.strip()]
+    words = (words + [Content("")] * height)[:height]
+    if any(error is not None for error in errors_ns):
+        labels = [Content.styled(label, "$foreground-muted") for label in axis.labels(height)]
+        strips = strip_rows(errors_ns, axis, width=strip, height=height, dimmed=gone)
+        right = [trace + label for trace, label in zip(strips, labels, strict=True)]
+    else:
+        right = _message_rows(node, strip + AXIS_WIDTH, height)
+    rows = [_pad(left, room) + " " + beside for left, beside in zip(words, right, strict=True)]
+    return [row.stylize_before("$foreground-muted") for row in rows] if gone else rows
+
+
+def _message_rows(node: NodeStatus, width: int, height: int) -> list[Content]:
+    """Instead of a strip that would be empty: why it is."""
+    text = printable(node.message) or {
+        NodeState.LOST: "Not heard of any more. Delete takes it off the list.",
+        NodeState.SYNCING: "Measuring the clock before frames can be aligned.",
+        NodeState.JOINING: "Joining.",
+    }.get(node.state, "")
+    lines = textwrap.wrap(text, width)
+    if len(lines) > height:
+        lines = [*lines[: height - 1], _cut(" ".join(lines[height - 1 :]), width)]
+    top = (height - len(lines)) // 2
+    style = "$foreground-muted" if node.state is NodeState.LOST else SIGNS[node.state].style
+    rows = [Content("")] * top + [Content.styled(line, style) for line in lines]
+    return (rows + [Content("")] * height)[:height]
+
+
+def _name(node: NodeStatus, width: int) -> Content:
+    branch = "  " * (node.depth - 2) + "└ " if node.depth > 1 else ""
+    name = _cut(f"{branch}{printable(node.name)}", width - 1)
+    return Content.styled(f"  {name:<{width}}", "bold")
+
+
+def _state(node: NodeStatus) -> Content:
+    sign = SIGNS[node.state]
+    if node.state is NodeState.LOST:
+        return Content(f"{sign.glyph} lost {_ago(node.last_seen_ns)}")
+    return Content.styled(str(sign), sign.style)
+
+
+def _ago(ns: int) -> str:
+    seconds = ns // 1_000_000_000
+    if seconds < 60:
+        return f"{seconds} s"
+    return f"{seconds // 60} min" if seconds < 3600 else f"{seconds // 3600} h"
+
+
+def _phase(node: NodeStatus) -> str:
+    return duration(node.phase_error_ns, signed=True).replace("-", "−")
+
+
+def _phase_style(node: NodeStatus, axis: PhaseAxis) -> str:
+    if node.phase_error_ns is None:
+        return ""
+    return "$success" if abs(node.phase_error_ns) <= (node.tolerance_ns or axis.tolerance_ns) else "$warning"
+
+
+def _time_error(node: NodeStatus) -> str:
+    return NO_VALUE if node.time_error_ns is None else f"±{duration(node.time_error_ns)}"
+
+
+def _exposure(node: NodeStatus) -> str:
+    ns = node.exposure_ns
+    if not ns:
+        return NO_VALUE
+    return f"{ns / 1e9:.1f} s" if ns >= 300_000_000 else f"1/{1e9 / ns:.0f} s"
+
+
+def _disk(node: NodeStatus) -> str:
+    return NO_VALUE if node.disk_free_bytes is None else f"{node.disk_free_bytes / 1e9:.0f} GB"
+
+
+def _strip_width(width: int) -> int:
+    taken = 2 + NAME.width + sum(column.width for column in COLUMNS if width >= column.room)
+    return max(width - taken - 3, MIN_STRIP)
+
+
+def _is_left(column: Column) -> bool:
+    return column.title in ("state", "  model")
+
+
+def _styled(text: str, style: str = "") -> Content:
+    return Content.styled(text, style) if style else Content(text)
+
+
+def _fit(text: str, width: int, *, left: bool) -> str:
+    return f"{text:<{width}}" if left else f"{text:>{width}}"
+
+
+def _fit_content(content: Content, width: int, *, left: bool) -> Content:
+    if content.cell_length > width:
+        content = content.truncate(width, ellipsis=True)
+    missing = width - content.cell_length
+    return content + " " * missing if left else Content(" " * missing) + content
+
+
+def _pad(content: Content, width: int) -> Content:
+    return _fit_content(content, width, left=True)
+
+
+def _cut(text: str, width: int) -> str:
+    return text if len(text) <= width else text[: max(width - 1, 0)] + "…"
+
 
 HEIGHTS = (9, 7, 5, 3)
 """Rows of a camera in its tall form, the best first."""

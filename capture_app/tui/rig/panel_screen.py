@@ -14,12 +14,11 @@ from textual.screen import ModalScreen
 
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address, reachable_host
-from capture_app.panel.screen.page import page_headers, page_html
-from capture_app.panel.screen.server import DEFAULT_PORT, PageServer
+from capture_app.panel.screen import DEFAULT_PORT, PageServer, page_headers, page_html
 from capture_app.text import printable
-from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.question import Dialog
-from capture_app.tui.start.invitation import qr_lines
+from capture_app.tui.rig.joining import qr_lines
+from capture_app.tui.widgets.lines import Lines
 
 ALL = "0.0.0.0"  # noqa: S104 - a phone is another machine
 WIDTH = 40

@@ -1,7 +1,11 @@
-"""The mode Rig."""
+"""The mode Rig.
+
+What happened at the rig, with the time of the clock, newest at the bottom.
+"""
 
 import re
 import textwrap
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -9,26 +13,54 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
 from textual.content import Content
 
 from capture_app.errors import SimulshotError
-from capture_app.node.wire.status import NodeStatus, RigStatus
+from capture_app.node.rig_link import RigSource
+from capture_app.node.wire.status import NewsLine, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import printable
-from capture_app.tui.camera.screen import CameraScreen
-from capture_app.tui.drawing.lines import Lines
-from capture_app.tui.messages import LinkChanged, Mishap, NewsReceived, StatusChanged
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
-from capture_app.tui.record import RigRecord
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.news_pane import NewsPane
+from capture_app.tui.rig.camera_screen import CameraScreen
+from capture_app.tui.rig.joining import PhonesScreen
 from capture_app.tui.rig.panel_screen import PanelScreen
-from capture_app.tui.rig_source import RigSource
+from capture_app.tui.rig.start import StartPanel
+from capture_app.tui.rig_record import LinkChanged, Mishap, NewsReceived, RigRecord, StatusChanged
 from capture_app.tui.settings import Settings
-from capture_app.tui.start.panel import StartPanel
-from capture_app.tui.start.phones_screen import PhonesScreen
-from capture_app.tui.states import MISSING, NO_LEADER, rig_sign
+from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
+from capture_app.tui.widgets.lines import Lines, news_lines
+
+SCROLLBAR = 1
+
+
+class NewsPane(VerticalScroll, can_focus=True):
+    """Follows the news unless the user has scrolled back."""
+
+    def __init__(self) -> None:
+        super().__init__(id="news")
+        self.border_title = "news"
+        self._lines = Lines()
+        self._shown: tuple[NewsLine, ...] = ()
+
+    def on_mount(self) -> None:
+        """Put the lines in."""
+        self.mount(self._lines)
+
+    def draw(self, news: Iterable[NewsLine]) -> None:
+        """Show the news."""
+        self._shown = tuple(news)
+        following = self.scroll_y >= self.max_scroll_y
+        self._lines.show(news_lines(self._shown, self.size.width - SCROLLBAR))
+        if following:
+            self.call_after_refresh(self.scroll_end, animate=False)
+
+    def on_resize(self) -> None:
+        """Wrap anew."""
+        self.draw(self._shown)
+
 
 ADVICE_LINES = 2
 _FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")

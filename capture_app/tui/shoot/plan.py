@@ -1,12 +1,23 @@
-"""How the next take will be: frames before and after the key, countdown, mode, name and notes."""
+"""How the next take will be: frames before and after the key, countdown, mode, name and notes.
 
+The settings of the take as a list: up and down choose one, left and right change it.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Self
+from typing import ClassVar, Self
+
+from textual import events
+from textual.binding import Binding, BindingType
+from textual.content import Content
 
 from capture_app.names import is_name
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.text import duration, printable
+from capture_app.tui.question import TextQuestion
 from capture_app.tui.settings import Settings
+from capture_app.tui.widgets.lines import Lines
 
 MOST_BEFORE = 60
 """Frames before the key: a node keeps those of 3 s, and the order takes its time to get there."""
@@ -123,3 +134,188 @@ def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
     """The value so many steps further among these, from the nearest on."""
     nearest = min(range(len(values)), key=lambda at: abs(values[at] - value))
     return values[min(max(nearest + steps, 0), len(values) - 1)]
+
+
+LABEL = 10
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    label: str
+    text: Callable[[TakePlan, int | None], str]
+    change: Callable[[TakePlan, int], TakePlan] | None = None
+    """Null for a line of text."""
+    modes: tuple[TakeMode, ...] = tuple(TakeMode)
+
+
+def _frames(number: int, period_ns: int | None, sign: str) -> str:
+    return f"{number:<2} {sign}{duration(number * period_ns)}" if period_ns and number else str(number)
+
+
+def _next_mode(plan: TakePlan, steps: int) -> TakePlan:
+    modes = list(TakeMode)
+    return replace(plan, mode=modes[(modes.index(plan.mode) + steps) % len(modes)])
+
+
+_PICTURES = (TakeMode.SINGLE, TakeMode.INTERVAL, TakeMode.SEQUENCE)
+_LATER = (TakeMode.INTERVAL, TakeMode.SEQUENCE)
+ROWS = (
+    _Row(
+        "before",
+        lambda p, ns: _frames(p.before, ns, "-"),
+        lambda p, by: p.with_before(p.before + by),
+        _PICTURES,
+    ),
+    _Row(
+        "after",
+        lambda p, ns: _frames(p.after, ns, "+"),
+        lambda p, by: p.with_after(p.after + by),
+        _PICTURES,
+    ),
+    _Row(
+        "length",
+        lambda p, _: f"{p.seconds:g} s" if p.seconds else "until Space",
+        lambda p, by: replace(p, seconds=stepped(LENGTHS_S, p.seconds, by)),
+        (TakeMode.RECORDING,),
+    ),
+    _Row(
+        "countdown",
+        lambda p, _: f"{p.countdown_s:g} s" if p.countdown_s else "none",
+        lambda p, by: replace(p, countdown_s=stepped(COUNTDOWNS_S, p.countdown_s, by)),
+    ),
+    _Row("mode", lambda p, _: str(p.mode), _next_mode),
+    _Row(
+        "every",
+        lambda p, _: f"{p.every_s:g} s",
+        lambda p, by: replace(p, every_s=stepped(INTERVALS_S, p.every_s, by)),
+        (TakeMode.INTERVAL,),
+    ),
+    _Row(
+        "takes",
+        lambda p, _: str(p.takes),
+        lambda p, by: replace(p, takes=int(stepped(TAKES, p.takes, by))),
+        _LATER,
+    ),
+    _Row("name", lambda p, _: p.name or ("recording" if p.mode is TakeMode.RECORDING else "burst")),
+    _Row("notes", lambda p, _: p.note or "–"),
+)
+
+
+class PlanPanel(Lines, can_focus=True):
+    """Shows and changes the plan of the next take."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "choose(-1)", "Setting above", id="plan.up", show=False),
+        Binding("down", "choose(1)", "Setting below", id="plan.down", show=False),
+        Binding("left", "change(-1)", "Less", id="plan.less", show=False),
+        Binding("right", "change(1)", "More", id="plan.more", show=False),
+        Binding("enter", "edit", "Edit", id="plan.edit", show=False),
+    ]
+    DEFAULT_CSS = """
+    PlanPanel { height: auto; border: round $border; padding: 0 1; }
+    PlanPanel:focus { border: round $primary; }
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        """The plan is remembered in the settings."""
+        super().__init__(id="plan")
+        self.plan = TakePlan.recall(settings)
+        self._settings = settings
+        self.border_title = "Next take"
+        self._chosen = 0
+        self._period_ns: int | None = None
+
+    def on_mount(self) -> None:
+        """Show it as it is remembered."""
+        super().on_mount()
+        self._show()
+
+    def watch_has_focus(self, has_focus: bool) -> None:
+        """Mark the chosen setting, or unmark it."""
+        super().watch_has_focus(has_focus)
+        self._show()
+
+    def on_click(self, event: events.Click) -> None:
+        """Choose a setting; left of its value it gets less, right of it more."""
+        at = event.y - 1
+        if 0 <= at < len(self._rows()):
+            if at == self._chosen and self._rows()[at].change is None:
+                self.action_edit()
+            elif at == self._chosen:
+                self.action_change(1 if event.x > self.size.width // 2 else -1)
+            self._chosen = at
+            self._show()
+
+    def show_period(self, period_ns: int | None) -> None:
+        """Say how long so many frames are."""
+        if period_ns != self._period_ns:
+            self._period_ns = period_ns
+            self._show()
+
+    def set_plan(self, plan: TakePlan) -> None:
+        """Change the plan from elsewhere."""
+        if plan != self.plan:
+            self.plan = plan
+            self._chosen = min(self._chosen, len(self._rows()) - 1)
+            self._show()
+            plan.remember(self._settings)
+
+    def action_choose(self, by: int) -> None:
+        """Go to another setting."""
+        self._chosen = min(max(self._chosen + by, 0), len(self._rows()) - 1)
+        self._show()
+
+    def action_change(self, by: int) -> None:
+        """Change the chosen setting."""
+        row = self._rows()[self._chosen]
+        if row.change is None:
+            self.action_edit()
+        else:
+            self.set_plan(row.change(self.plan, by))
+
+    def action_edit(self) -> None:
+        """Type the name or the notes."""
+        self.edit(self._rows()[self._chosen].label)
+
+    def edit(self, what: str) -> None:
+        """Ask for the `name` or the `notes` of the takes that follow."""
+        if what == "name":
+            text = "A name for the takes that follow; their folders begin with it. Empty: burst."
+            question = TextQuestion(text, self.plan.name, check=_check_name, title="Name")
+            self.app.push_screen(question, lambda name: self._set(name=name))
+        elif what == "notes":
+            text = "Notes that are kept with the takes that follow."
+            question = TextQuestion(text, self.plan.note, check=_check_note, title="Notes")
+            self.app.push_screen(question, lambda note: self._set(note=note))
+
+    def _set(self, *, name: str | None = None, note: str | None = None) -> None:
+        if name is not None:
+            self.set_plan(replace(self.plan, name=name.strip()))
+        if note is not None:
+            self.set_plan(replace(self.plan, note=note.strip()))
+
+    def _rows(self) -> tuple[_Row, ...]:
+        return tuple(row for row in ROWS if self.plan.mode in row.modes)
+
+    def _show(self) -> None:
+        lines = []
+        for at, row in enumerate(self._rows()):
+            value = printable(row.text(self.plan, self._period_ns))
+            here = at == self._chosen and self.has_focus
+            if here and row.change is not None:
+                value = f"‹ {value} ›"
+            elif here:
+                value = f"{value} …"
+            label = (f"{row.label:<{LABEL}}", "$foreground-muted")
+            lines.append(Content.assemble(label, (value, "bold $primary" if here else "$foreground")))
+        self.show(lines)
+
+
+def _check_name(name: str) -> str:
+    if not name.strip() or is_name(name.strip()):
+        return ""
+    return "letters, digits, '_', '.' and '-', beginning with a letter or a digit; up to 64"
+
+
+def _check_note(note: str) -> str:
+    return f"at most {MOST_NOTE} characters" if len(note) > MOST_NOTE else ""

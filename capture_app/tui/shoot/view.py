@@ -1,8 +1,13 @@
-"""The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet."""
+"""The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet.
+
+What ends a take: the key that takes a burst back, ahead or being saved, and the end of a recording.
+
+What is asked before a take: whether to wait for cameras that still sync, and whether to keep the last.
+"""
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, ClassVar
 
 from msgspec.structs import replace
@@ -11,26 +16,166 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
+from textual.widgets import Static
 from textual.worker import Worker, get_current_worker
 
 from capture_app.errors import SimulshotError
+from capture_app.node.rig_link import RigSource
 from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.session.library.trash import trash_session
-from capture_app.text import printable
-from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
-from capture_app.tui.rig_source import RigSource
+from capture_app.sync.wire.messages import NodeState
+from capture_app.text import clock_offset, count, duration, printable
+from capture_app.tui.mode import ModeView
+from capture_app.tui.question import CANCEL, Answer, Question
+from capture_app.tui.rig_record import Mishap, PreviewReceived, StatusChanged
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.burst_control import BurstControl
-from capture_app.tui.shoot.plan_panel import PlanPanel
-from capture_app.tui.shoot.questions import again_question, not_ready_question
-from capture_app.tui.shoot.shooting import Moment, Shooting
-from capture_app.tui.shoot.stage import Stage
-from capture_app.tui.shoot.status_line import StatusLine
-from capture_app.tui.shoot.take import Take, describe_failure, judge_take
-from capture_app.tui.shoot.take_log import TakeLog
-from capture_app.tui.shoot.take_panel import TakePanel, verdict_line
-from capture_app.tui.states import cameras_of
+from capture_app.tui.shoot.plan import PlanPanel
+from capture_app.tui.shoot.stage import Moment, Shooting, Stage
+from capture_app.tui.shoot.takes import (
+    JudgedTake,
+    StatusLine,
+    Take,
+    TakeLog,
+    TakePanel,
+    describe_failure,
+    judge_take,
+    verdict_line,
+)
+from capture_app.tui.signs import cameras_of
+
+MOST_ANSWERS = 9
+"""As many as there are keys for."""
+
+
+class BurstControl(ModeView):
+    """A mode in which bursts can be cancelled, and recordings ended."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding(
+            "x",
+            "cancel_burst",
+            "Cancel a burst",
+            id="shoot.cancel",
+            show=False,
+            tooltip="ahead, or being saved",
+        ),
+    ]
+    _rig: RigSource
+    _status: RigStatus | None
+
+    def action_cancel_burst(self) -> None:
+        """Ask which burst to cancel, and cancel it."""
+        offers = {} if self._status is None else cancellable_bursts(self._status)
+        if not offers:
+            self.notify("no burst lies ahead, and none is being saved")
+            return
+        answers = [
+            Answer(str(burst), str(key), words)
+            for key, (burst, words) in enumerate(list(offers.items())[:MOST_ANSWERS], 1)
+        ]
+
+        def cancel(answer: str | None) -> None:
+            if answer is not None:
+                self._order(self._rig.cancel_burst(int(answer)))
+
+        text = "What has come of it already is saved."
+        self.app.push_screen(Question(text, [*answers, CANCEL], title="Cancel a burst"), cancel)
+
+    def end_recording(self) -> bool:
+        """End the recording that is under way; whether there is one."""
+        newest = None if self._status is None else self._status.burst
+        if newest is None or not newest.recording or newest.done:
+            return False
+        self._order(self._rig.end_burst(newest.burst))
+        return True
+
+    @work(group="orders")
+    async def _order(self, order: Awaitable[None]) -> None:
+        try:
+            await order
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+
+
+def cancellable_bursts(status: RigStatus) -> dict[int, str]:
+    """The bursts that can be cancelled, by number, in words: the one being saved, then those ahead."""
+    offers = {}
+    newest = status.burst
+    ahead = sorted(status.ahead, key=lambda burst: burst.first_leader_ns)
+    if newest is not None and newest.burst and not newest.done:
+        offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images are here"
+    for burst in ahead:
+        begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
+        offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"
+    return offers
+
+
+ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)
+AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
+
+DRIFT_TOLERANCES = 2
+"""So many tolerances off is still a camera in step whose drift is being corrected."""
+
+
+class NotReadyQuestion(Question):
+    """Says what keeps the cameras from being ready, as it is now."""
+
+    def on_status_changed(self, message: StatusChanged) -> None:
+        """Say it anew."""
+        text = doubts_about(message.status) or "All cameras are ready now."
+        self.query_one(".question", Static).update(Content(printable(text)))
+
+
+def not_ready_question(status: RigStatus | None) -> Question | None:
+    """Ask whether to `wait` until the rig is ready, or to `take` all the same; None where it is."""
+    doubts = "" if status is None else doubts_about(status)
+    return NotReadyQuestion(doubts, ANYWAY, title="Not ready") if doubts else None
+
+
+def again_question(take: JudgedTake) -> Question:
+    """Ask whether to `keep` the take before or to `trash` it."""
+    verdict = take.verdict
+    text = f"{take.sheet.session.name} is {verdict.headline}\nspread {verdict.spread}"
+    return Question(text, AGAIN, title="Take again")
+
+
+def doubts_about(status: RigStatus) -> str:
+    """Say in sentences which cameras are not ready and what their pictures will be; empty: none."""
+    cameras = cameras_of(status)
+    unready = [node for node in cameras if node.state is not NodeState.READY and not _touches_up(node)]
+    here = [node for node in unready if node.state is not NodeState.LOST]
+    if not here:
+        return ""
+    ready = len(cameras) - len(unready)
+    lines = [f"{ready} of {len(cameras)} cameras are ready."]
+    lines += [_doubt(node, status.period_ns) for node in here[:6]]
+    if len(here) > 6:
+        lines.append(f"and {count(len(here) - 6, 'more camera')}")
+    return "\n".join(lines)
+
+
+def _touches_up(node: NodeStatus) -> bool:
+    """Whether a camera in step is just correcting a drift: for a moment, which is no reason to ask."""
+    error_ns = node.phase_error_ns
+    aligning = node.state is NodeState.ALIGNING and error_ns is not None
+    return aligning and abs(error_ns or 0) <= DRIFT_TOLERANCES * node.tolerance_ns
+
+
+def _doubt(node: NodeStatus, period_ns: int | None) -> str:
+    if node.state is NodeState.ALIGNING:
+        most_ns = period_ns // 2 if period_ns else None
+        error_ns = most_ns if node.phase_error_ns is None else abs(node.phase_error_ns)
+        fate = (
+            f"its pictures will be about {duration(error_ns)} off" if error_ns else "its pictures will be off"
+        )
+    elif node.state is NodeState.FAILED:
+        fate = "it gives no pictures"
+    else:
+        fate = "its pictures will be missing or at an unsure time"
+    reason = f" ({node.message})" if node.message else ""
+    return f"{node.name} is {node.state}{reason}: {fate}."
+
 
 WAIT_READY_S = 120.0
 NARROW = 110

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from capture_app.camera_controls import MICROSECONDS, Control, ControlState
+from capture_app.camera_facts import MICROSECONDS, Control, ControlState
 from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup
 from capture_app.errors import CameraError
 

@@ -6,12 +6,10 @@ from collections.abc import AsyncIterator, Callable
 
 import pytest
 
-from capture_app.camera_controls import Control
-from capture_app.camera_facts import PhaseControl, StampSource, TimestampSource
-from capture_app.cameras.aravis.camera import AravisCamera
-from capture_app.cameras.aravis.frame_numbers import FrameNumbers
+from capture_app.camera_facts import Control, PhaseControl, StampSource, TimestampSource
+from capture_app.cameras.aravis.camera import AravisCamera, FrameNumbers
 from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.catalog import open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration

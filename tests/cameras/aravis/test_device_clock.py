@@ -2,7 +2,7 @@
 
 import random
 
-from capture_app.cameras.aravis.device_clock import EnvelopeClock, LatchedClock
+from capture_app.cameras.aravis.camera import EnvelopeClock, LatchedClock
 
 ORIGIN_NS, S = 5_000_000_000_000, 1_000_000_000
 PPM = 40.0

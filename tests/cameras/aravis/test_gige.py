@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from capture_app.camera_controls import Control
-from capture_app.cameras.catalog import open_camera
+from capture_app.camera_facts import Control
+from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.errors import CameraError
 from capture_app.session.reading.reader import Session

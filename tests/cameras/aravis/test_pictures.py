@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.cameras.aravis.pictures import USABLE_FORMATS, MachinePicture, split_format
+from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, MachinePicture, split_format
 
 WIDTH, HEIGHT = 64, 48
 BGR = (40, 120, 220)

@@ -13,11 +13,11 @@ from typing import Any
 
 from capture_app.cameras.base import CapturedFrame, in_node_clock
 from capture_app.cameras.libcamera.camera import LibcameraCamera
+from capture_app.cameras.libcamera.configuration import Wishes
 from capture_app.cameras.libcamera.library import Library
-from capture_app.cameras.libcamera.mode import Wishes
-from capture_app.cameras.libcamera.stamp_clock import StampClock
+from capture_app.cameras.libcamera.stream import StampClock
 from capture_app.node.camera.supervisor import CameraSupervisor
-from capture_app.simulation.network.link import Channel, Link
+from capture_app.simulation.links import Channel, Link
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig

@@ -5,8 +5,8 @@ from math import floor
 
 import pytest
 
-from capture_app.cameras.libcamera.facts import usual_period_ns
-from capture_app.cameras.libcamera.row_time import durations_to_ask_us, find_row_time_us
+from capture_app.cameras.libcamera.camera import durations_to_ask_us, find_row_time_us
+from capture_app.cameras.libcamera.configuration import usual_period_ns
 
 
 def told_us(row_us: float, asked_us: list[int], *, cut: bool = True) -> list[int]:

@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from capture_app.cameras.replay.timing import Playback, PlayedFrame, RecordedTiming, timing_of_video
+from capture_app.cameras.replay.recordings import Playback, PlayedFrame, RecordedTiming, timing_of_video
 
 PERIOD = 1000
 JITTERY = timing_of_video((50, 1057, 2043, 5050), PERIOD)

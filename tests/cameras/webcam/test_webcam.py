@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from capture_app.camera_facts import PhaseControl, StampSource, TimestampSource
 from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.catalog import list_cameras, open_camera
-from capture_app.cameras.webcam.camera import WebcamCamera
-from capture_app.cameras.webcam.capture import Webcam, WebcamRequest
+from capture_app.cameras.specs import list_cameras, open_camera
+from capture_app.cameras.webcam import Webcam, WebcamCamera, WebcamRequest
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration

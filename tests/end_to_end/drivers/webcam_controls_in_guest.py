@@ -11,11 +11,11 @@ from typing import Any
 
 import msgspec
 
-from capture_app.camera_controls import Control
+from capture_app.camera_facts import Control
 from capture_app.cameras.base import CapturedFrame
 from capture_app.cameras.v4l2.driver import open_camera
 from capture_app.clock import HostClock
-from capture_app.node.camera.control_keeper import ControlKeeper
+from capture_app.node.camera.supervisor import ControlKeeper
 
 DEVICES = {"left": "/dev/video0", "right": "/dev/video2"}
 FRAMES = 20

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import DiskFullError, SimulshotError
-from capture_app.node.burst.image_commits import ImageCommits
-from capture_app.node.burst.progress import waiting_text
+from capture_app.node.burst.burst_session import waiting_text
+from capture_app.node.burst.intake import ImageCommits
 from capture_app.session.format.manifest import ImageRecord
-from capture_app.session.writing.received_image import ReceivedImage
+from capture_app.session.writing.image_store import ReceivedImage
 from tests.node.bursts import upload
 
 

@@ -11,9 +11,9 @@ import pytest
 from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
+from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.readiness import check_room
 from capture_app.node.leader.repair import repair
-from capture_app.node.transfer.spool import Spool
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify

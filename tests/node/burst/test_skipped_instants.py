@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.errors import BadInputError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_progress import PATIENCE_NS
+from capture_app.node.burst.camera_share import PATIENCE_NS
 from capture_app.node.leader.repair import repair
 from capture_app.node.wire.messages import CameraReport
 from capture_app.session.format.burst_plan import read_plan

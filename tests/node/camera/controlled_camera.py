@@ -2,8 +2,7 @@
 
 from msgspec.structs import replace
 
-from capture_app.camera_controls import KELVIN, MICROSECONDS, Control, ControlState, steps_of
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import KELVIN, MICROSECONDS, CameraFacts, Control, ControlState, steps_of
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand

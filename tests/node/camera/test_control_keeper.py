@@ -4,8 +4,8 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from capture_app.camera_controls import Control
-from capture_app.node.camera.control_keeper import ControlKeeper
+from capture_app.camera_facts import Control
+from capture_app.node.camera.supervisor import ControlKeeper
 from tests.node.camera.controlled_camera import EXPOSURE, ControlledCamera
 from tests.waiting import until
 

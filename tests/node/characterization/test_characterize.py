@@ -9,14 +9,14 @@ from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import Camera
-from capture_app.cameras.catalog import open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.cli import run
 from capture_app.errors import CameraError
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.characterization.character import Character
 from capture_app.node.characterization.characterize import characterize, save
 from capture_app.node.characterization.common_step import common_step
-from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.profiles import PROFILES
 from tests.simulation.camera.stepped import LoopClock, in_stepped_time
 
 

@@ -13,11 +13,11 @@ import pytest
 from benchmarks.clock.app_phone import PhoneOnSockets
 from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import BadInputError, NetworkError
-from capture_app.node.foreign.app_phones import AppPhones
-from capture_app.node.leader.wording import News, news_line
+from capture_app.interop.app_phones import AppPhones
+from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
+from capture_app.node.leader.news import News, news_line
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.importers.recording import ImportOptions, import_recording
-from capture_app.sync.foreign.app_messages import CALL_PORT, PERIOD_NS
 from capture_app.sync.rig.frame_picks import Burst
 from tests.session.conftest import jpeg
 from tests.waiting import SLOW_PATIENCE_S, until

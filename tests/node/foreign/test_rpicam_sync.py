@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 
 from capture_app.clock import HostClock, SimulatedClock
-from capture_app.node.foreign.guests import Guests
-from capture_app.node.foreign.rpicam_sync import RpicamSync, SharedGrid
+from capture_app.interop.guests import Guests
+from capture_app.interop.rpicam import PACKET, RpicamSync, SharedGrid
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.foreign.rpicam_packets import PACKET
 from capture_app.sync.phase.goal import Goal
 from tests.node.joining import joined
 from tests.waiting import PATIENCE_S, patience

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.active_bursts import ActiveBursts, CancelledBurstError
+from capture_app.node.leader.bursts import ActiveBursts, CancelledBurstError
 from capture_app.node.leader.readiness import MAX_BURSTS_AHEAD
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.leader import Leader, LeaderConfig

@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from capture_app.camera_facts import StampAccuracy, StampSource
-from capture_app.node.leader.advice import rig_advice
+from capture_app.node.leader.readiness import rig_advice
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import NodeState, Report
 from capture_app.text import duration

@@ -7,15 +7,14 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from capture_app.camera_controls import TIMES, CameraControls, Control
+from capture_app.camera_facts import TIMES, CameraControls, Control
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.net.address import Address
-from capture_app.node.camera.control_keeper import ControlKeeper
+from capture_app.node.camera.supervisor import ControlKeeper
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.operator.camera_controls import match_cameras, read_all, set_cameras
-from capture_app.node.operator.requests import ask_controls
-from capture_app.node.wire.views import NodeDetail
+from capture_app.node.requests import ask_controls, match_cameras, read_all, set_cameras
+from capture_app.node.wire.status import NodeDetail
 from tests.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera
 from tests.node.joining import joined
 from tests.waiting import until

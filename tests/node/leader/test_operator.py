@@ -9,14 +9,12 @@ import pytest
 from capture_app.errors import BadInputError, NetworkError, NotAvailableError
 from capture_app.net.address import Address
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.local.local_nodes import LocalNodes
-from capture_app.node.leader.news_log import NewsLog
-from capture_app.node.operator.link import RigLink
-from capture_app.node.operator.requests import ask_status, give_order
-from capture_app.node.operator.updates import LinkLost, Update
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.news import NewsLog
+from capture_app.node.requests import ask_status, give_order
+from capture_app.node.rig_link import LinkLost, RigLink, Update
 from capture_app.node.wire.operating import AddSimulated, RemoveCamera
-from capture_app.node.wire.status import BurstStatus, RigStatus
-from capture_app.node.wire.views import NewsLine
+from capture_app.node.wire.status import BurstStatus, NewsLine, RigStatus
 from capture_app.sync.rig.events import BurstRefused, NodeJoined, NodeLost
 
 PATIENCE_S = 60.0

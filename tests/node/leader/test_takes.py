@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.cameras.catalog import open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.operator.link import RigLink
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.reading.reader import Session

@@ -11,7 +11,7 @@ from capture_app.camera_facts import EXACT_STAMPS
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.pairing.introduction import is_known, knock, pair
+from capture_app.node.pairing import is_known, knock, pair
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
 from capture_app.trust.known_machines import Role

@@ -6,9 +6,8 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
-from capture_app.node.transfer.burst_upload import BurstUpload
-from capture_app.node.transfer.picked_stream import TOO_SLOW, PickedStream
-from capture_app.node.transfer.spool import Spool
+from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, PickedStream
+from capture_app.node.camera.spool import Spool
 from capture_app.node.wire.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import MissingImage

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.transfer.encoding import encode_frame
-from capture_app.node.transfer.spool import Spool, SpooledBurst
+from capture_app.node.camera.encoding import encode_frame
+from capture_app.node.camera.spool import Spool, SpooledBurst
 from capture_app.node.wire.messages import CameraReport
 from tests.node.transfer.test_uploader import Picture, burst_upload
 

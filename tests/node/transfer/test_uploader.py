@@ -12,10 +12,10 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import DiskFullError
 from capture_app.net.channel import Channel
-from capture_app.node.transfer.burst_upload import BurstUpload
-from capture_app.node.transfer.encoding import encode_frame
-from capture_app.node.transfer.spool import Spool, SpooledBurst
-from capture_app.node.transfer.uploader import Uploader
+from capture_app.node.camera.burst_upload import BurstUpload
+from capture_app.node.camera.encoding import encode_frame
+from capture_app.node.camera.spool import Spool, SpooledBurst
+from capture_app.node.camera.uploader import Uploader
 from capture_app.node.wire.messages import (
     CameraReport,
     ImageAck,

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from capture_app import cli
-from capture_app.panel.catalog import PANELS, panel_named
-from capture_app.panel.leds.sketch import FILES
-from capture_app.panel.pattern import DICTIONARY, Panel
+from capture_app.panel.led_build import FILES
+from capture_app.panel.pattern import DICTIONARY, PANELS, Panel, panel_named
 from tests.board.pages import PX_PER_MM, read_pdf, read_svg
 
 HERE = Path(__file__).parent

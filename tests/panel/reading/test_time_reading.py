@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.panel.photographs import draw_case
 from benchmarks.panel.read_photographs import judge
-from capture_app.panel.catalog import panel_named
-from capture_app.panel.reading.finder import PanelNotFoundError
-from capture_app.panel.reading.time_reading import read_panel
-from capture_app.simulation.rendering.panel_photograph import Photograph
+from capture_app.panel.finder import PanelNotFoundError
+from capture_app.panel.pattern import panel_named
+from capture_app.panel.simulated import Photograph
+from capture_app.panel.time_reading import read_panel
 
 PAIR = panel_named("led-pair")
 ASKEW = ((62.0, 90.0), (570.0, 140.0), (550.0, 390.0), (80.0, 345.0))

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.screen.page import page_html
+from capture_app.panel.screen import page_html
 from tests.browser import Browser
 
 CLOCK = """

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from capture_app.panel.catalog import panel_of_marker
-from capture_app.panel.pattern import DICTIONARY, Panel
+from capture_app.panel.pattern import DICTIONARY, Panel, panel_of_marker
 from tests.browser import CHROMIUM, Browser
 from tests.panel.screen.browser_page import play, shown, start_browser, write_page
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from capture_app.panel.catalog import panel_named
-from capture_app.panel.reading.time_reading import read_panel
+from capture_app.panel.pattern import panel_named
+from capture_app.panel.time_reading import read_panel
 from tests.browser import CHROMIUM, Browser
 from tests.panel.screen.browser_page import play, shown, start_browser, write_page
 

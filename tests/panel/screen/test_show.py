@@ -15,8 +15,7 @@ from pathlib import Path
 import pytest
 
 from capture_app import cli
-from capture_app.panel.screen.page import page_headers, page_html
-from capture_app.panel.screen.server import PageServer
+from capture_app.panel.screen import PageServer, page_headers, page_html
 
 
 @pytest.fixture

@@ -18,11 +18,10 @@ import pytest
 from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
 from reconstruction.batch.command import batch, exit_code
-from reconstruction.batch.executors import LocalExecutor
+from reconstruction.batch.executors import LocalExecutor, SlurmExecutor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.rows import Row
-from reconstruction.batch.slurm import SlurmExecutor
-from reconstruction.batch.thumbnails import depth_sheets
+from reconstruction.batch.summary import depth_sheets
 from reconstruction.batch.units import Outcome, Unit, run_unit
 from reconstruction.multiview.matcher import Matcher
 from reconstruction.session.conditions import Condition

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.board.charuco import DEFAULT_BOARD
-from reconstruction.calibration.boards.board_bundle import Sightings, adjust_bundle
+from capture_app.board.boards import DEFAULT_BOARD
+from reconstruction.calibration.boards import Sightings, adjust_bundle
 from reconstruction.common.geometry import View, other_from_reference
 from tests.reconstruction.conftest import HEIGHT, WIDTH, make_view
 

@@ -8,14 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.board.charuco import CharucoBoard
+from capture_app.board.boards import CharucoBoard
 from capture_app.board.detector import is_flat_board
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.calibration.boards.rig_from_boards import detect_board
+from reconstruction.calibration.boards import detect_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset

@@ -14,11 +14,10 @@ from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.consistency import check_rig
-from reconstruction.calibration.kept import CalibrationShelf
+from reconstruction.calibration.kept import CalibrationShelf, adopt_kept_calibration
 from reconstruction.common.geometry import View
-from reconstruction.pairs.features import Features, detect_features
+from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import (
     HEIGHT,

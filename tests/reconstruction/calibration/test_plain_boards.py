@@ -9,16 +9,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.board.charuco import CharucoBoard
-from capture_app.board.checkerboard import Checkerboard
+from capture_app.board.boards import CharucoBoard, Checkerboard
 from capture_app.board.detector import Board, BoardDetector
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.calibration.boards.rig_from_boards import detect_board
+from reconstruction.calibration.boards import detect_board
 from reconstruction.calibration.rig import calibrated_views
-from reconstruction.calibration.world.ground import in_world, world_of_board, world_of_marks
+from reconstruction.calibration.world import in_world, world_of_board, world_of_marks
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, add_image, finish_session, make_view

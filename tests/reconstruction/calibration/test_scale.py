@@ -10,13 +10,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.board.charuco import DEFAULT_BOARD
+from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.reading.exif import read_exif
+from capture_app.session.reading.file_headers import read_exif
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.likely_lens import likely_focal_lengths, refuse_odd_lenses
-from reconstruction.calibration.world.scale import metres_per_unit_by_board
+from reconstruction.calibration.structure_from_motion import likely_focal_lengths, refuse_odd_lenses
+from reconstruction.calibration.world import metres_per_unit_by_board
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Reconstruct, Scene, make_view, write_session

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.soundness import refuse_unsound
+from reconstruction.calibration.rig import refuse_unsound
 from tests.reconstruction.conftest import make_view
 
 TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])

@@ -12,7 +12,7 @@ from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg, other_from_reference
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import SceneMotion
+from reconstruction.session.motion import SceneMotion
 from tests.reconstruction.conftest import VIEWS, Board, Scene, jump, make_view, texture, write_session
 
 

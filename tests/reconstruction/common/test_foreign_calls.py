@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from capture_app.errors import ExitCode, NotAvailableError
-from reconstruction.common.foreign_calls import (
+from reconstruction.common.native_libraries import (
     ForeignError,
     GuardedModule,
     foreign_calls,
@@ -88,7 +88,7 @@ def test_an_unforeseen_error_says_where_it_comes_from() -> None:
 
 SPEAKS = """
 import ctypes, sys
-from reconstruction.common.foreign_calls import claim_stdout
+from reconstruction.common.native_libraries import claim_stdout
 from reconstruction.common.native_libraries import load_open3d
 claim_stdout()
 libc = ctypes.CDLL(None)

@@ -12,12 +12,9 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import resize_view
-from reconstruction.common.memory_budget import limited_memory, memory_budget, parse_size
-from reconstruction.pairs.features import Features
-from reconstruction.pairs.pair_choice import choose_stereo_pair
-from reconstruction.pairs.pair_geometry import canvas_bounds
-from reconstruction.stereo.rectification import rectify
-from reconstruction.stereo.stereo_pair import StereoPair
+from reconstruction.common.memory import limited_memory, memory_budget, parse_size
+from reconstruction.pairs import Features, canvas_bounds, choose_stereo_pair
+from reconstruction.stereo.stereo_pair import StereoPair, rectify
 from tests.reconstruction.conftest import Scene, make_view
 
 
@@ -67,7 +64,7 @@ def test_depth_at_a_smaller_scale_is_still_right(scene: Scene) -> None:
 
 
 def test_the_process_s_own_limit_counts() -> None:
-    code = "from reconstruction.common.free_memory import free_memory; print(free_memory())"
+    code = "from reconstruction.common.memory import free_memory; print(free_memory())"
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))

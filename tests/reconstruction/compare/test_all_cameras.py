@@ -12,7 +12,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.multiview_study import MultiviewStudy
-from reconstruction.depth.patchmatch import ENVIRONMENT
+from reconstruction.depth.colmap import ENVIRONMENT
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
     points_on_masks,

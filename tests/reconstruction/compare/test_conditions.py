@@ -8,7 +8,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.shown_instants import instants_shown, pair_instants, refuse_synchronized
+from reconstruction.session.instants import instants_shown, pair_instants, refuse_synchronized
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
 
 

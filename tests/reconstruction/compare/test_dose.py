@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.report.dose_report import write_dose_report
-from reconstruction.scores.dose_curve import is_decreasing, tolerable_offset_ms
-from reconstruction.scores.dose_result import DosePoint, DoseResult
-from reconstruction.scores.results import DepthScores, Interval
+from reconstruction.compare.tolerance import is_decreasing, tolerable_offset_ms
+from reconstruction.report.tolerance_report import write_dose_report
+from reconstruction.scores.comparison_results import DosePoint, DoseResult
+from reconstruction.scores.study_result import DepthScores, Interval
 from reconstruction.scores.tally import Measurements, Tally, differences, measure_depth
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 

@@ -13,9 +13,8 @@ from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
-from reconstruction.compare.pose_study import PoseStudy
-from reconstruction.poses.pose_finder import Pose, PoseFinder, relative_pose_errors
-from reconstruction.scores.results import PoseComparison
+from reconstruction.compare.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors
+from reconstruction.scores.study_result import PoseComparison
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Scene, write_session

@@ -12,12 +12,10 @@ from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.stereo_study import StereoStudy
-from reconstruction.compare.triangulation_study import TriangulationStudy
-from reconstruction.scores.results import TriangulationComparison
-from reconstruction.session.conditions import SYNCED, Condition
+from reconstruction.compare.triangulation_study import RigTriangulator, TriangulationStudy
+from reconstruction.scores.study_result import TriangulationComparison
+from reconstruction.session.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.frame_offset import nearest_frame_offset
-from reconstruction.triangulation.rig_triangulator import RigTriangulator
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}

@@ -5,8 +5,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.view_overlap import grid_points
-from reconstruction.multiview.source_views import choose_source_views
+from reconstruction.depth.view_choice import choose_source_views, grid_points
 from tests.reconstruction.conftest import texture
 
 WIDTH, HEIGHT, FOCAL = 128, 96, 110.0

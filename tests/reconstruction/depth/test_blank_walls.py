@@ -6,12 +6,12 @@ import pytest
 from benchmarks.reconstruction import blank_scenes
 from capture_app.simulation.rendering.scene import Scene
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth.blank_walls import ScenePlane, SurfacePoints, find_scene_planes
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.sweep_matcher import match_all_views
-from reconstruction.depth.weak_texture.scene_planes import ScenePlane, SurfacePoints, find_scene_planes
+from reconstruction.depth.view_choice import choose_source_views
 from reconstruction.multiview.input_images import undistort_image
-from reconstruction.multiview.source_views import choose_source_views
-from reconstruction.scores.depth_truth import right_depth
+from reconstruction.scores.truth import right_depth
 
 NORMALS = np.array([[0.0, 0.0, 1.0], [0.0, 0.8, 0.6], [1.0, 0.0, 0.0]])
 CAMERAS = ("cam1", "cam2", "cam3")

@@ -9,12 +9,11 @@ import pytest
 
 from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array
-from reconstruction.depth.backends.cost_volume import BETTER_OF_TWO, cost_volume
-from reconstruction.depth.backends.engine import CPU
-from reconstruction.depth.backends.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
-from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
+from reconstruction.depth.engine import CPU, aggregate_costs, cheapest_depths
+from reconstruction.depth.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
 from reconstruction.depth.sweep_matcher import match_all_views
 from tests.reconstruction.depth.cuda_stand_in import COMPILER, StandIn
 from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, photo_of, view_at

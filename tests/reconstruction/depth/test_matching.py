@@ -8,9 +8,9 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, resize_view
-from reconstruction.depth.backends.cost_volume import cost_volume
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.cost_volume import cost_volume
 from reconstruction.depth.plane_sweep import Proposals, Surface, SweepOptions, adopt_proposals, sweep_view
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from tests.reconstruction.depth.small_views import (

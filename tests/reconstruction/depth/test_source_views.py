@@ -6,8 +6,13 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import View
-from reconstruction.depth.view_overlap import grid_points, refuse_views, score_points
-from reconstruction.multiview.source_views import choose_reference_view, smallest_group
+from reconstruction.depth.view_choice import (
+    choose_reference_view,
+    grid_points,
+    refuse_views,
+    score_points,
+    smallest_group,
+)
 from tests.reconstruction.depth.small_views import HEIGHT, MATRIX, PLACES, WIDTH, choose_by_depth, view_at
 
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.backends.cost_volume import combine_likeness
-from reconstruction.depth.backends.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.edge_moves import move_edges
+from reconstruction.depth.cost_volume import combine_likeness
+from reconstruction.depth.engine import aggregate_costs, cheapest_depths
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
+from reconstruction.depth.plane_sweep import move_edges
 from tests.reconstruction.depth.small_views import FOCAL, HEIGHT, PAINT, WIDTH, photo_of, view_at
 
 

@@ -108,7 +108,7 @@ def _main() -> None:
         "cv2",
         "pycolmap",
         "open3d",
-        "reconstruction.compare.command",
+        "reconstruction.compare.comparison",
         "reconstruction.panorama.command",
     ):
         with suppress(ImportError):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.pairs.features import detect_features
-from reconstruction.pairs.pair_choice import choose_panorama_pair, choose_stereo_pair
+from reconstruction.pairs import choose_panorama_pair, choose_stereo_pair, detect_features
+from reconstruction.panorama.composition import Projection
 from reconstruction.panorama.overlap import known, measure_misfit, overlap_of
-from reconstruction.panorama.projection import Projection
 from reconstruction.panorama.stitcher import PanoramaStitcher
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 

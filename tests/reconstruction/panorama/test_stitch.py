@@ -9,7 +9,7 @@ import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.panorama.ghosting import Overlaps
+from reconstruction.panorama.overlap import Overlaps
 from reconstruction.panorama.stitcher import PanoramaStitcher
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, texture, write_session
 

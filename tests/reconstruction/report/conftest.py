@@ -11,8 +11,8 @@ import pytest
 
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
-from reconstruction.scores.compare_results import CompareResult
-from reconstruction.scores.results import Picture
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.study_result import Picture
 from tests.reconstruction.report.results import RESULT, whole_result, with_pictures
 
 VOID = {"meta", "link", "img", "input", "br", "circle", "path", "rect"}

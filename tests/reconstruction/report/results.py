@@ -6,10 +6,16 @@ import cv2
 import msgspec
 import numpy as np
 
-from reconstruction.common.point_file import write_points
-from reconstruction.scores.compare_results import BulletTime, BurstGrid, CompareResult, ConditionResult
-from reconstruction.scores.dose_result import DosePoint, DoseResult
-from reconstruction.scores.results import (
+from reconstruction.common.outputs import write_points
+from reconstruction.scores.comparison_results import (
+    BulletTime,
+    BurstGrid,
+    CompareResult,
+    ConditionResult,
+    DosePoint,
+    DoseResult,
+)
+from reconstruction.scores.study_result import (
     DepthScores,
     InstantClouds,
     Interval,

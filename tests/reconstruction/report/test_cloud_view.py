@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.common.point_file import read_points, write_points
+from reconstruction.common.outputs import read_points, write_points
 from reconstruction.report import cloud_view
 from reconstruction.report.cloud_view import PackedCloud, view_clouds
-from reconstruction.scores.results import InstantClouds
+from reconstruction.scores.study_result import InstantClouds
 
 TURN = cv2.Rodrigues(np.array([0.1, 0.7, -0.2]))[0]
 CENTRE = np.array([1.0, -2.0, 0.5])

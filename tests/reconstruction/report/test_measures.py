@@ -6,7 +6,7 @@ import msgspec
 
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words
-from reconstruction.scores.compare_results import ConditionResult
+from reconstruction.scores.comparison_results import ConditionResult
 from tests.reconstruction.report.results import RESULT, STEREO, STITCH, TIMING, depth
 
 

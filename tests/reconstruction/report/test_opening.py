@@ -5,7 +5,7 @@ import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report import wording
-from reconstruction.report.opening import describe_exactness
+from reconstruction.report.comparison_report import describe_exactness
 from reconstruction.scores.timing import RigTiming
 from tests.reconstruction.report.results import RESULT, TIMING, greys, whole_result, with_pictures
 

@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.report.comparison_report import write_report
-from reconstruction.scores.compare_results import ConditionResult
+from reconstruction.scores.comparison_results import ConditionResult
 from tests.reconstruction.report.conftest import Page
 from tests.reconstruction.report.results import CAMERAS, NASTY, RESULT
 

@@ -1,8 +1,8 @@
 """The verdict says what the figures say, also where they say nothing."""
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
-from reconstruction.report.verdict import verdict
-from reconstruction.scores.results import (
+from reconstruction.report.findings import verdict
+from reconstruction.scores.study_result import (
     DepthScores,
     MultiviewComparison,
     MultiviewScores,

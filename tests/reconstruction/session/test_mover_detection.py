@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from reconstruction.session.mover_detection import detect_movers, median_background
+from reconstruction.session.motion import detect_movers, median_background
 from tests.reconstruction.conftest import Scene, make_view, texture
 
 

@@ -10,7 +10,7 @@ import pytest
 from capture_app.errors import ExitCode
 from reconstruction.cli import run
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import dilate
+from reconstruction.session.motion import dilate
 
 JUMPER = Path(__file__).parents[3] / "sample_sessions" / "jumper"
 

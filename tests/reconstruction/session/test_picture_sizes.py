@@ -11,9 +11,8 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import calibrated_views
-from reconstruction.common.byte_cache import ByteCache
 from reconstruction.common.image_files import image_size, read_image
-from reconstruction.common.memory_budget import limited_memory
+from reconstruction.common.memory import ByteCache, limited_memory
 from reconstruction.session.dataset import Dataset
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
-from reconstruction.stereo.hole_filling import fill_holes
+from reconstruction.stereo.stereo_pair import fill_holes
 from tests.reconstruction.conftest import Scene, make_view
 from tests.reconstruction.stereo.test_stereo import synchronized_pair
 

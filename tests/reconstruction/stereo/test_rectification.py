@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import View
-from reconstruction.pairs.pair_geometry import rectifying_rotations
-from reconstruction.stereo.rectification import rectify
+from reconstruction.pairs import rectifying_rotations
+from reconstruction.stereo.stereo_pair import rectify
 from tests.reconstruction.conftest import make_view
 
 PAIRS = {

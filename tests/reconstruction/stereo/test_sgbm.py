@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from reconstruction.stereo.sgbm import match_rectified, match_rectified_back
+from reconstruction.stereo.matching import match_rectified, match_rectified_back
 
 
 @pytest.mark.parametrize("height", [1, 3, 17])

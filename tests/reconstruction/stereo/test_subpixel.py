@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.stereo.subpixel import refine_disparity
+from reconstruction.stereo.matching import refine_disparity
 
 EDGE = 100
 NEAR, FAR = 12.3, 4.6

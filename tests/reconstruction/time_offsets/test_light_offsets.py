@@ -7,7 +7,7 @@ import numpy as np
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.light_offsets import LightOffset, measure_light_offsets
+from reconstruction.time_offsets.lamp import LightOffset, measure_light_offsets
 from tests.reconstruction.conftest import Reconstruct, texture
 from tests.reconstruction.time_offsets.blinking import BlinkCamera, Lamp, blink_times, write_blinks
 

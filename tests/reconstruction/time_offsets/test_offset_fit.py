@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from reconstruction.time_offsets.epipolar_crossings import Crossings
-from reconstruction.time_offsets.offset_fit import StillErrors, fit_offset
+from reconstruction.time_offsets.crossings import Crossings, StillErrors, fit_offset
 
 PERIOD_MS = 20.0
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from reconstruction.time_offsets.epipolar_crossings import epipolar_errors_px
-from reconstruction.time_offsets.pair_geometry import LEAST_MATCHES, mend_pair
+from reconstruction.time_offsets.crossings import epipolar_errors_px
+from reconstruction.time_offsets.pair_offset import LEAST_MATCHES, mend_pair
 from tests.reconstruction.conftest import make_view
 
 A, B = make_view((-0.1, 0, 0), yaw=1.5), make_view((0.1, 0.01, 0), yaw=-1.5)

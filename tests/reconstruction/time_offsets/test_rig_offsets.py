@@ -9,7 +9,7 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.scores.timing import are_apart, are_together
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.offset_fit import OffsetFit
+from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.rig_offsets import adjust_offsets
 from tests.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
 

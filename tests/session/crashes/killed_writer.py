@@ -39,7 +39,7 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import Problem, ProblemKind, verify
-from capture_app.session.writing.received_image import ReceivedImage
+from capture_app.session.writing.image_store import ReceivedImage
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.session.writing.video_store import NewFrame

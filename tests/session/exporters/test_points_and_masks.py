@@ -13,8 +13,8 @@ import pytest
 from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode, IncompleteError
 from capture_app.session.exporters.common.lens import project_rays, rays_of, without_k3
-from capture_app.session.exporters.common.opencv_yaml import yaml_names
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
+from capture_app.session.exporters.common.tables import yaml_names
 from capture_app.session.exporters.freemocap import camera_ids
 from capture_app.session.exporters.n3dv import POINTS
 from capture_app.session.reading.reader import Session

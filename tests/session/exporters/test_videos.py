@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exchange.export_record import FRAMES
+from capture_app.session.exchange import FRAMES
 from capture_app.session.exporters.caliscope import camera_numbers
 from capture_app.session.exporters.common.tables import paired_names
 from capture_app.session.importers.recording import ImportOptions, import_recording

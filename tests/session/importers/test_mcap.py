@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from capture_app.errors import BadInputError
-from capture_app.session.exchange.foxglove import descriptor_set, message_class
+from capture_app.session.exchange import descriptor_set, message_class
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.verify import verify
 from tests.session.conftest import jpeg

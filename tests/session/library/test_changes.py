@@ -8,8 +8,7 @@ import pytest
 from capture_app.errors import BadInputError, IncompleteError, TryAgainError
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import MANIFEST, BurstRecord, MissingImage
-from capture_app.session.library.changes import MAX_NOTE, rename_session, set_note
-from capture_app.session.library.results import results_folder
+from capture_app.session.library.changes import MAX_NOTE, rename_session, results_folder, set_note
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter

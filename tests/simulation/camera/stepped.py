@@ -7,7 +7,7 @@ from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 from capture_app.cameras.base import Camera, CapturedFrame
-from capture_app.cameras.catalog import open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.clock import SimulatedClock
 
 P = ParamSpec("P")

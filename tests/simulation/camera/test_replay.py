@@ -8,9 +8,9 @@ import pytest
 
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError
-from capture_app.simulation.camera.driver import open_camera
-from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.rendering.replay import Replay
+from capture_app.simulation.driver import open_camera
+from capture_app.simulation.rendering.picture_source import Replay
+from capture_app.simulation.sensor import SensorFrame
 
 
 def jpeg(grey: int, width: int = 64) -> bytes:

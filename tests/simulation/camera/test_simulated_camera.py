@@ -5,7 +5,7 @@ import pytest
 
 from capture_app.camera_facts import PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.catalog import open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream

@@ -1,10 +1,10 @@
 import pytest
 
-from capture_app.camera_controls import MICROSECONDS, Control
+from capture_app.camera_facts import MICROSECONDS, Control
 from capture_app.cameras.base import CapturedFrame
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
-from capture_app.simulation.camera.driver import open_camera
+from capture_app.simulation.driver import open_camera
 from tests.waiting import until
 
 

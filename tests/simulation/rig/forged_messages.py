@@ -21,9 +21,9 @@ from capture_app.sync.wire.messages import (
     Trigger,
     TriggerAck,
     UnknownMember,
+    UpstreamMap,
     Welcome,
 )
-from capture_app.sync.wire.upstream_map import UpstreamMap
 
 S = 1_000_000_000
 INSTANCE, HONEST = 77, 99

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from capture_app.clock import NodeClock
-from capture_app.simulation.network.delay_laws import GammaDelay
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.wandering_clock import WanderingClock
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.simulation.clocks import WanderingClock
+from capture_app.simulation.links import GammaDelay, Link
+from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap
 
 MS, S = 1_000_000, 1_000_000_000

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.experiments.phase.trials import known_profile, unknown_phone
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.rig.bench import Bench, FrameObservation
+from capture_app.simulation.bench import Bench, FrameObservation
+from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.phase_loop import ClientConfig, PhaseLoop
-from capture_app.sync.stamps.frame_stamp import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
 

@@ -13,9 +13,9 @@ from capture_app.experiments.phase.trials import (
     restart_together,
     unknown_phone,
 )
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.rendering.led_panel import CYCLE_NS, difference_ns, read_time, render
-from capture_app.simulation.rig.bench import Bench
+from capture_app.panel.simulated import CYCLE_NS, difference_ns, read_time, render
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.profiles import PROFILES
 
 S = 1_000_000_000
 

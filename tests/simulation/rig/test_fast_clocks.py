@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import pytest
 
 from capture_app.clock import SimulatedClock
-from capture_app.node.leader.advice import review_rates, rig_advice
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.node.leader.readiness import review_rates, rig_advice
+from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
-from capture_app.sync.timekeeping.rate_jury import RateJury
+from capture_app.sync.timekeeping.rates import RateJury
 from tests.simulation.rig.rigs import LAN, S, checked_error_ns, ready_rig
 
 SKEWS_PPM = (-35.0, 12.0, 40.0, 130.0, 200.0)

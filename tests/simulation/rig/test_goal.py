@@ -4,11 +4,10 @@ import random
 from dataclasses import replace
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.network.delay_laws import GammaDelay
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.simulation.links import GammaDelay, Link
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualRig
+from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.rig.events import PhaseCorrected
 from capture_app.sync.rig.frame_picks import Pick
 from capture_app.sync.wire.camera_commands import RestartStream

@@ -4,10 +4,9 @@ import re
 from dataclasses import replace
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.delay_laws import LognormalDelay
-from capture_app.simulation.network.link import Link, TroubleSpells
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.simulation.links import Link, LognormalDelay, TroubleSpells
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES
 from capture_app.sync.wire.messages import NodeState, Report

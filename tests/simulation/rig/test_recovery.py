@@ -22,8 +22,14 @@ from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
-from capture_app.sync.wire.messages import HeartbeatAck, NodeState, TimeReply, Trigger, UnknownMember
-from capture_app.sync.wire.upstream_map import UpstreamMap
+from capture_app.sync.wire.messages import (
+    HeartbeatAck,
+    NodeState,
+    TimeReply,
+    Trigger,
+    UnknownMember,
+    UpstreamMap,
+)
 from tests.simulation.rig.forged_messages import (
     HONEST,
     INSTANCE,

@@ -7,15 +7,12 @@ from itertools import combinations
 import pytest
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.delay_laws import GammaDelay
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.radio_cell import RadioCell, Receiver
-from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.simulation.links import GammaDelay, Link, RadioCell, Receiver
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
-from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Welcome
+from capture_app.sync.wire.messages import AgreedArrival, ArrivalReport, Beacon, Welcome
 from tests.simulation.rig.rigs import S, checked_error_ns
 
 US = 1_000

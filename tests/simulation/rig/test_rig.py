@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.delay_laws import GammaDelay
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.simulation.links import GammaDelay, Link
+from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.wire.codec import encode

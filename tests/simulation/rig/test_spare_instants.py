@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.rig.complete_instants import CameraInstants, choose_instants
+from capture_app.node.burst.instant_choice import CameraInstants, choose_instants
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.rig.events import BurstCancelled, BurstPicked
 from capture_app.sync.rig.frame_picks import Burst
 from tests.simulation.rig.rigs import LAN, S, ready_rig

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualRig
+from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.rig.frame_picks import Pick
 from tests.simulation.rig.rigs import LAN, MS, ready_rig
 

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import BurstPicked
 from capture_app.sync.rig.frame_picks import DROPPED
 from tests.simulation.rig.rigs import LAN, S, ready_rig

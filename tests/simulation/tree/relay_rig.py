@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
-from capture_app.simulation.network.wandering_clock import WanderingClock
-from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
+from capture_app.simulation.clocks import WanderingClock
+from capture_app.simulation.tree import ROOT, Tree, TreeSpec
+from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstAccepted, BurstPicked, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
@@ -15,7 +16,6 @@ from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.stamps.frame_stamp import FrameStamp
 from capture_app.sync.tree.follower import Address, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import NodeState

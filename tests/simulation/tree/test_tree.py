@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from capture_app.simulation.network.wandering_clock import draw_wandering_clock
-from capture_app.simulation.rig.tree import ROOT, RelayOutage, Tree, TreeSpec
-from capture_app.simulation.rig.tree_result import measure, run_shard
+from capture_app.simulation.clocks import draw_wandering_clock
+from capture_app.simulation.tree import ROOT, RelayOutage, Tree, TreeSpec, measure, run_shard
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback
@@ -23,8 +22,16 @@ from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import CLOCK_ONLY, Hello, NodeState, Terms, TimeRequest, Welcome
-from capture_app.sync.wire.upstream_map import MAX_DEPTH, upstream_map
+from capture_app.sync.wire.messages import (
+    CLOCK_ONLY,
+    MAX_DEPTH,
+    Hello,
+    NodeState,
+    Terms,
+    TimeRequest,
+    Welcome,
+    upstream_map,
+)
 from tests.facts import make_facts
 from tests.simulation.rig.rigs import S, checked_error_ns
 

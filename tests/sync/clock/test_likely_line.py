@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.likely_line import LikelyLine, Point, fit_line, lower_hull
-from capture_app.sync.clock.priors import MAX_SKEW
+from capture_app.sync.clock.likely_line import MAX_SKEW, LikelyLine, Point, fit_line, lower_hull
 
 S = 1e9
 

@@ -4,8 +4,8 @@ import random
 import struct
 from dataclasses import replace
 
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor import Sensor, SensorFrame
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.sensor import Sensor, SensorFrame
 
 DEAD_BAND_US = 50
 

@@ -4,12 +4,12 @@ import random
 from collections.abc import Callable
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.app_phone import StandInPhone
-from capture_app.simulation.network.link import Channel, Direction, Link
-from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
-from capture_app.sync.foreign.app_leader import AppLeader
-from capture_app.sync.foreign.app_messages import CALL_PORT, TIME_PORT
+from capture_app.interop.app_leader import AppLeader
+from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
+from capture_app.interop.stand_in import StandInPhone
+from capture_app.simulation.links import Channel, Direction, Link
+from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.rig import Timer, VirtualTime
 
 S = 1_000_000_000
 LEADER = "10.0.0.1"

@@ -2,14 +2,8 @@ from dataclasses import replace
 
 import pytest
 
-from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.sync.foreign.app_leader import (
-    AppLeader,
-    AppPhoneJoined,
-    AppPhoneLost,
-    AppPhoneSynced,
-)
-from capture_app.sync.foreign.app_messages import (
+from capture_app.interop.app_leader import AppLeader, AppPhoneJoined, AppPhoneLost, AppPhoneSynced
+from capture_app.interop.app_protocol import (
     CALL_PORT,
     GOAL_PHASE_NS,
     PERIOD_NS,
@@ -19,6 +13,7 @@ from capture_app.sync.foreign.app_messages import (
     decode_call,
     encode_call,
 )
+from capture_app.simulation.paper_link import PAPER_LINK
 from tests.sync.foreign.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000

@@ -2,7 +2,7 @@ import struct
 
 import pytest
 
-from capture_app.sync.foreign.rpicam_packets import PACKET, READY_EVERY_NS, SEND_EVERY_NS, sync_packet
+from capture_app.interop.rpicam import PACKET, READY_EVERY_NS, SEND_EVERY_NS, sync_packet
 from capture_app.sync.phase.goal import Goal
 from tests.sync.foreign.rpicam_client import RpicamClient
 

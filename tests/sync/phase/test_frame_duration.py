@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.rig.bench import Bench
-from capture_app.sync.phase.actuator import Move
-from capture_app.sync.phase.frame_duration import FrameDurationActuator
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.profiles import PROFILES
+from capture_app.sync.phase.actuators import Move
+from capture_app.sync.phase.injection import FrameDurationActuator
 
 ROW = 20_000
 PERIOD = 1667 * ROW

@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from capture_app.experiments.phase.trials import unknown_phone
-from capture_app.simulation.rig.bench import Bench
-from capture_app.sync.phase.actuator import Move, MoveEffect
-from capture_app.sync.phase.injection import InjectionActuator
-from capture_app.sync.phase.injection_history import InjectionProfile
+from capture_app.simulation.bench import Bench
+from capture_app.sync.phase.actuators import Move, MoveEffect
+from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
 
 PERIOD_NS = 33_333_000
 ROW_NS = 10_840

@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from capture_app.sync.phase.actuator import Move, MoveEffect
-from capture_app.sync.phase.reset import ResetActuator
+from capture_app.sync.phase.actuators import Move, MoveEffect, ResetActuator
 
 MS = 1_000_000
 PERIOD_NS = 33_333_333

@@ -2,8 +2,8 @@
 
 import random
 
-from capture_app.sync.reference_broadcast.broadcaster import BEACON_EVERY_NS, FORGOTTEN_NS, Broadcaster
-from capture_app.sync.wire.beacon import ArrivalReport, Beacon, Group
+from capture_app.sync.reference_broadcast import BEACON_EVERY_NS, FORGOTTEN_NS, Broadcaster
+from capture_app.sync.wire.messages import ArrivalReport, Beacon, Group
 
 MS = 1_000_000
 GROUP = Group("239.255.47.10", 47011)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.reference_broadcast.cells import LEAST_COMMON, Cell, ClientArrivals, group_into_cells
+from capture_app.sync.reference_broadcast import LEAST_COMMON, Cell, ClientArrivals, group_into_cells
 
 EPOCH_NS = 3 * 10**17
 """Ten years after a clock's zero, where floats have long lost their nanoseconds."""

@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.clock.time_map import Correction, TimeMap
-from capture_app.sync.reference_broadcast.cells import LEAST_COMMON
-from capture_app.sync.reference_broadcast.listener import (
+from capture_app.sync.reference_broadcast import (
     KEPT_BEACONS,
+    LEAST_COMMON,
     MAX_AGE_NS,
     REPORT_EVERY_NS,
     SLEW,
     Listener,
 )
-from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport
+from capture_app.sync.wire.messages import AgreedArrival, ArrivalReport
 
 MS = 1_000_000
 S = 1000 * MS

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.rig.complete_instants import CameraInstants, choose_instants
+from capture_app.node.burst.instant_choice import CameraInstants, choose_instants
 
 
 def camera(told: int, *missing: int) -> CameraInstants:

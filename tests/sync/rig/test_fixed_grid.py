@@ -5,7 +5,7 @@ import random
 from msgspec.structs import replace
 
 from capture_app.camera_facts import PhaseControl
-from capture_app.sync.foreign.app_messages import GOAL_PHASE_NS, PERIOD_NS
+from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Heartbeat, Hello, NodeState, Report, Welcome

@@ -9,10 +9,8 @@ import pytest
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.time_client import NO_ANSWER, TimeClient
+from capture_app.sync.rig.time_client import LEADER_SILENT_NS, NO_ANSWER, TimeClient
 from capture_app.sync.timekeeping.clock_events import ClockSynced
-from capture_app.sync.timekeeping.heartbeats import LEADER_SILENT_NS
-from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import (
     EASING_PACES_NS,
     EASING_SAMPLES,
@@ -21,7 +19,7 @@ from capture_app.sync.timekeeping.poll_schedule import (
     PACE_NS,
     SteadySchedule,
 )
-from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import NodeState, Terms, TimeReply, TimeRequest
 

@@ -1,6 +1,6 @@
 """Which of the commanded shifts a frame has felt."""
 
-from capture_app.sync.stamps.pending_shifts import LATENCY_FRAMES, PendingShifts
+from capture_app.sync.phase.estimator import LATENCY_FRAMES, PendingShifts
 
 ROW = 20_000
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.stamps.estimator import PhaseEstimator
-from capture_app.sync.stamps.frame_stamp import FrameStamp
+from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.stamps import FrameStamp
 
 NOMINAL_NS = 33_333_333
 PERIOD_NS = 33_334_000

@@ -8,8 +8,8 @@ from math import floor
 import pytest
 
 from capture_app.experiments.phase.trials import EXACT, unknown_phone
-from capture_app.simulation.rig.bench import Bench
-from capture_app.sync.stamps.stamp_quantum import StampQuantum, find_quantum
+from capture_app.simulation.bench import Bench
+from capture_app.sync.phase.stamps import StampQuantum, find_quantum
 
 S = 1_000_000_000
 PERIOD_NS = 33_333_000 * (1 + 17e-6)

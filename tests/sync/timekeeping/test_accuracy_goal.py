@@ -1,7 +1,7 @@
 """When a clock is known well enough, and when asking on in quick succession is over."""
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.accuracy_goal import AHEAD_NS, CLOCK_SHARE, LEAVE_AT, AccuracyGoal
+from capture_app.sync.timekeeping.poll_schedule import AHEAD_NS, CLOCK_SHARE, LEAVE_AT, AccuracyGoal
 
 MS, S = 1_000_000, 1_000_000_000
 TOLERANCE_NS = 100_000

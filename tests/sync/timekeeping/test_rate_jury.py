@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture_app.sync.timekeeping.rate_jury import LEADER, HostAtRate, HostOffRate, RateJury
+from capture_app.sync.timekeeping.rates import LEADER, HostAtRate, HostOffRate, RateJury
 
 
 def off(jury: RateJury) -> dict[str | None, float]:

@@ -9,11 +9,15 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.sync.wire.beacon import MOST_ARRIVALS, AgreedArrival, ArrivalReport, Beacon, Group
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
+    MOST_ARRIVALS,
+    AgreedArrival,
+    ArrivalReport,
+    Beacon,
     ControlMessage,
     Goodbye,
+    Group,
     Heartbeat,
     HeartbeatAck,
     Hello,

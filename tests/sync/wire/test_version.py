@@ -12,16 +12,18 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.follower import FollowerConfig
 from capture_app.sync.tree.relay import Relay
-from capture_app.sync.wire.codec import OtherVersionError, decode, encode
-from capture_app.sync.wire.messages import Goodbye
-from capture_app.sync.wire.version import (
+from capture_app.sync.wire.codec import (
     TOKEN_BYTES,
     VERSION,
+    OtherVersionError,
     answered_version,
+    decode,
+    encode,
     version_answer,
     version_mismatch,
     version_question,
 )
+from capture_app.sync.wire.messages import Goodbye
 
 TOKEN = bytes(range(TOKEN_BYTES))
 NODE, PARENT = ("10.0.0.2", 5), ("10.0.0.1", 47010)

@@ -3,13 +3,12 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.camera_controls import MICROSECONDS, CameraControls, Control, ControlState
+from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, ControlState
 from capture_app.errors import NetworkError
-from capture_app.node.operator.camera_controls import ControlledCamera
-from capture_app.node.wire.views import NewsLine, NodeDetail
-from capture_app.tui.camera.histogram import histogram_rows, histogram_title
-from capture_app.tui.camera.screen import CameraScreen
-from capture_app.tui.camera.wedge_plot import wedge_rows, wedge_title
+from capture_app.node.requests import ControlledCamera
+from capture_app.node.wire.status import NewsLine, NodeDetail
+from capture_app.tui.rig.camera_screen import CameraScreen
+from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
 from tests.tui.driving import make_app, settle, text, toasts
 from tests.tui.fake_rig import UNIX_NS, FakeRig
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture_app.tui.jobs.job import Job, JobState
-from capture_app.tui.jobs.kinds import CLOUDS, COMPARE, DOSE, KINDS, MULTIVIEW, PANEL, STITCH
-from capture_app.tui.jobs.records import default_out, save_record
+from capture_app.tui.jobs.job import CLOUDS, COMPARE, DOSE, KINDS, MULTIVIEW, PANEL, STITCH, Job, JobState
+from capture_app.tui.jobs.job_list import default_out, save_record
 
 VERDICT = (
     "When both pictures show the same instant, the right distance is found for 97 % of what moves; with one "

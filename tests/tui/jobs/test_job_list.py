@@ -8,14 +8,11 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.session.library.changes import rename_session
-from capture_app.session.library.results import results_folder
+from capture_app.session.library.changes import rename_session, results_folder
 from capture_app.session.reading.reader import Session
 from capture_app.text import ProgressStep
-from capture_app.tui.jobs.job import Job, JobState
-from capture_app.tui.jobs.job_list import JobList
-from capture_app.tui.jobs.kinds import COMPARE, EXPORTS, KINDS, PANEL, VERIFY
-from capture_app.tui.jobs.records import INTERRUPTED
+from capture_app.tui.jobs.job import COMPARE, EXPORTS, KINDS, PANEL, VERIFY, Job, JobState
+from capture_app.tui.jobs.job_list import INTERRUPTED, JobList
 from capture_app.tui.jobs.results import read_result
 from tests.waiting import until
 

@@ -9,15 +9,12 @@ from typing import Any
 import pytest
 
 from capture_app.node.wire.status import BurstStatus
-from capture_app.tui.drawing.lines import Lines
-from capture_app.tui.footer import KeyFooter
-from capture_app.tui.jobs.job import JobState
-from capture_app.tui.jobs.job_log import JobLog
-from capture_app.tui.jobs.jobs_view import JobRows, JobsView
-from capture_app.tui.jobs.kinds import COMPARE
+from capture_app.tui.jobs.job import COMPARE, JobState
+from capture_app.tui.jobs.jobs_view import JobLog, JobRows, JobsView
 from capture_app.tui.jobs.result_screen import ResultScreen
-from capture_app.tui.pictures.picture import Picture
-from capture_app.tui.pictures.sharp import SharpTerminal
+from capture_app.tui.widgets.footer import KeyFooter
+from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.picture import Picture, SharpTerminal
 from tests.tui.driving import make_app, settle, toasts, until
 from tests.tui.fake_rig import FakeRig
 from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama

@@ -9,8 +9,7 @@ from textual.command import Command, CommandList, CommandPalette
 from capture_app.errors import NetworkError
 from capture_app.node.wire.status import BurstStatus
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.keys.actions import keys_file_text, known_actions, unknown_names
-from capture_app.tui.keys.help_screen import HelpScreen
+from capture_app.tui.keys import HelpScreen, keys_file_text, known_actions, unknown_names
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle, text, toasts, until

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.result_screen import ResultScreen
-from capture_app.tui.library.take_screen import TakeScreen
-from capture_app.tui.pictures.picture import Picture
-from capture_app.tui.sheets.look import LookScreen
+from capture_app.tui.library.take import TakeScreen
+from capture_app.tui.widgets.look import LookScreen
+from capture_app.tui.widgets.picture import Picture
 from tests.tui.driving import settle, until
 from tests.tui.library.screen import library, rows, view
 

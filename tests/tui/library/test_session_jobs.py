@@ -14,7 +14,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.result_screen import ResultScreen
-from capture_app.tui.pictures.picture import Picture
+from capture_app.tui.widgets.picture import Picture
 from tests.session.conftest import camera_record, jpeg
 from tests.tui.driving import settle, toasts, until
 from tests.tui.library.screen import choose, library, names, rows, text, type_text

@@ -13,11 +13,11 @@ from capture_app.session.library.trash import trashed_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.tui.library.take_screen import TakeScreen
-from capture_app.tui.messages import SessionsRequested
+from capture_app.tui.library.take import TakeScreen
+from capture_app.tui.rig_record import SessionsRequested
 from capture_app.tui.settings import Settings
-from capture_app.tui.sheets.contact_sheet import ContactSheet
-from capture_app.tui.sheets.look import LookScreen
+from capture_app.tui.widgets.contact_sheet import ContactSheet
+from capture_app.tui.widgets.look import LookScreen
 from tests.tui.driving import settle, toasts, until
 from tests.tui.library.screen import choose, library, names, rows, text, type_text, view
 from tests.tui.takes import make_take

@@ -9,7 +9,7 @@ from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.settings import Settings
-from capture_app.tui.sheets.contact_sheet import ContactSheet
+from capture_app.tui.widgets.contact_sheet import ContactSheet
 from tests.tui.driving import make_app, settle, until
 from tests.tui.fake_rig import FakeRig
 from tests.tui.jobs.found import add_comparison, add_job

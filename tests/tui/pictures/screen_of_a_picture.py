@@ -6,8 +6,7 @@ import numpy as np
 from textual.app import App, ComposeResult
 from textual.pilot import Pilot
 
-from capture_app.tui.pictures.picture import Picture
-from capture_app.tui.pictures.sharp import SharpTerminal, find_sharp_terminal
+from capture_app.tui.widgets.picture import Picture, SharpTerminal, find_sharp_terminal
 
 
 class PictureApp(App[None]):

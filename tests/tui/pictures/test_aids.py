@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.tui.pictures.aids import exposure_of, paint_marks, peaking, sharpness, zebra
+from capture_app.tui.widgets.focus_aids import exposure_of, paint_marks, peaking, sharpness, zebra
 
 
 def checkers(blur: float = 0.0) -> np.ndarray:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rich.color import ColorType
 from rich.style import Style
 
-from capture_app.tui.pictures.cells import (
+from capture_app.tui.widgets.cells import (
     CellPicture,
     Palette,
     changed_spans,

@@ -6,9 +6,9 @@ import pytest
 from textual.app import App, ComposeResult
 from textual.pilot import Pilot
 
-from capture_app.tui.pictures.aids import zebra
-from capture_app.tui.pictures.cells import Palette
-from capture_app.tui.pictures.picture import Picture, Source
+from capture_app.tui.widgets.cells import Palette
+from capture_app.tui.widgets.focus_aids import zebra
+from capture_app.tui.widgets.picture import Picture, Source
 
 RED = np.full((48, 64, 3), (0, 0, 255), np.uint8)
 

@@ -20,9 +20,8 @@ from textual.app import App
 from textual.pilot import Pilot
 
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.tui.pictures.picture import Picture
-from capture_app.tui.pictures.sharp import SharpTerminal
-from capture_app.tui.sheets.look import LookScreen
+from capture_app.tui.widgets.look import LookScreen
+from capture_app.tui.widgets.picture import Picture, SharpTerminal
 from tests.tui.pictures.sent import PLACEHOLDER, Sent
 
 GLYPHS = re.compile("[▀▘▌▚▛▜▙]")

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.operator.link import RigLink
+from capture_app.node.rig_link import RigLink
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.camera.screen import CameraScreen
+from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.settings import Settings
 from tests.tui.driving import text
 from tests.waiting import until

@@ -3,7 +3,7 @@
 import asyncio
 from urllib.request import urlopen
 
-from capture_app.panel.screen.page import page_html
+from capture_app.panel.screen import page_html
 from capture_app.tui.rig.panel_screen import PanelScreen
 from tests.tui.driving import lines, make_app, settle, text, until
 from tests.tui.fake_rig import FakeRig

@@ -3,9 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.tui.drawing.scales import BandScale
-from capture_app.tui.record import phases_at
-from capture_app.tui.rig.phase_strip import PhaseAxis, strip_rows, times_of
+from capture_app.tui.rig_record import phases_at
+from capture_app.tui.widgets.plots import BandScale, PhaseAxis, strip_rows, times_of
 
 AXIS = PhaseAxis.of([100_000, 0], 33_333_333)
 

@@ -5,7 +5,7 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.news_pane import NewsPane
+from capture_app.tui.rig.view import NewsPane
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig, make_node
 

@@ -12,9 +12,9 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Missi
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.tui.pictures.picture import Picture
-from capture_app.tui.sheets.contact_sheet import ContactSheet
-from capture_app.tui.sheets.look import LookScreen, Motion, ping_pong
+from capture_app.tui.widgets.contact_sheet import ContactSheet
+from capture_app.tui.widgets.look import LookScreen, Motion, ping_pong
+from capture_app.tui.widgets.picture import Picture
 from tests.facts import make_facts
 from tests.tui.takes import make_take, picture_of
 

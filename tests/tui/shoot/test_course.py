@@ -13,7 +13,7 @@ from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
 from capture_app.tui.shoot.plan import TakeMode
-from capture_app.tui.shoot.status_line import StatusLine
+from capture_app.tui.shoot.takes import StatusLine
 from tests.tui.fake_rig import FakeRig, make_node
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 

@@ -10,18 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.cameras.catalog import open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.operator.link import RigLink
+from capture_app.node.rig_link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.take import Take
+from capture_app.tui.shoot.takes import Take
 from capture_app.tui.shoot.view import ShootView
 from tests.waiting import SLOW_PATIENCE_S, until
 

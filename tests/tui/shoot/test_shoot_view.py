@@ -12,7 +12,7 @@ from capture_app.session.library.trash import trashed_sessions
 from capture_app.session.reading.reader import list_sessions
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
-from capture_app.tui.sheets.look import LookScreen, Motion
+from capture_app.tui.widgets.look import LookScreen, Motion
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 from tests.tui.takes import picture_of
 

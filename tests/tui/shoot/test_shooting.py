@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.plan import MOST_BEFORE, MOST_FRAMES, TakeMode, TakePlan, stepped
-from capture_app.tui.shoot.shooting import Moment, Shooting
+from capture_app.tui.shoot.stage import Moment, Shooting
 
 
 class Course:

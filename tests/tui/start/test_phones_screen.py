@@ -1,7 +1,7 @@
 """Phones by a QR code: the code of the next one beside what to do, and the error where there is none."""
 
 from capture_app.errors import NetworkError
-from capture_app.tui.start.phones_screen import PhonesScreen
+from capture_app.tui.rig.joining import PhonesScreen
 from tests.tui.driving import lines, make_app, settle, text, until
 from tests.tui.fake_rig import FakeRig
 

@@ -9,8 +9,8 @@ from capture_app.cameras.base import CameraListing
 from capture_app.cameras.v4l2 import driver
 from capture_app.errors import CameraError, UnknownMachineError
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.rig.joining import joining_line, qr_lines
 from capture_app.tui.settings import Settings
-from capture_app.tui.start.invitation import joining_line, qr_lines
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
 

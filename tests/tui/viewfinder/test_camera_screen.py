@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from textual.pilot import Pilot
 
-from capture_app.node.wire.views import Preview
-from capture_app.tui.drawing.lines import Lines
-from capture_app.tui.pictures.picture import Picture
-from capture_app.tui.viewfinder.full import CameraScreen
-from capture_app.tui.viewfinder.grid import PreviewGrid
+from capture_app.node.wire.status import Preview
+from capture_app.tui.shoot.full_view import CameraScreen
+from capture_app.tui.shoot.preview_grid import PreviewGrid
+from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.picture import Picture
 from tests.tui.shoot.studio import Studio, ready_rig
 
 

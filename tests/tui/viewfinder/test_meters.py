@@ -1,10 +1,15 @@
 """Numbers about what a camera sees, and which two pictures are blinked."""
 
-from capture_app.node.wire.views import Preview
-from capture_app.tui.pictures.aids import Exposure
-from capture_app.tui.viewfinder.grid import grid_columns
-from capture_app.tui.viewfinder.meters import FocusMeter, exposure_line, focus_line, histogram_lines
-from capture_app.tui.viewfinder.pairs import InstantPairs, distance_ns
+from capture_app.node.wire.status import Preview
+from capture_app.tui.shoot.full_view import InstantPairs, distance_ns
+from capture_app.tui.shoot.preview_grid import grid_columns
+from capture_app.tui.widgets.focus_aids import (
+    Exposure,
+    FocusMeter,
+    exposure_line,
+    focus_line,
+    histogram_lines,
+)
 
 
 def test_focus_is_held_against_its_best_of_late() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.session.exporters.common.poses import Array
+from capture_app.session.exporters.common.lens import Array
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",

@@ -1,4 +1,7 @@
-"""Small text files beside an export: the exact times as CSV, calibrated cameras as TOML."""
+"""Small text files beside an export: the exact times as CSV, calibrated cameras as TOML.
+
+intri.yml and extri.yml, the cameras of EasyMocap and EasyVolcap, as OpenCV's FileStorage reads them.
+"""
 
 import csv
 import io
@@ -9,9 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.names import natural_order
-from capture_app.session.exchange.export_record import FRAMES
+from capture_app.session.exchange import FRAMES
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
-from capture_app.session.exporters.common.poses import distortion_of, matrix_of, rodrigues, rotation_of
+from capture_app.session.exporters.common.lens import (
+    Array,
+    distortion_of,
+    matrix_of,
+    rodrigues,
+    rotation_of,
+    translation_of,
+)
 from capture_app.session.format.calibration import METRES, Calibration
 from capture_app.session.format.manifest import ImageRecord
 
@@ -121,3 +131,40 @@ def _content(frame: Frame, image: ImageRecord | None) -> str:
     if not frame.file:
         return "left out"
     return "substitute" if image.substitute else "image"
+
+
+def yaml_names(cameras: Iterable[str]) -> dict[str, str]:
+    """For each camera a name that FileStorage allows in a key: `paired_names`, without dots."""
+    names = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
+    if len(set(names.values())) == len(names):
+        return names
+    return {camera: f"cam_{number:03d}" for number, camera in enumerate(names)}
+
+
+def write_cameras(folder: Path, calibration: Calibration, names: Mapping[str, str], centre: float) -> None:
+    """Write intri.yml and extri.yml, in metres where the calibration's unit is a length.
+
+    `centre` is where the reader has the first pixel's centre: 0 after OpenCV, or 0.5.
+    """
+    metres = METRES.get(calibration.unit, 1.0)
+    head = "%YAML:1.0\n---\nnames:\n" + "".join(f'  - "{name}"\n' for name in names.values())
+    intri, extri = head, head
+    for camera_name, name in names.items():
+        camera = calibration.cameras[camera_name]
+        matrix = matrix_of(camera)
+        matrix[:2, 2] += centre
+        intri += _matrix(f"K_{name}", matrix) + _matrix(f"dist_{name}", distortion_of(camera)[None])
+        intri += f"H_{name}: {camera.height}\nW_{name}: {camera.width}\n"
+        rotation = rotation_of(camera)
+        extri += _matrix(f"R_{name}", [[value] for value in rodrigues(rotation)])
+        extri += _matrix(f"Rot_{name}", rotation)
+        extri += _matrix(f"T_{name}", (translation_of(camera) * metres)[:, None])
+    (folder / "intri.yml").write_text(intri, encoding="utf-8")
+    (folder / "extri.yml").write_text(extri, encoding="utf-8")
+
+
+def _matrix(key: str, rows: Array | list[list[float]]) -> str:
+    values = ", ".join(repr(float(value)) for row in rows for value in row)
+    return (
+        f"{key}: !!opencv-matrix\n  rows: {len(rows)}\n  cols: {len(rows[0])}\n  dt: d\n  data: [{values}]\n"
+    )

@@ -1,0 +1,198 @@
+"""The two boards: squares, markers, corners.
+
+A ChArUco board: its squares, its markers and its inner corners.
+
+A plain checkerboard, without markers: its squares, its inner corners, and where these are in pictures.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from capture_app.errors import BadInputError
+
+if TYPE_CHECKING:
+    import cv2
+    import numpy as np
+    from numpy.typing import NDArray
+
+DICTIONARIES = {"ARUCO_ORIGINAL": 1024} | {
+    f"{side}X{side}_{words}": words for side in (4, 5, 6, 7) for words in (50, 100, 250, 1000)
+}
+"""How many markers each of OpenCV's dictionaries has."""
+
+MIN_CORNERS = 6
+"""Pictures with fewer corners of the board do not count."""
+
+
+@dataclass(frozen=True)
+class CharucoBoard:
+    """Squares across and down, lengths in m, and the name of the markers' dictionary (as `4X4_50`)."""
+
+    across: int
+    down: int
+    square_m: float
+    marker_m: float
+    dictionary: str
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for an unknown dictionary or a shape that cannot be detected."""
+        words = DICTIONARIES.get(self.dictionary.upper())
+        if words is None:
+            raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")
+        if not 0 < self.square_m < 10:
+            raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
+        if not 0 < self.marker_m < self.square_m:
+            raise BadInputError("a board's markers must be smaller than its squares")
+        if min(self.across, self.down) < 3 or self.corners < MIN_CORNERS:
+            raise BadInputError(
+                f"a board of {self.shape} squares has {max(self.corners, 0)} inner corners; "
+                f"{MIN_CORNERS} are needed",
+                hint="such as 7x5",
+            )
+        if self.markers > words:
+            raise BadInputError(
+                f"a board of {self.shape} squares has {self.markers} markers; {self.dictionary} has {words}, "
+                "so that some would look alike",
+                hint="fewer squares, or a larger dictionary, such as 5X5_250",
+            )
+
+    @property
+    def shape(self) -> str:
+        """Squares across x squares down."""
+        return f"{self.across}x{self.down}"
+
+    @property
+    def corners(self) -> int:
+        """Inner corners, which are what is measured."""
+        return (self.across - 1) * (self.down - 1)
+
+    @property
+    def markers(self) -> int:
+        """Markers: one in each white square."""
+        return self.across * self.down // 2
+
+    @property
+    def places(self) -> "NDArray[np.float32]":
+        """The inner corners on the board by their number, (n, 3) in m, z = 0; x right, y down."""
+        import numpy as np
+
+        return np.asarray(self.to_opencv().getChessboardCorners(), np.float32)
+
+    def to_opencv(self) -> "cv2.aruco.CharucoBoard":
+        """OpenCV's board."""
+        import cv2
+
+        size = (self.across, self.down)
+        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self.words_of_markers())
+
+    def words_of_markers(self) -> "cv2.aruco.Dictionary":
+        """OpenCV's dictionary of the markers."""
+        import cv2
+
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}"))
+
+    def picture(self, square_px: int) -> "NDArray[np.uint8]":
+        """The board without a margin, uint8 grey, each square so many pixels."""
+        import numpy as np
+
+        size = (self.across * square_px, self.down * square_px)
+        return np.asarray(self.to_opencv().generateImage(size, marginSize=0), np.uint8)
+
+
+DEFAULT_BOARD = CharucoBoard(7, 5, 0.035, 0.026, "4X4_50")
+"""What is printed and expected unless something else is asked for: it fits A4 and Letter."""
+
+
+PLAIN = "none"
+"""What is typed for the markers' dictionary of a board that has none."""
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """Squares across and down, and their length in m."""
+
+    across: int
+    down: int
+    square_m: float
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for a shape whose corners cannot be numbered."""
+        if not 0 < self.square_m < 10:
+            raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
+        if min(self.across, self.down) < 4:
+            raise BadInputError(f"a checkerboard of {self.shape} squares is too small", hint="such as 10x7")
+        if self.across == self.down:
+            raise BadInputError(
+                f"a checkerboard of {self.shape} squares looks the same from all four sides",
+                hint="use one with more squares one way, such as 10x7",
+            )
+
+    @property
+    def shape(self) -> str:
+        """Squares across x squares down."""
+        return f"{self.across}x{self.down}"
+
+    @property
+    def corners(self) -> int:
+        """Inner corners, which are what is measured."""
+        return (self.across - 1) * (self.down - 1)
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether it looks the same when it is turned by 180 degrees: its outer squares have one colour."""
+        return (self.across + self.down) % 2 == 0
+
+    @property
+    def places(self) -> "NDArray[np.float32]":
+        """The inner corners on the board by their number, (n, 3) in m, z = 0; x right, y down."""
+        import numpy as np
+
+        rows, columns = np.mgrid[1 : self.down, 1 : self.across]
+        flat = np.stack([columns, rows, np.zeros_like(rows)], axis=-1).reshape(-1, 3)
+        return (flat * self.square_m).astype(np.float32)
+
+    def picture(self, square_px: int) -> "NDArray[np.uint8]":
+        """The board with a white margin of one square, uint8 grey, each square so many pixels."""
+        import numpy as np
+
+        rows, columns = np.mgrid[: self.down, : self.across]
+        squares = np.where((rows + columns) % 2, 255, 0).astype(np.uint8)
+        whole = np.pad(squares, 1, constant_values=255)
+        return np.kron(whole, np.ones((square_px, square_px), np.uint8))
+
+    def detect(self, grey: "NDArray[Any]") -> "dict[int, NDArray[Any]]":
+        """Pixels of all inner corners by their number in a picture (uint8), or none.
+
+        By OpenCV's sector based detector (Duda and Frese 2018). The first corner is the one beside a dark
+        outer square; where that does not tell, the one that makes the rows run from left to right.
+        """
+        import cv2
+        import numpy as np
+
+        size = (self.across - 1, self.down - 1)
+        found, at = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        if not found or at is None:
+            return {}
+        grid = np.asarray(at, float).reshape(size[1], size[0], 2)
+        along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+        if along[0] * down[1] - along[1] * down[0] < 0:  # mirrored
+            grid = grid[:, ::-1]
+        upside_down = (
+            (grid[0, -1] - grid[0, 0])[0] < 0
+            if self.is_ambiguous
+            else _level(grey, grid[:2, :2]) > _level(grey, grid[-2:, -2:])
+        )
+        if upside_down:
+            grid = grid[::-1, ::-1]
+        return dict(enumerate(grid.reshape(-1, 2)))
+
+
+def _level(grey: "NDArray[Any]", corners: "NDArray[Any]") -> float:
+    """How light the square between four corners (2, 2, 2) is: as the outer square beside it."""
+    import numpy as np
+
+    middle = corners.mean((0, 1))
+    points = middle + 0.5 * (corners.reshape(-1, 2) - middle)
+    columns, rows = np.rint(np.vstack([points, middle])).astype(int).T
+    height, width = grey.shape
+    return float(grey[rows.clip(0, height - 1), columns.clip(0, width - 1)].mean())

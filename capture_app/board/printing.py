@@ -1,0 +1,190 @@
+"""Pages at true size, and a board on one.
+
+A page to print at true size, as SVG or PDF, with a bar to check the printer's scale by.
+
+Lengths are in millimetres from the page's upper left corner. Everything is drawn as rectangles and text, so
+that both formats hold the same.
+
+A board on a page to print at true size.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from capture_app.board.boards import DEFAULT_BOARD, CharucoBoard
+from capture_app.errors import BadInputError
+
+PAGES = {"a4": (297.0, 210.0), "a3": (420.0, 297.0), "letter": (279.4, 215.9)}
+"""Widths and heights of pages that lie on their side, mm."""
+MARGIN_MM = 9.0
+"""White around what is drawn, which markers need, and what printers leave empty."""
+FOOT_MM = 24.0
+"""Below it, for the bar and the text."""
+BAR_MM = 100.0
+POINTS_PER_MM = 72 / 25.4
+TEXT_MM = 3.2
+Rectangle = tuple[float, float, float, float]
+"""Left, top, width and height."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of text: its left end and its baseline, and its height."""
+
+    left: float
+    baseline: float
+    height: float
+    text: str
+
+
+class Page:
+    """A page with room for one thing in its middle; `black`, then `white` rectangles, then `lines`."""
+
+    def __init__(self, paper: str, size: tuple[float, float], what: str, *, smaller: str) -> None:
+        """`size` of the thing, mm; `what` it is and what makes it `smaller`, in words.
+
+        Raises BadInputError where it does not fit the page either way.
+        """
+        needed = size[0] + 2 * MARGIN_MM, size[1] + MARGIN_MM + FOOT_MM
+        turned = PAGES[paper], PAGES[paper][::-1]
+        fitting = [p for p in turned if needed[0] <= p[0] and needed[1] <= p[1]]
+        if not fitting:
+            raise BadInputError(
+                f"{what} of {size[0]:g} x {size[1]:g} mm does not fit {paper.upper()}",
+                hint=f"{needed[0]:g} x {needed[1]:g} mm are needed; a larger --page or {smaller}",
+            )
+        self.width, self.height = fitting[0]
+        self.left = (self.width - size[0]) / 2
+        self.top = (self.height - FOOT_MM + MARGIN_MM - size[1]) / 2
+        self.black: list[Rectangle] = []
+        self.white: list[Rectangle] = []
+        self.lines: list[Line] = []
+        self._foot = self.top + size[1] + 5.0
+
+    def add_foot(self, *texts: str) -> None:
+        """Draw the bar below the thing, and lines of text below that."""
+        top = self._foot
+        self.black.append((self.left, top + 3.0, BAR_MM, 1.0))
+        for number in range(int(BAR_MM / 10) + 1):
+            # Ticks lie inside the bar's ends, so that it is 100 mm from edge to edge.
+            at = min(max(self.left + 10 * number - 0.1, self.left), self.left + BAR_MM - 0.2)
+            self.black.append((at, top, 0.2, 4.0))
+        bar = f"this bar is {BAR_MM:g} mm long: measure it"
+        self.lines.append(Line(self.left + BAR_MM + 3, top + 4.0, TEXT_MM, bar))
+        for number, text in enumerate(texts):
+            self.lines.append(Line(self.left, top + 9.0 + 4.5 * number, TEXT_MM, text))
+
+
+def to_svg(page: Page) -> bytes:
+    """The page as an SVG of its true size."""
+    paths = [
+        f'<path fill="{colour}" d="{"".join(_svg_path(rectangles))}"/>'
+        for colour, rectangles in (("#000", page.black), ("#fff", page.white))
+    ]
+    words = [
+        f'<text x="{line.left:g}" y="{line.baseline:g}" font-size="{line.height:g}">'
+        f"{_escaped(line.text)}</text>"
+        for line in page.lines
+    ]
+    width, height = f"{page.width:g}", f"{page.height:g}"
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
+        f'viewBox="0 0 {width} {height}">'
+    )
+    ground = f'<rect width="{width}" height="{height}" fill="#fff"/>'
+    text = [head, ground, *paths, '<g font-family="Helvetica, Arial, sans-serif">', *words, "</g>", "</svg>"]
+    return ("\n".join(text) + "\n").encode()
+
+
+def _svg_path(rectangles: list[Rectangle]) -> Iterator[str]:
+    for left, top, width, height in rectangles:
+        yield f"M{left:.4f} {top:.4f}h{width:.4f}v{height:.4f}h{-width:.4f}z"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def to_pdf(page: Page) -> bytes:
+    """The page as a PDF of its true size (PDF 1.4, ISO 32000; one page, Helvetica)."""
+    scale = POINTS_PER_MM
+    drawn = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {page.height * scale:.4f} cm"]
+    for level, rectangles in ((0, page.black), (1, page.white)):
+        drawn.append(f"{level} g")
+        drawn += [f"{x:.4f} {y:.4f} {width:.4f} {height:.4f} re" for x, y, width, height in rectangles]
+        drawn.append("f")
+    drawn.append("0 g")
+    for line in page.lines:
+        text = line.text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
+        # The page's y runs down; the text's own runs up.
+        at = f"1 0 0 -1 {line.left:.4f} {line.baseline:.4f} Tm"
+        drawn.append(f"BT /F {line.height:g} Tf {at} ({text}) Tj ET")
+    stream = "\n".join(drawn).encode("latin-1", "replace")
+    box = f"[0 0 {page.width * scale:.4f} {page.height * scale:.4f}]"
+    objects = [
+        b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
+        b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
+        f"<< /Type /Page /Parent 2 0 R /MediaBox {box} /Contents 4 0 R "
+        "/Resources << /Font << /F 5 0 R >> >> >>".encode(),
+        f"<< /Length {len(stream)} >>\nstream\n".encode() + stream + b"\nendstream",
+        b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>",
+    ]
+    out, starts = b"%PDF-1.4\n", []
+    for number, content in enumerate(objects, 1):
+        starts.append(len(out))
+        out += f"{number} 0 obj\n".encode() + content + b"\nendobj\n"
+    table = "".join(f"{start:010d} 00000 n \n" for start in starts)
+    end = f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}"
+    end += f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(out)}\n%%EOF\n"
+    return out + end.encode()
+
+
+class PrintedPage(Page):
+    """A board in the middle of a page."""
+
+    def __init__(self, board: CharucoBoard, page: str = "a4") -> None:
+        """Raises BadInputError where the board does not fit the page."""
+        square, marker = 1000 * board.square_m, 1000 * board.marker_m
+        size = board.across * square, board.down * square
+        super().__init__(page, size, "a board", smaller="smaller --square-mm")
+        self.board = board
+        self._add_board(square, marker)
+        sizes = f"squares {square:g} mm, markers {marker:g} mm"
+        calibrate = " ".join(["reconstruct calibrate SESSION --from charuco", *calibrate_options(board)])
+        self.add_foot(
+            f"simulshot ChArUco board {board.shape}, {sizes}, dictionary {board.dictionary}",
+            f"Print at 100 % (not 'fit to page') and fix it to something flat. {calibrate}",
+        )
+
+    def _add_board(self, square: float, marker: float) -> None:
+        words = self.board.words_of_markers()
+        modules = words.markerSize + 2
+        cell = marker / modules
+        made = self.board.to_opencv()
+        corners = np.asarray(made.getObjPoints(), np.float64)[:, 0, :2] * 1000
+        marked = {tuple((corner / square).astype(int).tolist()) for corner in corners}
+        for row in range(self.board.down):
+            for column in range(self.board.across):
+                if (column, row) not in marked:
+                    self.black.append((self.left + column * square, self.top + row * square, square, square))
+        for number, corner in zip(np.ravel(made.getIds()).tolist(), corners, strict=True):
+            x, y = self.left + float(corner[0]), self.top + float(corner[1])
+            self.black.append((x, y, marker, marker))
+            bits = cv2.aruco.generateImageMarker(words, number, modules, borderBits=1)
+            for row, column in np.argwhere(np.asarray(bits) > 0).tolist():
+                self.white.append((x + column * cell, y + row * cell, cell, cell))
+
+
+def calibrate_options(board: CharucoBoard) -> list[str]:
+    """The options that tell a command of this board, none for the default one."""
+    if board == DEFAULT_BOARD:
+        return []
+    return [
+        f"--board {board.shape}",
+        f"--square-mm {1000 * board.square_m:g}",
+        f"--marker-mm {1000 * board.marker_m:g}",
+        f"--dictionary {board.dictionary}",
+    ]

@@ -1,0 +1,225 @@
+"""What is asked of a camera, and what it then is.
+
+What a camera of libcamera is asked for, and how it is configured.
+
+What a camera of libcamera is: first as it is configured, then as its first frames show.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from msgspec.structs import replace
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
+from capture_app.cameras.specs import refuse_unknown
+from capture_app.cameras.v4l2.kernel import PixelFormat
+from capture_app.errors import BadInputError, CameraError
+
+FOURCC = {"MJPEG": "MJPG", "NV12": "NV12", "YUYV": "YUYV", "R8": "GREY"}
+"""The library's formats that can be saved, the best first, and what V4L2 calls them."""
+DEFAULT_SIZE = (640, 480)
+DEFAULT_FPS = 30.0
+BUFFERS = 6
+"""A process that is held up for as many frames loses none; a command takes effect after as many."""
+_RANGES = {
+    "width": (1, 65535),
+    "height": (1, 65535),
+    "fps": (0.001, 10_000.0),
+    "exposure-us": (1, 60_000_000),
+    "gain": (0.1, 1000.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What a user asked for; None where the camera's own choice will do. Pixels, frames/s, us."""
+
+    width: int | None = None
+    height: int | None = None
+    fps: float | None = None
+    fourcc: str | None = None
+    exposure_us: int | None = None
+    gain: float | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The size to ask for, in the usual shape where only one side is given."""
+        width, height = self.width, self.height
+        if width is not None:
+            return width, height if height is not None else round(width * 3 / 4)
+        return (round(height * 4 / 3), height) if height is not None else DEFAULT_SIZE
+
+    @property
+    def period_us(self) -> int:
+        """The frame period to ask for."""
+        return round(1e6 / (self.fps or DEFAULT_FPS))
+
+
+def parse_options(options: Mapping[str, str]) -> Wishes:
+    """Read width, height, fps, format, exposure-us and gain. Raises BadInputError, naming the wrong one."""
+    refuse_unknown(options, (*_RANGES, "format"), "a camera of libcamera")
+    numbers = {name: _number(name, options[name]) for name in _RANGES if name in options}
+    fourcc = options.get("format", "").upper()
+    fourcc = FOURCC.get(fourcc, fourcc)
+    if fourcc and fourcc not in FOURCC.values():
+        raise BadInputError(
+            f"format={options['format']} cannot be saved", hint=f"there are {', '.join(FOURCC.values())}"
+        )
+    whole = {name: None if name not in numbers else int(numbers[name]) for name in _RANGES}
+    return Wishes(
+        width=whole["width"],
+        height=whole["height"],
+        fps=numbers.get("fps"),
+        fourcc=fourcc or None,
+        exposure_us=whole["exposure-us"],
+        gain=numbers.get("gain"),
+    )
+
+
+def configure(module: Any, camera: Any, wishes: Wishes) -> tuple[Any, PixelFormat]:
+    """Configure an acquired camera; returns its stream and how a picture lies in memory.
+
+    Raises CameraError, with what it offers, where it has no such mode.
+    """
+    name = camera.id
+    configuration = camera.generate_configuration([module.StreamRole.VideoRecording])
+    if configuration is None or configuration.size == 0:
+        raise CameraError(f"{name} delivers no video", hint="`capture-app cameras` lists the cameras")
+    stream = configuration.at(0)
+    offered = [str(one) for one in stream.formats.pixel_formats]
+    formats = [one for one in FOURCC if one in offered and wishes.fourcc in (None, FOURCC[one])]
+    if not formats:
+        asked = wishes.fourcc or "a format that can be saved"
+        raise CameraError(f"{name} does not offer {asked}", hint=f"it offers {', '.join(offered)}")
+    stream.pixel_format = module.PixelFormat(formats[0])
+    stream.size = module.Size(*wishes.size)
+    stream.buffer_count = max(stream.buffer_count, BUFFERS)
+    if configuration.validate() == module.CameraConfiguration.Status.Invalid:
+        raise CameraError(f"{name} has no mode {formats[0]} {_text(wishes.size)}")
+    width, height = stream.size.width, stream.size.height
+    if wishes.width not in (None, width) or wishes.height not in (None, height):
+        raise CameraError(
+            f"{name} has no mode {formats[0]} {_text(wishes.size)}",
+            hint=f"the nearest is width={width},height={height}",
+        )
+    if str(stream.pixel_format) not in FOURCC:
+        raise CameraError(f"{name} does not offer {formats[0]} in {_text((width, height))}")
+    camera.configure(configuration)
+    fourcc = FOURCC[str(stream.pixel_format)]
+    return stream, PixelFormat(fourcc, width, height, stream.stride, stream.frame_size)
+
+
+def _number(name: str, text: str) -> float:
+    least, most = _RANGES[name]
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not least <= number <= most or (isinstance(least, int) and number != int(number)):
+        raise BadInputError(f"{name}={text} is out of range ({least:g} to {most:g})")
+    return number
+
+
+def _text(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
+
+
+KIND = "libcamera"
+CHARACTER_DEVICES = Path("/sys/dev/char")
+_RASPBERRY_PI = "rpi"
+"""The vendor of controls that only the Raspberry Pi's pipelines have."""
+READOUT_DOUBT_ROWS, READOUT_DOUBT_NS = 16, 100_000
+"""Assumed: rows that a sensor sends before the picture's first, and the stamp's way to the kernel."""
+_USUAL_RATE, _ROUND_NS = 3e-4, 10_000
+
+
+class Origin(Enum):
+    """Whose pipeline a camera has, as far as its stamps are known by that."""
+
+    RASPBERRY_PI = "raspberry-pi"
+    WEBCAM = "webcam"
+    OTHER = "other"
+
+
+def origin_of(camera: Any) -> Origin:
+    """Whose pipeline a camera of the library has."""
+    if any(control.vendor == _RASPBERRY_PI for control in camera.controls):
+        return Origin.RASPBERRY_PI
+    properties = {control.name: value for control, value in camera.properties.items()}
+    devices = properties.get("SystemDevices", ())
+    nodes = (CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}" for device in devices)
+    drivers = {(node / "device" / "driver").resolve().name for node in nodes}
+    return Origin.WEBCAM if "uvcvideo" in drivers else Origin.OTHER
+
+
+def facts_as_configured(
+    camera: Any, layout: PixelFormat, wishes: Wishes, limits_us: tuple[int, int] | None
+) -> CameraFacts:
+    """What is known of a camera before its first frame; `limits_us` are those of a frame's duration."""
+    properties = {control.name: value for control, value in camera.properties.items()}
+    return CameraFacts(
+        kind=KIND,
+        model=str(properties.get("Model", camera.id)),
+        width=layout.width,
+        height=layout.height,
+        pixel_format=layout.fourcc,
+        period_ns=wishes.period_us * 1000,
+        timestamp_source=TimestampSource.START_OF_EXPOSURE,
+        phase_control=PhaseControl.RESET,
+        min_frame_duration_ns=None if limits_us is None else limits_us[0] * 1000,
+        max_frame_duration_ns=None if limits_us is None else limits_us[1] * 1000,
+    )
+
+
+def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
+    """The facts of a camera whose frames last so many rows, and whose rows are known."""
+    row_ns = round(row_us * 1000)
+    return replace(
+        facts, period_ns=rows * row_ns, row_time_ns=row_ns, phase_control=PhaseControl.FRAME_DURATION
+    )
+
+
+def with_period_of(facts: CameraFacts, stamps_ns: Sequence[int]) -> CameraFacts:
+    """The facts of a camera whose frames had these stamps."""
+    return replace(facts, period_ns=usual_period_ns(median(b - a for a, b in pairwise(stamps_ns))))
+
+
+def with_exposure(facts: CameraFacts, exposure_us: int | None, origin: Origin) -> CameraFacts:
+    """The facts of a camera whose exposure is held, or None where it is not, and how late its stamps are.
+
+    The Raspberry Pi's driver stamps the first row on its way from the sensor: its exposure is over then,
+    though libcamera calls that the time at which it was exposed. Webcams are stamped as V4L2's are.
+    """
+    row_ns = facts.row_time_ns
+    exposure_ns = None if exposure_us is None else exposure_us * 1000
+    if exposure_ns is not None and row_ns is not None:
+        # What is told is cut to microseconds; what is asked for lies between two rows, and is cut, too.
+        exposure_ns = int((exposure_ns + 1000) / row_ns) * row_ns
+    facts = replace(facts, exposure_ns=exposure_ns, stamp=None)
+    if origin is Origin.WEBCAM:
+        return replace(facts, stamp=replace(facts.assumed_stamp, source=StampSource.PROFILE))
+    if origin is not Origin.RASPBERRY_PI or exposure_ns is None or row_ns is None:
+        return facts
+    late = StampAccuracy(
+        bias_ns=exposure_ns,
+        uncertainty_ns=READOUT_DOUBT_ROWS * row_ns + READOUT_DOUBT_NS,
+        source=StampSource.PROFILE,
+        exposure_ns=exposure_ns,
+    )
+    return replace(facts, stamp=late)
+
+
+def usual_period_ns(measured_ns: float) -> int:
+    """The frame period in ns that a camera means which runs about so: a whole rate's, or television's."""
+    rate = 1e9 / measured_ns
+    whole = max(1, round(rate))
+    usual = min((whole, whole / 1.001), key=lambda one: abs(one - rate))
+    if abs(usual / rate - 1.0) < _USUAL_RATE:
+        return round(1e9 / usual)
+    return round(measured_ns / _ROUND_NS) * _ROUND_NS

@@ -1,0 +1,314 @@
+"""A webcam by OpenCV.
+
+A webcam that streams by OpenCV: a thread waits for frames, which are stamped as they arrive.
+
+A webcam as OpenCV opens it: frames and the host's time of their arrival; all calls block.
+
+Webcams by OpenCV: finding and opening them.
+"""
+
+import asyncio
+import contextlib
+import functools
+import platform
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, in_node_clock
+from capture_app.cameras.specs import read_number, refuse_unknown
+from capture_app.clock import NodeClock
+from capture_app.errors import BadInputError, CameraError
+from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+KIND = "webcam"
+MOST_MISSES = 10
+"""So many frames in a row that do not come, and it is gone."""
+MISS_PAUSE_S = 0.05
+_JPEG_QUALITY = 95
+
+
+class OpenWebcam(Protocol):
+    """A webcam that streams, as `capture.Webcam`; every call blocks."""
+
+    index: int
+    fps: float
+
+    def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
+        """When a frame came in ns of the host's clock, and BGR (H, W, 3); None where none came."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class PixelPicture:
+    """A picture in memory, BGR uint8 (H, W, 3)."""
+
+    pixels: "NDArray[np.uint8]"
+
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes."""
+        return self.pixels.nbytes
+
+    def encode(self) -> bytes:
+        """Return a JPEG of quality 95."""
+        import cv2
+
+        _done, jpeg = cv2.imencode(".jpg", self.pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        return bytes(jpeg)
+
+    def reduced(self, width: int) -> "NDArray[np.uint8]":
+        """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
+        step = max(1, self.pixels.shape[1] // max(width, 1))
+        return self.pixels[::step, ::step]
+
+
+class WebcamCamera(Camera):
+    """A webcam. It is opened when it is started, and opened anew where its stream is restarted."""
+
+    def __init__(self, open_webcam: Callable[[], OpenWebcam]) -> None:
+        """`open_webcam` may block; it is called on a thread of this camera's."""
+        self._open_webcam = open_webcam
+        self._facts: CameraFacts | None = None
+        self._thread: threading.Thread | None = None
+        self._closing = threading.Event()
+        self._restart_ns: int | None = None
+        self._restarted: asyncio.Future[None] | None = None
+        self._loop: asyncio.AbstractEventLoop
+        self._begun: asyncio.Future[None]
+        self._on_frame: OnFrame
+        self._on_failure: OnFailure
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do. Raises CameraError before it was started."""
+        if self._facts is None:
+            raise CameraError("a webcam is known when it was started")
+        return self._facts
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Open and stream. Raises CameraError where it is missing or gives no pictures."""
+        if self._thread is not None or self._closing.is_set():
+            raise CameraError("the webcam was started already", hint="open it again")
+        self._loop = asyncio.get_running_loop()
+        self._begun = self._loop.create_future()
+        self._on_frame, self._on_failure = on_frame, on_failure
+        self._thread = threading.Thread(target=self._run, name="webcam", daemon=True)
+        self._thread.start()
+        await self._begun
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Restart the stream by opening the webcam anew; the delay counts from this call.
+
+        Raises CameraError for any other command, or without a stream.
+        """
+        asked_ns = time.monotonic_ns()
+        if not isinstance(command, RestartStream):
+            raise CameraError("a webcam cannot change single frames", hint="restart its stream instead")
+        if self._thread is None or self._closing.is_set() or not self._thread.is_alive():
+            raise CameraError("the webcam does not stream")
+        self._restarted = self._loop.create_future()
+        self._restart_ns = asked_ns + command.delay_ns
+        await self._restarted
+
+    async def stop(self) -> None:
+        """Stop streaming and let go of the webcam. Calling it twice is harmless."""
+        self._closing.set()
+        self._end_restart()
+        if self._thread is not None:
+            await asyncio.get_running_loop().run_in_executor(None, self._thread.join)
+
+    def _run(self) -> None:
+        """Open the webcam and stream until it is stopped or fails."""
+        webcam: OpenWebcam | None = None
+        try:
+            webcam = self._open_webcam()
+            first = self._next(webcam)
+            self._facts = _facts(webcam, first[1])
+            self._tell(self._begin)
+            stream, sequence = 0, -1
+            while not self._closing.is_set():
+                if self._restart_ns is not None:
+                    webcam.close()
+                    webcam = self._open_at(self._restart_ns)
+                    self._restart_ns = None
+                    self._tell(self._end_restart)
+                    stream, sequence = stream + 1, -1
+                arrived_ns, pixels = self._next(webcam)
+                sequence += 1
+                frame = CapturedFrame(
+                    sequence=sequence, stream=stream, timestamp_ns=arrived_ns, picture=PixelPicture(pixels)
+                )
+                self._tell(self._deliver, frame)
+        except CameraError as error:
+            self._tell(self._fail, error)
+        finally:
+            if webcam is not None:
+                webcam.close()
+
+    def _next(self, webcam: OpenWebcam) -> "tuple[int, NDArray[np.uint8]]":
+        for _ in range(MOST_MISSES):
+            found = webcam.next_frame()
+            if found is not None:
+                return found
+            if self._closing.wait(MISS_PAUSE_S):
+                break
+        raise CameraError(
+            f"webcam {webcam.index} gives no pictures", hint="check its plug, then start it again"
+        )
+
+    def _open_at(self, start_ns: int) -> OpenWebcam:
+        """Open it at a time of the host's clock, or whole periods later where that is over."""
+        late_ns, period_ns = time.monotonic_ns() - start_ns, self.facts.period_ns
+        if late_ns > 0:
+            start_ns += -(-late_ns // period_ns) * period_ns
+        self._closing.wait((start_ns - time.monotonic_ns()) / 1e9)
+        return self._open_webcam()
+
+    def _tell(self, news: Callable[..., None], *what: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
+            self._loop.call_soon_threadsafe(news, *what)
+
+    def _begin(self) -> None:
+        if not self._begun.done():
+            self._begun.set_result(None)
+
+    def _end_restart(self) -> None:
+        if self._restarted is not None and not self._restarted.done():
+            self._restarted.set_result(None)
+
+    def _deliver(self, frame: CapturedFrame) -> None:
+        if not self._closing.is_set():
+            self._on_frame(frame)
+
+    def _fail(self, error: CameraError) -> None:
+        self._end_restart()
+        if not self._begun.done():
+            self._begun.set_exception(error)
+        elif not self._closing.is_set():
+            self._on_failure(error)
+
+
+def _facts(webcam: OpenWebcam, pixels: "NDArray[np.uint8]") -> CameraFacts:
+    """What is known: nothing of its exposure, nor which moment of a frame its arrival is."""
+    height, width = pixels.shape[:2]
+    return CameraFacts(
+        kind=KIND,
+        model=f"Webcam {webcam.index}",
+        width=width,
+        height=height,
+        period_ns=round(1e9 / webcam.fps),
+        timestamp_source=TimestampSource.UNKNOWN,
+        phase_control=PhaseControl.RESET,
+    )
+
+
+OPTIONS = {
+    "width": "pixels of the picture; a webcam may choose another size",
+    "height": "the same",
+    "fps": "frames a second; a webcam may choose another rate",
+}
+_CAMERA = "a webcam"
+USUAL_FPS = 30.0
+MOST_FPS = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class WebcamRequest:
+    """What a user asked for; None where the webcam's own choice will do."""
+
+    width: int | None = None
+    height: int | None = None
+    fps: float | None = None
+
+
+class Webcam:
+    """An open webcam, which streams from then on."""
+
+    def __init__(self, index: int, request: WebcamRequest) -> None:
+        """Open it by its number. Raises CameraError where there is none, or it is in use."""
+        import cv2
+
+        self.index = index
+        before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            self._capture: Any = cv2.VideoCapture(index)
+        finally:
+            cv2.utils.logging.setLogLevel(before)
+        if not self._capture.isOpened():
+            raise CameraError(
+                f"webcam {index} does not open",
+                hint="it is not there, in use, or this program may not use cameras (the system's settings)",
+            )
+        for prop, value in (
+            (cv2.CAP_PROP_FRAME_WIDTH, request.width),
+            (cv2.CAP_PROP_FRAME_HEIGHT, request.height),
+            (cv2.CAP_PROP_FPS, request.fps),
+        ):
+            if value is not None:
+                self._capture.set(prop, value)
+        told = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.fps = told if 0.1 <= told <= MOST_FPS else request.fps or USUAL_FPS
+
+    def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
+        """Wait for a frame: when it came in ns of the host's clock, and BGR (H, W, 3); None without one."""
+        if not self._capture.grab():
+            return None
+        arrived_ns = time.monotonic_ns()
+        good, image = self._capture.retrieve()
+        return (arrived_ns, image) if good else None
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._capture.release()
+
+
+def parse_options(options: Mapping[str, str]) -> WebcamRequest:
+    """Read a spec's options. Raises BadInputError, naming the wrong one."""
+    refuse_unknown(options, OPTIONS, _CAMERA)
+    width = read_number(options, "width", _CAMERA, least=1, most=1 << 16)
+    height = read_number(options, "height", _CAMERA, least=1, most=1 << 16)
+    return WebcamRequest(
+        width=None if width is None else round(width),
+        height=None if height is None else round(height),
+        fps=read_number(options, "fps", _CAMERA, least=0.1, most=MOST_FPS),
+    )
+
+
+MOST_LISTED = 8
+
+
+def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
+    """Make a webcam of its number; it is opened when it is started.
+
+    Raises BadInputError for what is no number, or an option that cannot be read.
+    """
+    if not (number.isascii() and number.isdecimal() and int(number) < 256):
+        raise BadInputError(f"webcam:{number} is not a webcam", hint="they have numbers: webcam:0")
+    request = parse_options(options)
+    return in_node_clock(WebcamCamera(functools.partial(Webcam, int(number), request)), clock)
+
+
+def list_cameras() -> list[CameraListing]:
+    """The webcams by their numbers; none on Linux, whose own driver stamps far better."""
+    if platform.system() == "Linux":
+        return []
+    found = []
+    for index in range(MOST_LISTED):
+        try:
+            webcam = Webcam(index, WebcamRequest())
+        except CameraError:
+            break
+        webcam.close()
+        detail = "by OpenCV: stamped as frames arrive, sure to tens of milliseconds"
+        found.append(CameraListing(f"{KIND}:{index}", KIND, f"Webcam {index}", detail))
+    return found

@@ -1,0 +1,274 @@
+"""Characterize and calibrate-time.
+
+`capture-app cameras calibrate-time`: how late each camera's stamps are, by pictures of what all see.
+
+`capture-app cameras characterize`: measures one camera of this machine, and keeps what nodes use of it.
+"""
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from capture_app.commands.options import leader_option
+from capture_app.commands.take import ready_options, take_burst
+from capture_app.errors import IncompleteError, NotApplicableError
+from capture_app.net.address import Address
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table, talk
+from capture_app.text import count, duration
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.camera_facts import StampAccuracy
+    from capture_app.node.characterization.character import Character, Moves, Starts
+    from capture_app.node.operator.stamp_calibration import MeasuredTimes
+    from capture_app.session.reading.reader import Session
+
+NAME = "calibrate-time"
+MOTION_S, LIGHT_S = 2.0, 8.0
+
+
+@click.command(
+    NAME,
+    epilog=examples(
+        "capture-app cameras calibrate-time",
+        "capture-app cameras calibrate-time --light",
+        "capture-app cameras calibrate-time --session sessions/calibrate-time-001",
+    ),
+)
+@leader_option
+@click.option(
+    "--light", is_flag=True, help="A torch is to blink some eight times, instead of somebody to move."
+)
+@click.option(
+    "--seconds",
+    type=FiniteRange(0.5, 60.0),
+    metavar="S",
+    show_default=f"{MOTION_S:g}, with --light {LIGHT_S:g}",
+    help="How long pictures are taken.",
+)
+@click.option(
+    "--session",
+    "folder",
+    type=click.Path(path_type=Path),
+    metavar="SESSION",
+    help="Take no pictures: those of this session are of the cameras as they run now.",
+)
+@ready_options
+@json_option
+def calibrate_time(
+    leader: Address,
+    light: bool,
+    seconds: float | None,
+    folder: Path | None,
+    wait_s: float,
+    min_nodes: int,
+    as_json: bool,
+) -> None:
+    """Measure how late each camera's stamps are, and let the rig go by that from now on.
+
+    All cameras must see somebody who moves for two seconds, up and down as well as across; with --light a
+    torch that is switched on and off eight times, half a second or more each. What is found is kept for each
+    camera in its mode, on its machine. Needs reconstruct on this machine.
+    """
+    from capture_app.session.reading.reader import Session
+
+    if folder is None:
+        seconds = seconds or (LIGHT_S if light else MOTION_S)
+        folder = _take(leader, seconds, light, wait_s, min_nodes)
+    session = Session.open(folder)
+    found, stamps, kept = asyncio.run(_calibrate(leader, session))
+    if as_json:
+        cameras: dict[str, Any] = {
+            name: {"measured": time, "stamp": stamps.get(name), "kept": kept.get(name, False)}
+            for name, time in found.cameras.items()
+        }
+        print_json({"session": str(folder), "reference": found.reference, "cameras": cameras})
+    else:
+        _show(found, stamps, kept)
+    if reason := next((one.reason for one in found.cameras.values() if one.reason), ""):
+        missing = ", ".join(name for name, one in found.cameras.items() if one.reason)
+        raise NotApplicableError(
+            f"how late the stamps of {missing} are cannot be told: {reason}",
+            hint="somebody has to move up and down before all cameras, or a torch to blink (--light)",
+        )
+
+
+def _take(leader: Address, seconds: float, light: bool, wait_s: float, min_nodes: int) -> Path:
+    """Take the pictures; the folder of their session."""
+    from capture_app.node.wire.messages import BurstRequest
+
+    todo = "switch a torch on and off before all cameras, again and again" if light else (
+        "somebody has to move before all cameras"
+    )  # fmt: skip
+    talk(f"{seconds:g} s of pictures: {todo}")
+    request = BurstRequest(
+        seconds=seconds,
+        spare=0,
+        name=NAME,
+        note="taken to measure how late the cameras' stamps are",
+        wait_ready_s=wait_s,
+        nodes=min_nodes,
+    )
+    done = asyncio.run(take_burst(leader, request))
+    if done.session is None:
+        raise IncompleteError(f"no pictures were saved: {done.message}")
+    if not Path(done.session).is_dir():
+        raise IncompleteError(
+            f"the pictures are on the leader's machine, in {done.session}", hint="calibrate there"
+        )
+    return Path(done.session)
+
+
+async def _calibrate(
+    leader: Address, session: "Session"
+) -> "tuple[MeasuredTimes, dict[str, StampAccuracy], dict[str, bool]]":
+    """Measure, and tell each camera's node; what was found, the stamps, and by whom they are kept."""
+    from capture_app.node.operator.stamp_calibration import choose_reference, measure_session, measured_stamps
+    from capture_app.node.requests import tell_stamp
+
+    records = {record.name: record for record in session.manifest.cameras}
+    talk("measuring")
+    reference = choose_reference({name: record.facts for name, record in records.items()})
+    found = await measure_session(session.folder, reference)
+    stamps = measured_stamps(records, found)
+    kept = {name: await tell_stamp(leader, name, stamp) for name, stamp in stamps.items()}
+    return found, stamps, kept
+
+
+def _show(found: "MeasuredTimes", stamps: "dict[str, StampAccuracy]", kept: dict[str, bool]) -> None:
+    from capture_app.session.reading.stamp_words import describe_stamp
+
+    rows = []
+    for name, time in found.cameras.items():
+        if name in stamps:
+            said = describe_stamp(stamps[name]) + ("" if kept[name] else "; could not be kept")
+        elif time.offset_ms is not None:
+            said = "as they were known: that is surer"
+        else:
+            said = f"cannot be told: {time.reason}"
+        rows.append((name, said))
+    print_table(("camera", "stamps are late by"), rows)
+
+
+@click.command(
+    epilog=examples(
+        "capture-app cameras characterize v4l2:/dev/video0",
+        "capture-app cameras characterize sim:phone-a --seconds 3 --starts 2 --json",
+    )
+)
+@click.argument("spec")
+@click.option(
+    "--seconds", type=FiniteRange(1.0, 3600.0), default=10.0, metavar="S", help="How long to watch it."
+)
+@click.option(
+    "--starts",
+    type=click.IntRange(0, 100),
+    default=8,
+    metavar="N",
+    help="How often to restart its stream, or to close and open it where nodes do not restart it.",
+)
+@click.option(
+    "--moves",
+    type=click.IntRange(0, 20),
+    default=20,
+    metavar="N",
+    help="How often to move its phase by frames that last longer, where it has such; rows show from 6 on.",
+)
+@click.option("--save/--no-save", default=True, help="Keep what nodes use of it in this user's profiles.")
+@json_option
+def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool, as_json: bool) -> None:
+    """Measure the camera SPEC, which no node may use meanwhile: about a minute.
+
+    It tells what the camera offers, how fine and how even its stamps are, how long it takes to start, and,
+    where frames can be made longer, what that does to its phase: rows, the gain of an injection and its
+    overhead. Nodes use what restarts and injections do from their first command on. How late the stamps are
+    it cannot tell.
+    """
+    from capture_app.cameras.specs import modes_of, open_camera
+    from capture_app.clock import HostClock
+    from capture_app.node.camera.device_profiles import DeviceProfiles
+    from capture_app.node.characterization import characterize as measuring
+
+    clock = HostClock()
+    found = asyncio.run(
+        measuring.characterize(
+            spec,
+            lambda: open_camera(spec, clock=clock, name="characterize"),
+            clock,
+            modes=modes_of(spec),
+            seconds=seconds,
+            starts=starts,
+            moves=moves,
+            talk=talk,
+        )
+    )
+    if save:
+        found = measuring.save(found, DeviceProfiles())
+    if as_json:
+        print_json(found)
+        return
+    print_table((spec, ""), _rows(found))
+    if found.saved:
+        print_line("saved in this user's profiles: nodes move such cameras by them from now on")
+
+
+def _rows(found: "Character") -> list[tuple[str, str]]:
+    from capture_app.session.reading.stamp_words import describe_stamp
+
+    facts = found.camera
+    rows = [
+        ("camera", f"{facts.model}, {facts.width}x{facts.height} {facts.pixel_format}".rstrip()),
+        ("offers", found.modes),
+        ("frame rate", f"{1e9 / found.period_ns:.4f} frames/s, {found.rate_error_ppm:+.1f} ppm off nominal"),
+        ("frames", f"{found.frames}, {found.drops} dropped"),
+        ("exposure", _range(found.exposures_ns)),
+        ("stamps come in steps of", duration(found.stamp_step_ns) if found.stamp_step_ns else "none seen"),
+        ("stamps scatter by", f"{duration(found.stamp_jitter_ns)} (1 sd)"),
+        ("stamps claim", str(facts.timestamp_source)),
+        ("stamps are", describe_stamp(facts.stamp_accuracy)),
+        (
+            "arrives after its stamp",
+            f"{duration(found.delivery_ns)} in the middle, {duration(found.slowest_delivery_ns)} at most",
+        ),
+        ("phase is moved by", str(facts.phase_control)),
+    ]
+    if found.starts is not None:
+        rows.append(("starts", _starts(found.starts)))
+    return [*(row for row in rows if row[1]), *_moves(found.moves)]
+
+
+def _starts(starts: "Starts") -> str:
+    how = "restarts" if starts.by_restart else "opening it"
+    number = len(starts.latencies_ns)
+    return (
+        f"{duration(starts.median_ns)} to the first frame in the middle of {number}, "
+        f"{duration(starts.spread_ns)} from quickest to slowest, by {how}"
+    )
+
+
+def _moves(moves: "Moves | None") -> list[tuple[str, str]]:
+    if moves is None:
+        return []
+    rows = [("moves", f"{moves.effective} of {count(moves.commands, 'command')} moved it")]
+    if moves.reason:
+        rows.append(("rows", moves.reason))
+    if moves.latency_frames is not None:
+        rows.append(("it obeys after", "{} to {} frames".format(*moves.latency_frames)))
+    if moves.step_ns is not None:
+        rows.append(("phase moves in steps of", f"{moves.step_ns / 1000:.2f} µs"))
+    if moves.row_time_ns is not None:
+        rows.append(("row", f"{moves.row_time_ns / 1000:.2f} µs"))
+    if moves.injection is not None:
+        rows.append(("gain of an injection", f"{moves.injection.gain:g}"))
+    if moves.overhead_ns is not None:
+        rows.append(("overhead", f"a frame is {moves.overhead_ns / 1000:.0f} µs longer than its exposure"))
+    return rows
+
+
+def _range(exposures_ns: tuple[int, int] | None) -> str:
+    if exposures_ns is None:
+        return "not told"
+    least, most = (duration(exposure_ns) for exposure_ns in exposures_ns)
+    return least if least == most else f"{least} to {most}"

@@ -1,0 +1,239 @@
+"""`capture-app cameras`: those of this machine, and those that a running rig's leader runs.
+
+`capture-app cameras controls`, `set` and `match`: exposure, gain, white balance and focus of a rig.
+"""
+
+import asyncio
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from capture_app.camera_facts import Control, ControlValue, describe
+from capture_app.commands.camera_measurements import calibrate_time, characterize
+from capture_app.commands.options import leader_option
+from capture_app.errors import BadInputError
+from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.text import count, duration, megabytes
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.node.requests import ControlledCamera
+
+NAMES = tuple(str(control) for control in Control)
+
+
+@click.command(epilog=examples("capture-app cameras controls"))
+@leader_option
+@json_option
+def controls(leader: Address, as_json: bool) -> None:
+    """Show exposure, gain, white balance and focus of all cameras of a rig."""
+    from capture_app.node.requests import read_all
+
+    _show(asyncio.run(read_all(leader)), as_json)
+
+
+@click.command(
+    "set",
+    epilog=examples(
+        "capture-app cameras set exposure=4000 gain=2 --camera cam1",
+        "capture-app cameras set exposure=auto white-balance=auto",
+    ),
+)
+@click.argument("values", nargs=-1, required=True, metavar="CONTROL=VALUE...")
+@click.option("--camera", "cameras", multiple=True, metavar="NAME", help="Of this camera. Repeatable.")
+@leader_option
+@json_option
+def set_command(values: tuple[str, ...], cameras: tuple[str, ...], leader: Address, as_json: bool) -> None:
+    """Set controls of cameras of a rig, of all without --camera.
+
+    CONTROL is exposure (in µs), gain, white-balance (in K) or focus; VALUE a number in the camera's unit, as
+    shown by `cameras controls`, auto to let the camera choose, or hold to keep what it has chosen.
+    """
+    from capture_app.node.requests import set_cameras
+
+    wanted = dict(_wanted(value) for value in values)
+    _show(asyncio.run(set_cameras(leader, wanted, cameras)), as_json)
+
+
+@click.command(
+    epilog=examples("capture-app cameras match cam1", "capture-app cameras match cam1 --only exposure")
+)
+@click.argument("camera")
+@click.option(
+    "--only",
+    "only",
+    multiple=True,
+    type=click.Choice(NAMES),
+    show_default="all of them",
+    help="Only this control. Repeatable.",
+)
+@leader_option
+@json_option
+def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) -> None:
+    """Set all cameras of a rig like CAMERA: hold what it has chosen, and set that on all that can.
+
+    What a camera cannot be set to is said with its reason.
+    """
+    from capture_app.node.requests import match_cameras
+
+    chosen = [Control(name) for name in only] or list(Control)
+    _show(asyncio.run(match_cameras(leader, camera, chosen)), as_json)
+
+
+def _wanted(text: str) -> tuple[Control, ControlValue]:
+    name, _, value = text.partition("=")
+    if name not in NAMES:
+        raise BadInputError(f"{text!r} is not CONTROL=VALUE", hint=f"CONTROL is one of {', '.join(NAMES)}")
+    if value == "auto":
+        return Control(name), "auto"
+    if value == "hold":
+        return Control(name), "hold"
+    try:
+        number = float(value)
+        round(number)  # neither infinite nor NaN
+    except (ValueError, OverflowError):
+        raise BadInputError(
+            f"{name}={value}: no number, auto or hold", hint="example: exposure=4000"
+        ) from None
+    return Control(name), number
+
+
+def _show(found: "Sequence[ControlledCamera]", as_json: bool) -> None:
+    if as_json:
+        print_json({"cameras": found})
+        return
+    if not found:
+        talk("no camera is here")
+        return
+    rows: list[tuple[Any, ...]] = [
+        (one.camera, *(describe(one.state.state(control)) for control in Control)) for one in found
+    ]
+    print_table(("camera", *NAMES), rows)
+    for one in found:
+        for problem in dict.fromkeys(one.state.problems.values()):
+            talk(f"{one.camera}: {problem}")
+
+
+@click.group(
+    invoke_without_command=True,
+    epilog=examples("capture-app cameras"),
+)
+@json_option
+@click.pass_context
+def cameras(ctx: click.Context, as_json: bool) -> None:
+    """List the cameras of this machine and the simulated camera models.
+
+    With a command: measure one, or start, show, calibrate or remove cameras of a running rig.
+    """
+    from capture_app.cameras.specs import list_cameras
+
+    if ctx.invoked_subcommand is not None:
+        if as_json:
+            raise click.UsageError(f"--json comes after {ctx.invoked_subcommand}")
+        return
+    found = list_cameras()
+    if as_json:
+        print_json({"cameras": found})
+    else:
+        print_table(
+            ("spec", "model", "detail"), [(camera.spec, camera.model, camera.detail) for camera in found]
+        )
+
+
+cameras.add_command(characterize)
+cameras.add_command(calibrate_time)
+
+
+@cameras.command(
+    epilog=examples("capture-app cameras add v4l2:/dev/video0", "capture-app cameras add --simulated 5")
+)
+@click.argument("spec", required=False)
+@click.option("--name", metavar="NAME", show_default="after the device", help="Name of the camera.")
+@click.option(
+    "--simulated", type=click.IntRange(1, 64), metavar="N", help="Start so many simulated cameras instead."
+)
+@click.option("--scene", default="studio", help="With --simulated: what they see.")
+@leader_option
+@json_option
+def add(
+    spec: str | None, name: str | None, simulated: int | None, scene: str, leader: Address, as_json: bool
+) -> None:
+    """Start the camera SPEC on the leader's machine, as a process that ends with the leader.
+
+    Cameras of other machines join by themselves: capture-app node.
+    """
+    from capture_app.node.requests import give_order
+    from capture_app.node.wire.operating import AddCamera, AddSimulated
+
+    if (spec is None) == (simulated is None):
+        raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
+    if spec is not None:
+        names = asyncio.run(give_order(leader, AddCamera(spec=spec, name=name)))
+    else:
+        if name is not None:
+            raise click.UsageError("--name is for one camera, not with --simulated")
+        names = asyncio.run(give_order(leader, AddSimulated(cameras=simulated or 1, scene=scene)))
+    if as_json:
+        print_json({"added": names})
+    else:
+        for one in names:
+            print_line(one)
+
+
+@cameras.command(epilog=examples("capture-app cameras remove cam0"))
+@click.argument("name")
+@leader_option
+@json_option
+def remove(name: str, leader: Address, as_json: bool) -> None:
+    """End the camera NAME that the leader's machine runs, or forget one that is lost."""
+    from capture_app.node.requests import give_order
+    from capture_app.node.wire.operating import RemoveCamera
+
+    asyncio.run(give_order(leader, RemoveCamera(name=name)))
+    if as_json:
+        print_json({"removed": name})
+    else:
+        talk(f"removed {name}")
+
+
+@cameras.command(epilog=examples("capture-app cameras show cam0"))
+@click.argument("name")
+@leader_option
+@json_option
+def show(name: str, leader: Address, as_json: bool) -> None:
+    """Show the camera NAME of a rig: frame rate, exposure, clock exchanges, phase errors, its log.
+
+    With --json also each of the latest exchanges and errors.
+    """
+    from capture_app.node.requests import ask_detail
+
+    detail = asyncio.run(ask_detail(leader, name))
+    if as_json:
+        print_json(detail)
+        return
+    rows = [
+        ("frame rate", "-" if detail.fps is None else f"{detail.fps:.1f} frames/s"),
+        ("exposure", duration(detail.exposure_ns)),
+        ("gain", "-" if detail.gain is None else f"{detail.gain:g}"),
+    ]
+    if detail.disk_free_bytes is not None:
+        rows.append(("spool", f"{detail.spool}, {megabytes(detail.disk_free_bytes)} free"))
+    if detail.samples:
+        trips_ns = sorted(trip_ns for _, trip_ns in detail.samples)
+        middle = duration(trips_ns[len(trips_ns) // 2])
+        rows.append(
+            ("round trip", f"{duration(trips_ns[0])} at least, {middle} in the middle of {len(trips_ns)}")
+        )
+    if detail.phase_errors_ns:
+        errors_ns = sorted(map(abs, detail.phase_errors_ns))
+        worst = f"{duration(errors_ns[-1])} at most, over {count(len(errors_ns), 'frame')}"
+        rows.append(("phase error", f"{duration(errors_ns[len(errors_ns) // 2])} in the middle, {worst}"))
+    print_table((name, ""), rows)
+    for line in detail.log[-20:]:
+        print_line(line.text)
+
+
+for _command in (controls, set_command, match):
+    cameras.add_command(_command)

@@ -1,0 +1,135 @@
+"""`capture-app coverage`: what a calibration board has covered while it is held before a running rig."""
+
+import asyncio
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.board.options import board_options
+from capture_app.commands.options import leader_option, run_until_stopped
+from capture_app.errors import IncompleteError
+from capture_app.net.address import Address
+from capture_app.terminal import FiniteRange, json_option, print_json_line, print_line, talk
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from rich.live import Live
+
+    from capture_app.board.coverage import BoardCoverage
+    from capture_app.board.detector import Board
+
+FPS = 3.0
+
+
+@click.command(
+    epilog=examples("capture-app coverage", "capture-app coverage --square-mm 34.6 --leader 192.168.1.20")
+)
+@board_options
+@click.option(
+    "--width",
+    type=click.IntRange(160, 1920),
+    metavar="PX",
+    default=1280,
+    help="Width of the previews that the board is looked for in.",
+)
+@click.option(
+    "--for-s",
+    type=FiniteRange(1.0, 86_400.0),
+    metavar="S",
+    show_default="until nothing is missing",
+    help="Stop after this long at the latest.",
+)
+@leader_option
+@json_option
+def coverage(board: "Board", width: int, for_s: float | None, leader: Address, as_json: bool) -> None:
+    """Count live what a board has covered before the cameras of a rig, and say what is still missing.
+
+    Looks for the board in the cameras' previews and saves nothing. To calibrate, record a burst of the board
+    as well, during the count or after it, as docs/calibration.md shows. Ends when nothing is missing, or with
+    Ctrl-C.
+    """
+    show = print_json_line if as_json else _Screen()
+    found = run_until_stopped(_count(leader, board, width, for_s, show))
+    if found.missing:
+        raise IncompleteError(f"still missing: {'; '.join(found.missing[:3])}")
+    if not as_json:
+        print_line("nothing is missing: a burst of such views calibrates the rig")
+
+
+async def _count(
+    leader: Address,
+    board: "Board",
+    width: int,
+    for_s: float | None,
+    show: "Callable[[BoardCoverage], None]",
+) -> "BoardCoverage":
+    from capture_app.board.coverage import CoverageCount, PreviewCount
+    from capture_app.node.requests import ask_status
+    from capture_app.node.rig_link import LinkLost, RigLink
+    from capture_app.node.wire.status import Preview
+
+    nodes = (await ask_status(leader)).nodes
+    cameras = {n.name: (n.camera.width, n.camera.height) for n in nodes if n.camera.width}
+    if not cameras:
+        raise IncompleteError(f"no camera has joined {leader}", hint="capture-app status shows who has")
+    count = PreviewCount(board, cameras)
+    link = RigLink(leader)
+    await link.want_previews(cameras=None, width=width, fps=FPS)
+    shown = CoverageCount(board, cameras).coverage()
+    show(shown)
+    lost = False
+    try:
+        async with asyncio.timeout(for_s):
+            async for update in link.updates():
+                # The link is opened again by itself, and asks for the previews again.
+                if isinstance(update, LinkLost):
+                    talk(f"{update.reason}; trying again, and what is counted so far stays")
+                    lost = True
+                    continue
+                if lost:
+                    talk("the rig is back: the count goes on")
+                    lost = False
+                if not isinstance(update, Preview) or update.camera not in cameras:
+                    continue
+                now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, update.jpeg)
+                if now != shown:
+                    show(now)
+                    shown = now
+                if now.enough:
+                    break
+    except TimeoutError:
+        pass
+    return shown
+
+
+class _Screen:
+    """Draws the table anew in its place on a terminal; elsewhere a line whenever something has changed."""
+
+    def __init__(self) -> None:
+        self._live: Live | None = None
+
+    def __call__(self, found: "BoardCoverage") -> None:
+        """Show what is covered now."""
+        from capture_app.board.coverage import coverage_table
+
+        if not sys.stdout.isatty():
+            views = ", ".join(f"{name} {seen.views}" for name, seen in found.cameras.items())
+            print_line(f"views: {views}; {(*found.missing, 'nothing is missing')[0]}")
+            return
+        from rich.console import Group
+        from rich.live import Live
+        from rich.table import Table
+        from rich.text import Text
+
+        head, rows = coverage_table(found)
+        table = Table(*head)
+        for row in rows:
+            table.add_row(*(Text(cell) for cell in row))
+        drawn = Group(table, *(Text(line) for line in found.missing[:4]))
+        if self._live is None:
+            self._live = Live(drawn, auto_refresh=False)
+            self._live.start()
+            click.get_current_context().call_on_close(self._live.stop)
+        self._live.update(drawn, refresh=True)

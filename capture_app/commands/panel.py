@@ -1,0 +1,330 @@
+"""`capture-app panel read`.
+
+`capture-app panel show`.
+
+`capture-app panel sketch`.
+
+The group of `capture-app panel`.
+"""
+
+import asyncio
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import ANY_PATH, FOLDER, run_until_stopped
+from capture_app.errors import SimulshotError
+from capture_app.panel.screen import DEFAULT_PORT, PageServer
+from capture_app.terminal import (
+    FiniteRange,
+    json_option,
+    print_json,
+    print_line,
+    print_table,
+    show_count,
+    talk,
+)
+from capture_app.text import count, duration, pretty_json
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.panel.pair_errors import Held, PairTable, RigErrors
+    from capture_app.panel.session_times import SessionTimes
+
+RESULT = "panel.json"
+RATE_LIMIT_PPM = 3_000.0
+"""A panel whose clock differs by more than this from the session's is not the one that its markers tell."""
+
+
+@click.command(epilog=examples("capture-app panel read sessions/burst-001"))
+@click.argument("session", type=ANY_PATH)
+@click.option("--out", type=FOLDER, metavar="DIR", help=f"Folder to write {RESULT} to, with all figures.")
+@json_option
+def read(session: Path, out: Path | None, as_json: bool) -> None:
+    """Read a panel in the pictures of SESSION: how far apart the cameras took each instant.
+
+    Finds the panel by its markers, so that nothing need be said of it, in imported sessions too. Total is
+    what the panel shows, phase what the session's own stamps say, clock the rest: errors of the cameras'
+    clocks.
+    """
+    from capture_app.panel.pair_errors import rig_errors
+    from capture_app.panel.session_times import read_session
+    from capture_app.session.files.output_folder import OutputFolder, replaces_only
+    from capture_app.session.reading.reader import Session
+
+    times = read_session(Session.open(session), show_count("pictures"))
+    errors = rig_errors(times)
+    found = _as_json(times, errors)
+    if out is not None:
+        with OutputFolder(out, replaces_only({RESULT})) as output:
+            (output.folder / RESULT).write_bytes(pretty_json(found))
+    if as_json:
+        print_json(found)
+        return
+    _print_pictures(times)
+    if errors.all is None:
+        print_line("No instant has two pictures that could be read: no camera can be compared with another.")
+        return
+    _print_errors(errors)
+    _print_judgement(times, errors)
+
+
+def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
+    import msgspec
+
+    return {
+        "panel": times.panel,
+        "tick_ns": times.tick_ns,
+        "cycle_ns": times.cycle_ns,
+        "exposures_known": times.exposures_known,
+        "pictures": [
+            {
+                "camera": picture.camera,
+                "instant": picture.instant,
+                "panel_ns": picture.panel_ns,
+                "uncertainty_ns": picture.uncertainty_ns,
+                "stamp_ns": picture.stamp_ns,
+                "stamp_uncertainty_ns": picture.stamp_uncertainty_ns,
+                "exposure_ns": picture.reading.shutter.exposure_ns,
+                "row_time_ns": picture.reading.shutter.row_time_ns,
+                "markers": picture.reading.markers,
+                "misfit": picture.reading.misfit,
+            }
+            for picture in times.pictures
+        ],
+        "refusals": [
+            {"camera": refusal.camera, "instant": refusal.instant, "reason": refusal.reason}
+            for refusal in times.refusals
+        ],
+        "errors": msgspec.to_builtins(errors),
+    }
+
+
+def _print_pictures(times: "SessionTimes") -> None:
+    rows = []
+    for name in times.cameras:
+        mine = [picture for picture in times.pictures if picture.camera == name]
+        refused = sum(refusal.camera == name for refusal in times.refusals)
+        if not mine:
+            rows.append((name, "0", str(refused), "-", "-", "-"))
+            continue
+        middle = sorted(mine, key=lambda picture: picture.uncertainty_ns)[len(mine) // 2]
+        rows.append(
+            (
+                name,
+                str(len(mine)),
+                str(refused),
+                f"±{duration(middle.uncertainty_ns)}",
+                duration(middle.reading.shutter.exposure_ns),
+                duration(middle.reading.shutter.row_time_ns),
+            )
+        )
+    ticks, cycle = duration(times.tick_ns), duration(times.cycle_ns)
+    print_line(f"panel {times.panel}: a tick of {ticks}, the same again after {cycle}")
+    print_table(("camera", "read", "refused", "95 % error", "exposure", "row time"), rows)
+    for refusal in times.refusals:
+        print_line(f"{refusal.camera}, instant {refusal.instant}, refused: {refusal.reason}")
+
+
+def _print_errors(errors: "RigErrors") -> None:
+    assert errors.all is not None, "asked before"
+    print_line("")
+    head = ("cameras", "error", "mean abs", "std", "largest", "mean", "instants")
+    rows: list[tuple[str, ...]] = []
+    for table in errors.pairs:
+        rows += _rows(" - ".join(table.cameras), table)
+    if len(errors.pairs) > 1:
+        rows += _rows("all pairs", errors.all)
+    print_table(head, rows)
+
+
+def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
+    kinds = (("total", table.total), ("phase", table.phase), ("clock", table.clock))
+    return [
+        (
+            name if kind == "total" else "",
+            kind,
+            duration(of.mean_abs_ns),
+            duration(of.std_ns),
+            duration(of.max_ns),
+            duration(of.bias_ns, signed=True),
+            str(table.count) if kind == "total" else "",
+        )
+        for kind, of in kinds
+    ]
+
+
+def _print_judgement(times: "SessionTimes", errors: "RigErrors") -> None:
+    assert errors.all is not None, "asked before"
+    print_line("")
+    print_line(
+        f"The panel tells such a difference to ±{duration(errors.all.reading_uncertainty_ns)} (95 %): "
+        "smaller ones are not seen."
+    )
+    if times.is_screen:
+        print_line(
+            f"A screen of {1e9 / times.tick_ns:.0f} Hz changes every {duration(times.tick_ns)}, row by row; "
+            "a panel of LEDs tells microseconds."
+        )
+    if not times.exposures_known:
+        print_line(
+            "The session does not tell all exposures and row times: stamps may be of another moment than the "
+            "middle of the exposure, which then is part of the clock's error."
+        )
+    if errors.within_uncertainty is None:
+        print_line("The session states no error bars to hold this against.")
+    else:
+        print_line(f"Clock errors inside the session's own error bars: {_of(errors.within_uncertainty)}.")
+    if errors.within_bound is not None:
+        print_line(f"Inside its hard bounds: {_of(errors.within_bound)}.")
+    if errors.totals_near_truth is not None and errors.largest_reading_error_ns is not None:
+        print_line(
+            f"By the ground truth, totals are off by at most {duration(errors.largest_reading_error_ns)}; "
+            f"inside the panel's error bars {_of(errors.totals_near_truth)}."
+        )
+    rate_ppm = errors.rate_error_ppm or 0.0
+    if abs(rate_ppm) > RATE_LIMIT_PPM + (errors.rate_uncertainty_ppm or 0.0):
+        print_line(
+            f"The panel runs {rate_ppm / 1e4:+.1f} % off the session's clock: is it the one that its markers "
+            "tell, at that rate? If not, nothing of the above holds."
+        )
+
+
+def _of(held: "Held") -> str:
+    return f"{held.held} of {count(held.count, 'pair')}"
+
+
+@click.command(epilog=examples("capture-app panel show", "capture-app panel show --host 0.0.0.0"))
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    help="Address that the page listens on; 0.0.0.0 shows it to phones of the network.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=DEFAULT_PORT,
+    metavar="PORT",
+    help="TCP port of the page; 0 chooses a free one.",
+)
+@click.option(
+    "--save",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the page to FILE (.html) instead, to open on a screen without a network.",
+)
+@json_option
+def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
+    """Show a time code on a screen: a page for any browser, until Ctrl-C.
+
+    Open it on one screen that all cameras see, in full screen. It measures the screen's refresh rate, numbers
+    the refreshes and draws each one's number. With --host 0.0.0.0 a phone can show it: scan the code.
+    """
+    from capture_app.panel.screen import page_headers, page_html
+
+    if save is not None:
+        _save(save, page_html(), as_json)
+        return
+    with PageServer(host, port, page_html(), page_headers()) as server:
+        run_until_stopped(_serve(server, as_json))
+
+
+def _save(file: Path, page: bytes, as_json: bool) -> None:
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise click.BadParameter(f"{file} does not end in .html", param_hint="--save")
+    try:
+        file.write_bytes(page)
+    except OSError as error:
+        raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
+    if as_json:
+        print_json({"file": str(file)})
+    else:
+        print_line(str(file))
+
+
+async def _serve(server: PageServer, as_json: bool) -> None:
+    from capture_app.net.address import ANY_HOST, Address, reachable_host
+
+    host, port = server.server_name, server.server_port
+    outside = host in ANY_HOST
+    url = f"http://{Address(reachable_host(host, server.socket.family), port)}/"
+    if as_json:
+        print_json({"url": url})
+    else:
+        print_line(url)
+    if outside and sys.stderr.isatty():
+        import segno
+
+        segno.make(url, micro=False).terminal(sys.stderr, compact=True)
+    who = "every machine of the network" if outside else "this machine only (--host 0.0.0.0: phones too)"
+    talk(f"the page is for {who}; Ctrl-C ends it")
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        await asyncio.Event().wait()
+    finally:
+        server.shutdown()
+
+
+@click.command(epilog=examples("capture-app panel sketch --out panel"))
+@click.option(
+    "--out",
+    type=FOLDER,
+    required=True,
+    metavar="DIR",
+    help="Folder for the sketch, its wiring and the frame.",
+)
+@click.option(
+    "--panel",
+    "name",
+    default="led-200us",
+    metavar="NAME",
+    help="led-200us (repeats after 20 ms), led-10ms (1 s), or led-pair: both side by side.",
+)
+@click.option(
+    "--pitch-mm", type=FiniteRange(4, 30), default=10.0, metavar="MM", help="From one LED to the next."
+)
+@click.option(
+    "--page",
+    type=click.Choice(["a4", "a3", "letter"], case_sensitive=False),
+    default="a4",
+    help="Paper to print the frame on.",
+)
+@json_option
+def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> None:
+    """Write what it takes to build the paper's LED panel: microseconds, where a screen tells milliseconds.
+
+    A sketch for an Arduino Uno or Nano, its wiring, and the frame with its markers to print at true size. The
+    sketch has been run in a simulated board; nobody has built this panel yet.
+    """
+    from capture_app.errors import BadInputError
+    from capture_app.panel.led_build import write_sketch
+    from capture_app.panel.pattern import panel_named
+
+    panel = panel_named(name)
+    if panel.is_screen:
+        raise BadInputError(f"{name} is a screen's", hint="capture-app panel show draws it")
+    files = write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)
+    if as_json:
+        print_json(
+            {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": [str(file) for file in files]}
+        )
+        return
+    for file in files:
+        print_line(str(file))
+    talk(f"begin with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %")
+
+
+@click.group(epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"))
+def panel() -> None:
+    """Show the time to all cameras at once, and read from their pictures how far apart they are.
+
+    The whole way is in docs/panel.md.
+    """
+
+
+for command in (show, read, sketch):
+    panel.add_command(command)

@@ -1,0 +1,78 @@
+"""`capture-app preview`: what a camera of a rig sees at this moment, as a small picture."""
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import leader_option
+from capture_app.errors import IncompleteError, NetworkError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.node.wire.status import Preview
+
+
+@click.command(
+    epilog=examples("capture-app preview cam0", "capture-app preview cam0 --width 1280 --out view.jpg")
+)
+@click.argument("camera")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    show_default="CAMERA.jpg",
+    help="File for the picture, a JPEG; one that is there is replaced.",
+)
+@click.option(
+    "--width", type=click.IntRange(16, 1920), metavar="PX", default=640, help="Width of the picture at most."
+)
+@click.option(
+    "--wait-s", type=FiniteRange(0.1, 3600.0), metavar="S", default=10.0, help="Wait for it up to this long."
+)
+@leader_option
+@json_option
+def preview(camera: str, out: Path | None, width: int, wait_s: float, leader: Address, as_json: bool) -> None:
+    """Save a small picture of what CAMERA sees, and print the path of the file.
+
+    A preview never disturbs a burst: while one is taken or sent, it waits.
+    """
+    seen = asyncio.run(_next_preview(leader, camera, width, wait_s))
+    path = out or Path(f"{camera}.jpg")
+    try:
+        path.write_bytes(seen.jpeg)
+    except OSError as error:
+        raise SimulshotError(f"cannot write {path}: {error.strerror}") from error
+    if as_json:
+        facts = {"camera": seen.camera, "leader_ns": seen.leader_ns}
+        print_json({**facts, "width": seen.width, "height": seen.height, "file": str(path)})
+    else:
+        print_line(str(path))
+
+
+async def _next_preview(leader: Address, camera: str, width: int, wait_s: float) -> "Preview":
+    from capture_app.node.requests import ask_status
+    from capture_app.node.rig_link import LinkLost, RigLink
+    from capture_app.node.wire.status import Preview
+
+    known = [node.name for node in (await ask_status(leader)).nodes]
+    if camera not in known:
+        there = f"there are {', '.join(known)}" if known else "no camera has joined it"
+        raise IncompleteError(f"{leader} has no camera named {camera}", hint=there)
+    link = RigLink(leader)
+    await link.want_previews(cameras=(camera,), width=width, fps=5)
+    try:
+        async with asyncio.timeout(wait_s):
+            async for update in link.updates():
+                if isinstance(update, Preview):
+                    return update
+                if isinstance(update, LinkLost):
+                    raise NetworkError(update.reason)
+    except TimeoutError:
+        pass
+    raise IncompleteError(
+        f"{camera} showed nothing within {wait_s:g} s", hint="capture-app status says how it is"
+    )

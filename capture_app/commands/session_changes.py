@@ -1,0 +1,290 @@
+"""Rename, note, trash, repair, sheet, wiggle.
+
+`capture-app sessions` rename, note, trash, restore and empty-trash: keeping a folder of sessions tidy.
+
+`capture-app sessions repair`: complete sessions after a crash, a power cut or a full disk.
+
+`capture-app sessions` sheet and wiggle: a take as a picture to show around.
+"""
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import ANY_PATH, AddressType
+from capture_app.commands.session_text import format_date
+from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.session.files.disk import disk_error
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.output_folder import clear_leftovers
+from capture_app.session.library.changes import rename_session, set_note
+from capture_app.session.library.trash import (
+    empty_trash,
+    restore_session,
+    trash_session,
+    trashed_sessions,
+)
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.verdict import judge
+from capture_app.terminal import (
+    FiniteRange,
+    json_option,
+    print_json,
+    print_line,
+    print_table,
+    show_count,
+    talk,
+)
+from capture_app.text import count
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.node.leader.repair import RepairResult
+
+_root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
+
+
+@click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
+@click.argument("session", type=ANY_PATH)
+@click.argument("name")
+@json_option
+def rename(session: Path, name: str, as_json: bool) -> None:
+    """Rename SESSION to NAME: its folder, its manifest and the results made from it."""
+    folder = rename_session(session, name)
+    if as_json:
+        print_json({"session": str(folder), "before": str(session)})
+    else:
+        print_line(str(folder))
+
+
+@click.command(epilog=examples("capture-app sessions note sessions/burst-001 'second try, with wind'"))
+@click.argument("session", type=ANY_PATH)
+@click.argument("text")
+@json_option
+def note(session: Path, text: str, as_json: bool) -> None:
+    """Save TEXT, one line, as the note of SESSION; '' removes it."""
+    set_note(session, text)
+    if as_json:
+        print_json({"session": str(session), "note": text})
+    else:
+        print_line(f"{session}: {text}" if text else f"{session}: no note")
+
+
+@click.command(epilog=examples("capture-app sessions trash sessions/burst-001"))
+@click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
+@json_option
+def trash(paths: tuple[Path, ...], as_json: bool) -> None:
+    """Move sessions and their results to the trash beside them, from which `restore` brings them back."""
+    trashed = []
+    for session in paths:
+        trashed.append({"session": str(session), "id": trash_session(session).id})
+        if not as_json:
+            print_line(f"{session}: in the trash; restore it with: capture-app sessions restore {session}")
+    if as_json:
+        print_json({"trashed": trashed})
+
+
+@click.command(epilog=examples("capture-app sessions restore sessions/burst-001"))
+@click.argument("session", type=ANY_PATH, required=False)
+@click.option("--as", "name", default="", metavar="NAME", show_default="as before", help="A new name for it.")
+@click.option(
+    "--root",
+    type=ANY_PATH,
+    metavar="DIR",
+    show_default="the folder of SESSION, else ./sessions",
+    help="Folder of sessions whose trash is meant.",
+)
+@json_option
+def restore(session: Path | None, name: str, root: Path | None, as_json: bool) -> None:
+    """Bring SESSION back from the trash: its earlier path, or its id there; the latest one if not given."""
+    default = Path("sessions")
+    if session is not None and len(session.parts) > 1:
+        default = session.parent
+    folder = restore_session(root or default, "" if session is None else session.name, name=name)
+    if as_json:
+        print_json({"session": str(folder)})
+    else:
+        print_line(str(folder))
+
+
+def list_trash(root: Path, as_json: bool) -> None:
+    """Print what is in the trash of a folder of sessions."""
+    found = trashed_sessions(root)
+    if as_json:
+        print_json({"root": str(root), "trash": found})
+    elif found:
+        print_table(("id", "name", "trashed (UTC)"), [(o.id, o.name, format_date(o.trashed)) for o in found])
+    else:
+        talk(f"the trash of {root} is empty")
+
+
+@click.command(
+    "empty-trash",
+    epilog=examples("capture-app sessions empty-trash sessions"),
+)
+@_root_argument
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+def empty(root: Path, yes: bool, as_json: bool) -> None:
+    """Delete for good what is in the trash of the folder ROOT (default: ./sessions)."""
+    found = trashed_sessions(root)
+    if found and not yes:
+        if not sys.stdin.isatty():
+            raise NotAvailableError(
+                f"this would delete {count(len(found), 'session')} for good", hint="--yes does not ask"
+            )
+        click.confirm(f"Delete {count(len(found), 'session')} in {root} for good?", abort=True, err=True)
+    deleted = empty_trash(root)
+    if as_json:
+        print_json({"root": str(root), "deleted": deleted})
+    else:
+        print_line(f"{root}: {deleted} deleted")
+
+
+WAIT_S = 20.0
+
+
+@click.command(
+    epilog=examples(
+        "capture-app sessions repair sessions/burst-001", "capture-app sessions repair sessions --wait-s 0"
+    )
+)
+@click.argument("path", metavar="SESSION|ROOT", type=ANY_PATH)
+@click.option(
+    "--wait-s",
+    type=FiniteRange(min=0),
+    default=WAIT_S,
+    metavar="S",
+    help="Time for nodes to connect and send the images they still have; 0 does not wait for nodes.",
+)
+@click.option(
+    "--listen",
+    type=AddressType(),
+    default=str(Address("0.0.0.0", DEFAULT_PORT)),  # noqa: S104 - nodes are other machines
+    metavar="HOST:PORT",
+    help="Address to listen on: the one that the nodes know as their leader's.",
+)
+@json_option
+def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
+    """Complete interrupted sessions: fetch images that nodes still have and record which are lost.
+
+    Saved images are never changed; damaged ones are moved to the folder set_aside of the session. What a
+    killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
+    """
+    from capture_app.node.leader.news import News, news_line
+    from capture_app.node.leader.repair import repair as repair_sessions
+
+    def on_news(news: News) -> None:
+        if line := news_line(news):
+            talk(line)
+
+    clear_leftovers(path)
+    repaired = asyncio.run(
+        repair_sessions(path, wait_s=wait_s, host=listen.host, port=listen.port, on_news=on_news)
+    )
+    if as_json:
+        print_json({"ok": all(one.ok for one in repaired), "sessions": repaired})
+    else:
+        for one in repaired:
+            print_line(_describe_result(one))
+    failed = [one for one in repaired if not one.ok]
+    if failed:
+        raise BadInputError(f"{failed[0].session}: {failed[0].what}")
+
+
+def _describe_result(one: "RepairResult") -> str:
+    if not one.ok:
+        return f"{one.session}: {one.what}"
+    state = "completed" if one.changed else "complete already"
+    lost = f", {one.missing} missing ({one.what})" if one.missing else ""
+    return f"{one.session}: {state}, {count(one.images, 'image')} saved{lost}"
+
+
+_replace_option = click.option("--replace", is_flag=True, help="Replace an earlier file.")
+
+
+@click.command(epilog=examples("capture-app sessions sheet sessions/burst-001 --out sheet.jpg"))
+@click.argument("session", type=ANY_PATH)
+@click.option("--out", type=ANY_PATH, metavar="FILE", required=True, help="Picture to write: .jpg or .png.")
+@click.option(
+    "--width",
+    type=click.IntRange(32, 4000),
+    metavar="PX",
+    default=240,
+    help="Width of each image on the sheet.",
+)
+@_replace_option
+@json_option
+def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) -> None:
+    """Write the contact sheet of SESSION: cameras across, instants down."""
+    import cv2
+
+    from capture_app.session.reading.sheet_pictures import contact_sheet
+
+    suffix = _check_file(out, (".jpg", ".jpeg", ".png"), replace=replace)
+    opened = TakeSheet.open(session)
+    picture = contact_sheet(opened, width, show_count("images"))
+    _write(out, bytes(cv2.imencode(suffix, picture)[1].tobytes()))
+    if as_json:
+        about = {"cameras": opened.cameras, "instants": opened.instants}
+        size = {"width": picture.shape[1], "height": picture.shape[0]}
+        verdict = judge(opened.session.manifest)
+        print_json({"session": str(session), "sheet": str(out), **about, **size, "verdict": verdict})
+    else:
+        print_line(str(out))
+
+
+@click.command(epilog=examples("capture-app sessions wiggle sessions/burst-001 --out wiggle.gif"))
+@click.argument("session", type=ANY_PATH)
+@click.option(
+    "--out", type=ANY_PATH, metavar="FILE", required=True, help="Animation to write: .gif or .webp."
+)
+@click.option(
+    "--instant",
+    type=click.IntRange(0),
+    metavar="N",
+    show_default="the middle one",
+    help="Instant to show, from 0 on.",
+)
+@click.option(
+    "--width", type=click.IntRange(32, 4000), metavar="PX", default=480, help="Width of the animation."
+)
+@click.option("--fps", type=FiniteRange(0.5, 50), metavar="FPS", default=8.0, help="Images per second.")
+@_replace_option
+@json_option
+def wiggle(
+    session: Path, out: Path, instant: int | None, width: int, fps: float, replace: bool, as_json: bool
+) -> None:
+    """Write the wiggle of SESSION: all cameras at one instant, there and back along their arc."""
+    from capture_app.session.reading.sheet_pictures import encode_animation, wiggle_frames
+
+    suffix = _check_file(out, (".gif", ".webp"), replace=replace)
+    opened = TakeSheet.open(session)
+    shown = opened.instants // 2 if instant is None else instant
+    frames = list(wiggle_frames(opened, shown, width))
+    _write(out, encode_animation(frames, fps, suffix))
+    if as_json:
+        print_json({"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)})
+    else:
+        print_line(str(out))
+
+
+def _check_file(out: Path, suffixes: tuple[str, ...], *, replace: bool) -> str:
+    suffix = out.suffix.lower()
+    if suffix not in suffixes:
+        raise BadInputError(f"--out {out} has no known suffix", hint=f"it may end in {', '.join(suffixes)}")
+    if out.exists() and not replace:
+        raise BadInputError(f"{out} is there already", hint="choose another name, or --replace")
+    return suffix
+
+
+def _write(out: Path, data: bytes) -> None:
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(out, data)
+    except OSError as error:
+        raise disk_error(error, out) from error

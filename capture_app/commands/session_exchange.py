@@ -1,0 +1,242 @@
+"""Import and export.
+
+`capture-app sessions import`: a recording of another program as a session.
+
+`capture-app sessions export`: a session in the format of another program.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from capture_app.commands.options import ANY_PATH
+from capture_app.commands.session_text import print_session
+from capture_app.errors import BadInputError
+from capture_app.session.exporters.export_session import FORMATS
+from capture_app.session.reading.reader import Session
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
+from capture_app.usage import examples
+
+
+@click.command(
+    "import",
+    epilog=examples(
+        "capture-app sessions import left=left.mp4 right=right.mp4 --name walk",
+        "capture-app sessions import recording --fps 30 --calibration calibration.toml",
+    ),
+)
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
+@click.option(
+    "--fps",
+    type=float,
+    metavar="FPS",
+    help="Frame rate. Images with equal frame numbers are the same instant; videos only with --synchronized.",
+)
+@click.option(
+    "--synchronized",
+    is_flag=True,
+    help="The recorder synchronized its cameras: equal frame numbers of the videos are the same instant.",
+)
+@click.option(
+    "--timestamps",
+    type=ANY_PATH,
+    metavar="CSV",
+    help="Table of frame times with the columns camera, time, and frame or sync_index.",
+)
+@click.option(
+    "--times",
+    type=click.Choice(["auto", "video", "name", "exif"]),
+    default="auto",
+    help="Source of the frame times: timestamps in the videos, file names of the images, or EXIF.",
+)
+@click.option(
+    "--time-shift-ms",
+    "shifts",
+    metavar="CAMERA=MS",
+    multiple=True,
+    help="Add this to the times of a camera, as for phones started by hand. Repeat for several.",
+)
+@click.option(
+    "--align",
+    type=click.Choice(["auto", "none", "sound", "flash", "gopro", "timecode"]),
+    default="auto",
+    help="Align videos without common times by this; auto tries all, in this order.",
+)
+@click.option(
+    "--sound-distance-m",
+    type=FiniteRange(min=0),
+    metavar="M",
+    default=1.0,
+    help="How much farther from the clap one camera may be than another: it goes into the error bar.",
+)
+@click.option(
+    "--sound-delay-ms",
+    type=FiniteRange(min=0),
+    metavar="MS",
+    default=20.0,
+    help="How much later one camera's sound may be than its pictures, against another's; 0 for one model.",
+)
+@click.option("--start", type=int, metavar="N", default=0, help="First instant to import.")
+@click.option("--count", type=int, metavar="N", show_default="all", help="Number of instants to import.")
+@click.option("--every", type=int, metavar="N", default=1, help="Import every Nth instant.")
+@click.option(
+    "--calibration",
+    metavar="[NAME=]PATH",
+    multiple=True,
+    help="Calibration: calibration.json of a session; OpenCV .npz/.yml/.xml of a camera or a pair or a "
+    "folder of these; Caliscope or Anipose .toml; Qualisys .qca.txt; EasyMocap, COLMAP or OpenCap folder; "
+    "rig_config.json; transforms.json.",
+)
+@click.option(
+    "--unit",
+    show_default="m; arbitrary for COLMAP and nerfstudio",
+    help="Unit of lengths in the calibration: m, cm, mm, in, ft or another name.",
+)
+@click.option(
+    "--fit",
+    type=click.Choice(["exact", "crop", "scale"]),
+    default="exact",
+    help="How images relate to the calibrated size: the same, cropped at right and bottom, or scaled.",
+)
+@click.option(
+    "--uncertainty-ms", type=FiniteRange(min=0), metavar="MS", help="Uncertainty (95 %) of the times."
+)
+@click.option(
+    "--recording",
+    metavar="NAME",
+    help="Which of several recordings in the folder: Caliscope's by name, OpenCap's trial, RecSync's time.",
+)
+@click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
+@click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
+@click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
+@click.option("--out", type=ANY_PATH, metavar="DIR", default=Path("sessions"), help="Folder for the session.")
+@json_option
+def import_command(
+    sources: tuple[str, ...],
+    name: str | None,
+    out: Path,
+    fit: str,
+    times: str,
+    align: str,
+    shifts: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Import a recording as a session. SOURCE is NAME=PATH of each camera, or a folder of cameras.
+
+    A camera is a folder of images, which are copied unchanged, a video file, or a folder written by
+    libsoftwaresync, RecSync or RecSyncNG on a phone. Folders of Caliscope, FreeMoCap and OpenCap are
+    recognized, with their times and calibration. So are .mcap files, and what `sessions export` made for
+    COLMAP, nerfstudio, Pose2Sim and others, which becomes the session again that it was made of.
+    """
+    from capture_app.session.importers.aligning import AlignBy
+    from capture_app.session.importers.calibrations.reading import Fit
+    from capture_app.session.importers.embedded_times import TimeSource
+    from capture_app.session.importers.open_sources import split_name
+    from capture_app.session.importers.recording import ImportOptions, import_recording
+
+    if name is None:
+        path = split_name(sources[0])[1].resolve()
+        name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
+    chosen = ImportOptions(
+        fit=Fit(fit),
+        times=TimeSource(times),
+        align=AlignBy(align),
+        offsets_ms=_parse_time_shifts(shifts),
+        **options,
+    )
+    session = import_recording(sources, out, name, chosen, show_count("images"), talk)
+    manifest = session.manifest
+    if not as_json:
+        print_session(session)
+        return
+    print_json(
+        {
+            "session": str(session.folder),
+            "cameras": [camera.name for camera in manifest.cameras],
+            "instants": len(manifest.burst.instants_ns),
+            "images": len(manifest.images),
+            "missing": len(manifest.missing),
+            "calibrated": session.calibration() is not None,
+        }
+    )
+
+
+def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        camera, _, value = text.rpartition("=")
+        try:
+            found[camera] = float(value)
+            round(found[camera])  # neither infinite nor NaN
+        except (ValueError, OverflowError):
+            raise BadInputError(
+                f"--time-shift-ms {text} is not CAMERA=MS", hint="example: cam1=-12.5"
+            ) from None
+    return found
+
+
+_FORMATS = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.items())
+
+
+@click.command(
+    "export",
+    epilog=examples("capture-app sessions export sessions/burst-001 --to mp4 --out videos", after=_FORMATS),
+)
+@click.argument("session", type=ANY_PATH)
+@click.option("--to", "name", type=click.Choice(list(FORMATS)), required=True, help="Format: see below.")
+@click.option("--out", type=ANY_PATH, metavar="DIR", required=True, help="New or empty folder to write.")
+@click.option(
+    "--hard-link", is_flag=True, help="Hard-link image files where possible instead of copying them."
+)
+@click.option("--lossless", is_flag=True, help="Videos and redrawn pictures without loss: far larger.")
+@click.option(
+    "--instant",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="For colmap, nerfstudio, easyvolcap: one instant only, counted from 0.",
+)
+@click.option(
+    "--points",
+    type=ANY_PATH,
+    metavar="PLY",
+    help="For colmap, nerfstudio, n3dv: points to start from, as reconstruct multiview makes.",
+)
+@click.option(
+    "--masks",
+    type=ANY_PATH,
+    metavar="DIR",
+    help="For colmap, nerfstudio, easyvolcap: masks of what moves, as reconstruct movers makes.",
+)
+@click.option(
+    "--whole",
+    is_flag=True,
+    help="For n3dv: whole pictures with black around them, not cut to what fills all films.",
+)
+@click.option(
+    "--near",
+    type=FiniteRange(min=0, min_open=True),
+    metavar="DEPTH",
+    help="For n3dv: smallest depth, in the calibration's unit.",
+)
+@click.option(
+    "--far", type=FiniteRange(min=0, min_open=True), metavar="DEPTH", help="For n3dv: largest depth."
+)
+@json_option
+def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, **chosen: Any) -> None:
+    """Convert SESSION to the format of another program.
+
+    docs/exports.md describes how each format stores the times and what happens to missing images.
+    """
+    from capture_app.session.exporters.common.exported_burst import ExportOptions
+    from capture_app.session.exporters.export_session import export_session
+
+    options = ExportOptions(link=hard_link, **chosen)
+    report = export_session(Session.open(session), name, out, options, show_count("images"))
+    if as_json:
+        print_json(report)
+    else:
+        print_line(report.folder)
+    for note in report.notes:
+        talk(note)

@@ -1,0 +1,162 @@
+"""`capture-app sessions`: list, show, verify and render; the other files hold the rest."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+from capture_app.commands.options import ANY_PATH
+from capture_app.commands.session_changes import (
+    empty,
+    list_trash,
+    note,
+    rename,
+    repair,
+    restore,
+    sheet,
+    trash,
+    wiggle,
+)
+from capture_app.commands.session_exchange import export, import_command
+from capture_app.commands.session_text import print_session, print_sessions
+from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.session.files.output_folder import unfinished_outputs
+from capture_app.session.format.manifest import session_schema_text
+from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.reading.verdict import judge
+from capture_app.terminal import json_option, print_json, print_line, show_count, talk
+from capture_app.usage import examples
+
+DEFAULT_ROOT = Path("sessions")
+
+
+@click.group(epilog=examples("capture-app sessions list", "capture-app sessions show sessions/burst-001"))
+def sessions() -> None:
+    """List, show, verify, rename, annotate, trash, repair, import and export sessions."""
+
+
+for command in (export, import_command, repair, rename, note, trash, restore, empty, sheet, wiggle):
+    sessions.add_command(command)
+
+
+@sessions.command(
+    "list",
+    epilog=examples("capture-app sessions list", "capture-app sessions list ~/sessions --json"),
+)
+@click.argument("root", type=ANY_PATH, required=False)
+@click.option("--trash", "trashed", is_flag=True, help="List those in the trash of ROOT instead.")
+@json_option
+def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
+    """List the sessions in the folder ROOT (default: ./sessions)."""
+    nothing_yet = root is None and not DEFAULT_ROOT.exists()
+    root = root or DEFAULT_ROOT
+    if trashed:
+        list_trash(root, as_json)
+        return
+    found = [] if nothing_yet else list_sessions(root)
+    if as_json:
+        print_json({"root": str(root), "sessions": found})
+    elif found:
+        print_sessions(found)
+    else:
+        talk(f"no sessions in {root}")
+    for path in unfinished_outputs(root):
+        talk(f"{path} is being written, or what a killed run left of it: capture-app sessions repair {root}")
+
+
+@sessions.command(epilog=examples("capture-app sessions show sessions/burst-001"))
+@click.argument("session", type=ANY_PATH)
+@json_option
+def show(session: Path, as_json: bool) -> None:
+    """Show the cameras of a session and how well they were synchronized."""
+    opened = Session.open(session)
+    if as_json:
+        verdict = judge(opened.manifest)
+        print_json({"session": str(session), "manifest": opened.manifest, "verdict": verdict})
+    else:
+        print_session(opened)
+
+
+@sessions.command(epilog=examples("capture-app sessions verify sessions/burst-001 sessions/burst-002"))
+@click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
+@json_option
+def verify(paths: tuple[Path, ...], as_json: bool) -> None:
+    """Verify the integrity and internal consistency of sessions; fails if one has problems."""
+    from capture_app.session.reading.verify import ProblemKind
+    from capture_app.session.reading.verify import verify as verify_session
+
+    results: list[dict[str, Any]] = []
+    failure: SimulshotError | None = None
+    for path in paths:
+        try:
+            opened = Session.open(path)
+            problems = verify_session(opened)
+        except SimulshotError as error:
+            results.append({"session": str(path), "ok": False, "error": str(error), "problems": []})
+            failure = failure or error
+            continue
+        results.append({"session": str(path), "ok": not problems, "problems": problems})
+        if problems and failure is None:
+            more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
+            what = f"{path} is damaged: {problems[0]}{more}"
+            lost = all(problem.kind is ProblemKind.MISSING for problem in problems)
+            failure = IncompleteError(what) if lost else BadInputError(what)
+        if not as_json:
+            for problem in problems:
+                print_line(f"{path}: {problem}")
+            if not problems:
+                print_line(f"{path}: all {len(opened.manifest.images)} images are intact")
+    if as_json:
+        print_json({"ok": failure is None, "sessions": results})
+    if failure is not None:
+        raise failure
+
+
+@sessions.command(epilog=examples("capture-app sessions schema"))
+def schema() -> None:
+    """Print the JSON schema of session.json."""
+    click.echo(session_schema_text(), nl=False)
+
+
+@sessions.command(epilog=examples("capture-app sessions render sample_sessions/jumper --out renders"))
+@click.argument("recipes", metavar="RECIPE...", type=ANY_PATH, nargs=-1, required=True)
+@click.option("--out", type=ANY_PATH, default=DEFAULT_ROOT, metavar="DIR", help="Folder for the sessions.")
+@click.option("--name", show_default="that in the recipe", help="Name of the session.")
+@click.option(
+    "--retake",
+    is_flag=True,
+    help="Simulate the burst again instead of using the times recorded in the recipe.",
+)
+@click.option("--replace", is_flag=True, help="Replace an earlier rendering.")
+@json_option
+def render(
+    recipes: tuple[Path, ...], out: Path, name: str | None, retake: bool, replace: bool, as_json: bool
+) -> None:
+    """Render simulated sessions. RECIPE is a recipe.json or a session that was rendered from one.
+
+    Where the recipe has no frame times yet, a simulated rig takes the burst, and the recipe.json in the
+    session records them. The same recipe always gives the same bytes.
+    """
+    from capture_app.samples.recipe import read_recipe
+    from capture_app.samples.render import render as render_recipe
+
+    if name is not None and len(recipes) > 1:
+        raise BadInputError("--name is for one recipe", hint="render the recipes one by one")
+    results = []
+    for path in recipes:
+        recipe = read_recipe(path)
+        if name is not None:
+            recipe = msgspec.structs.replace(recipe, name=name)
+        if retake:
+            recipe = msgspec.structs.replace(recipe, take=None)
+        rendered = render_recipe(recipe, out, replace=replace, progress=show_count("images"))
+        folder = str(rendered.session.folder)
+        results.append({"session": folder, "same_bytes_as_before": rendered.same})
+        if not as_json:
+            if rendered.same is not None:
+                print_line(f"{folder}: {'unchanged' if rendered.same else 'changed'}")
+            else:
+                print_session(rendered.session)
+    if as_json:
+        print_json({"sessions": results})

@@ -1,0 +1,148 @@
+"""`capture-app status`: the nodes of a running leader."""
+
+import asyncio
+import time
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import click
+from msgspec import to_builtins
+
+from capture_app.commands.options import leader_option, run_until_stopped
+from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_json_line, print_line, print_table, talk
+from capture_app.text import clock_offset, count
+from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.node.wire.status import NodeStatus, RigStatus
+
+
+@click.command(epilog=examples("capture-app status", "capture-app status --leader 192.168.1.20 --watch"))
+@leader_option
+@click.option("--watch", is_flag=True, help="Then show what happens, until Ctrl-C.")
+@json_option
+def status(leader: Address, watch: bool, as_json: bool) -> None:
+    """Show the nodes of a running leader, those of its relays included: state, clock, phase, drops.
+
+    "clock bound" is the largest possible clock error, that of the relays included. "stamps" is how well it is
+    known (95 %) how late a camera stamps its frames; those of simulated ones are exact. "apart", with
+    reference broadcast, is the uncertainty (95 %) between nodes that receive the same beacons.
+
+    With --watch a line follows for all that happens; with --json an object a line, and a new status whenever
+    it has changed, at most ten a second.
+    """
+    from capture_app.node.requests import ask_status
+
+    rig = asyncio.run(ask_status(leader))
+    if as_json and watch:
+        print_json_line({"event": "status", "rig": rig})
+    elif as_json:
+        print_json(rig)
+    else:
+        _print_rig(rig)
+    if watch:
+        run_until_stopped(_watch(leader, rig, as_json))
+
+
+async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
+    from capture_app.node.rig_link import LinkLost, RigLink
+    from capture_app.node.wire.status import NewsLine, RigStatus
+
+    began_ns, advice = time.time_ns(), rig.advice
+    async for update in RigLink(leader).updates():
+        match update:
+            case RigStatus():
+                if as_json:
+                    print_json_line({"event": "status", "rig": update})
+                elif update.advice != advice:
+                    print_line(f"{_clock_time(time.time_ns())} {update.advice}")
+                advice = update.advice
+            # What is older is told by a connection that begins.
+            case NewsLine() if update.unix_ns >= began_ns:
+                if as_json:
+                    print_json_line({"event": "news", **to_builtins(update)})
+                else:
+                    print_line(f"{_clock_time(update.unix_ns)} {update.text}")
+            case LinkLost():
+                if as_json:
+                    print_json_line({"event": "link-lost", "reason": update.reason})
+                else:
+                    talk(update.reason)
+
+
+def _clock_time(unix_ns: int) -> str:
+    return f"{datetime.fromtimestamp(unix_ns / 1e9, UTC).astimezone():%H:%M:%S}"
+
+
+def _print_rig(rig: "RigStatus") -> None:
+    from capture_app.node.leader.snapshots import in_tree_order
+
+    who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
+    rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"
+    print_line(f"{who}, {count(len(rig.nodes), 'node')}, {rate}")
+    if rig.is_open:
+        print_line("OPEN: it asks no machine who it is")
+    for line in dict.fromkeys((rig.message, rig.advice)):
+        if line:
+            print_line(line)
+    if rig.nodes:
+        rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
+        if all(node.relative_uncertainty_ns is None for node in rig.nodes):
+            for row in rows:
+                del row["apart µs"]
+        if all(_stamp_error_ns(node) is None for node in rig.nodes):
+            for row in rows:
+                del row["stamps µs"]
+        print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
+    if rig.app_phones:
+        print_table(
+            ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"), _phone_rows(rig)
+        )
+    for ahead in rig.ahead:
+        begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns), signed=False)
+        cancel = f"capture-app burst --cancel {ahead.burst}"
+        print_line(f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back")
+    for path in rig.sessions:
+        print_line(f"saved {path}")
+
+
+def _phone_rows(rig: "RigStatus") -> list[tuple[str, ...]]:
+    return [
+        (
+            phone.name,
+            phone.state,
+            _microseconds(phone.uncertainty_ns),
+            _microseconds(phone.hard_bound_ns),
+            "-" if phone.skew_ppm is None else f"{phone.skew_ppm:+.1f}",
+            phone.address,
+        )
+        for phone in rig.app_phones
+    ]
+
+
+def _node_row(node: "NodeStatus") -> dict[str, str]:
+    return {
+        "node": "  " * (node.depth - 1) + node.name,
+        "state": str(node.state),
+        "clock bound µs": _microseconds(node.hard_bound_ns),
+        "stamps µs": _microseconds(_stamp_error_ns(node)),
+        "apart µs": _microseconds(node.relative_uncertainty_ns),
+        "round trip µs": _microseconds(node.round_trip_ns),
+        "phase error µs": _microseconds(node.phase_error_ns),
+        "drops": str(node.drops),
+        "camera": node.camera.model,
+        "message": node.message,
+    }
+
+
+def _stamp_error_ns(node: "NodeStatus") -> int | None:
+    """How well it is known how late a node's stamps are; None where they are exact, or it has no camera."""
+    from capture_app.sync.wire.messages import WITHOUT_CAMERA
+
+    stamp = node.camera.stamp_accuracy
+    return None if node.camera.kind in WITHOUT_CAMERA or stamp.is_exact else stamp.uncertainty_ns
+
+
+def _microseconds(time_ns: int | None) -> str:
+    return "-" if time_ns is None else f"{time_ns / 1000:.1f}"

@@ -1,0 +1,283 @@
+"""The leader's side of the app's protocol: phones come by heartbeat, are asked for their time, and told ours.
+
+Their own leader sets the offset once an hour and knows no skew; here each phone is told a new one every
+second, as it will be half a second later.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from msgspec import Struct
+
+from capture_app.interop.app_protocol import (
+    CALL_PORT,
+    TIME_ANSWER,
+    TIME_PORT,
+    TIME_REQUEST,
+    AppOrders,
+    AppPhone,
+    Method,
+    decode_call,
+    encode_call,
+    read_heartbeat,
+)
+from capture_app.names import name_like
+
+Address = tuple[str, int]
+MOST_PHONES = 32
+TELL_EVERY_NS = 1_000_000_000
+ALIGN_EVERY_NS = 5_000_000_000
+SILENT_NS, FORGOTTEN_NS = 5_000_000_000, 60_000_000_000
+EXCHANGES_PER_S = 1000.0
+"""Of all phones together."""
+
+
+@dataclass(frozen=True, slots=True)
+class AppPhoneJoined:
+    """A phone with the app is here."""
+
+    name: str
+    host: str
+
+
+@dataclass(frozen=True, slots=True)
+class AppPhoneSynced:
+    """A phone has been told the time, known to this 95 % uncertainty in ns."""
+
+    name: str
+    uncertainty_ns: float
+
+
+@dataclass(frozen=True, slots=True)
+class AppPhoneLost:
+    """A phone is not heard any more."""
+
+    name: str
+
+
+AppEvent = AppPhoneJoined | AppPhoneSynced | AppPhoneLost
+
+
+class AppPhoneStatus(Struct, frozen=True, kw_only=True):
+    """A phone with the app; times in ns, None where not known yet. Its camera tells nothing of itself."""
+
+    name: str
+    address: str
+    state: str
+    """synchronizing, synced or lost."""
+    uncertainty_ns: int | None = None
+    """95 %, of the time that it was told, at its worst before it is told again."""
+    hard_bound_ns: int | None = None
+    skew_ppm: float | None = None
+    round_trip_ns: int | None = None
+    samples: int = 0
+    last_seen_ns: int = 0
+
+
+class AppLeader:
+    """Leads phones with the app; `now_ns` is the leader's clock. It has two ports, each with its engine."""
+
+    def __init__(self, *, aligns: bool) -> None:
+        """With `aligns` phones are told to move their phase to the app's own goal, now and then."""
+        self.calls = _CallPort(self)
+        self.times = _TimePort(self)
+        self.orders = AppOrders()
+        self._aligns = aligns
+        self._phones: dict[str, AppPhone] = {}
+        self._out: list[tuple[bytes, Address]] = []
+        self._events: deque[AppEvent] = deque()
+
+    def order_stills(self, instants_ns: Sequence[int], period_ns: int, now_ns: int) -> tuple[int, ...]:
+        """Have all phones take a picture at those of these instants that they can; return which."""
+        return self.orders.add_stills(instants_ns, period_ns, now_ns) if self.present() else ()
+
+    def start_recording(self) -> None:
+        """Have phones with RecSync begin a video. Sent once: the app does not bear it twice."""
+        self.orders.is_recording = True
+        self._call_all(Method.START_RECORDING)
+
+    def stop_recording(self) -> None:
+        """Have phones with RecSync end their video."""
+        self.orders.is_recording = False
+        self._call_all(Method.STOP_RECORDING)
+
+    def set_exposure(self, exposure_ns: int, iso: int) -> None:
+        """Have all phones expose each frame for so long, at this sensitivity."""
+        self._call_all(Method.SET_EXPOSURE, f"{exposure_ns},{iso}")
+
+    def present(self) -> list[AppPhone]:
+        """Phones that are here."""
+        return [phone for phone in self._phones.values() if not phone.lost]
+
+    def statuses(self, now_ns: int) -> tuple[AppPhoneStatus, ...]:
+        """All phones that are or were here, by name."""
+        return tuple(_status(phone, now_ns) for phone in sorted(self._phones.values(), key=lambda p: p.name))
+
+    def next_event(self) -> AppEvent | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None
+
+    # The parts, for the two ports
+
+    def receive_call(self, data: bytes, host: str, now_ns: int) -> None:
+        """Take in a call; all but heartbeats are a leader's to make."""
+        call = decode_call(data)
+        beat = read_heartbeat(call[1]) if call is not None and call[0] == Method.HEARTBEAT else None
+        if call is None or beat is None:
+            return
+        phone = self._phones.get(host)
+        if phone is None or phone.lost:
+            if phone is None and len(self._phones) >= MOST_PHONES:
+                return
+            phone = self._phones[host] = AppPhone(self._free_name(beat.name, host), host, now_ns)
+            self._events.append(AppPhoneJoined(phone.name, host))
+            self._set_pace()
+        phone.last_heard_ns, phone.says_synced = now_ns, beat.is_synced
+        # To where it came from: the address that it tells may be one of its other networks.
+        self._out.append((encode_call(Method.HEARTBEAT_ACK, call[1]), (host, CALL_PORT)))
+
+    def receive_answer(self, data: bytes, host: str, now_ns: int) -> None:
+        """Take in a time answer that arrived at `now_ns`."""
+        phone = self._phones.get(host)
+        if phone is not None and not phone.lost and len(data) == TIME_ANSWER.size:
+            t0_ns, t1_ns, t2_ns = TIME_ANSWER.unpack(data)
+            phone.take_answer(t0_ns, t1_ns, t2_ns, now_ns)
+
+    def ask(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return the time requests that are due, stamped with `now_ns`."""
+        due = [phone for phone in self.present() if phone.take_request(now_ns)]
+        return [(TIME_REQUEST.pack(now_ns), (phone.host, TIME_PORT)) for phone in due]
+
+    def calls_to_send(self) -> list[tuple[bytes, Address]]:
+        """Return the calls that are due."""
+        out, self._out = self._out, []
+        return out
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Tell each phone its offset, let it align, repeat triggers, and notice who is gone."""
+        for phone in list(self._phones.values()):
+            silent_ns = now_ns - phone.last_heard_ns
+            if silent_ns >= FORGOTTEN_NS:
+                del self._phones[phone.host]
+            elif silent_ns >= SILENT_NS and not phone.lost:
+                phone.lost = True
+                self._events.append(AppPhoneLost(phone.name))
+                self._set_pace()
+            elif not phone.lost and phone.synced and now_ns >= (phone.tell_due_ns or now_ns):
+                self._tell(phone, now_ns)
+        for trigger_ns in self.orders.triggers_due(now_ns):
+            self._call_all(Method.SET_TRIGGER_TIME, str(trigger_ns))
+
+    def next_timer(self) -> int | None:
+        """Leader time in ns at which `handle_timer` wants to be called, None for never."""
+        due = [
+            phone.last_heard_ns + (FORGOTTEN_NS if phone.lost else SILENT_NS)
+            for phone in self._phones.values()
+        ]
+        due += [phone.tell_due_ns or 0 for phone in self.present() if phone.synced]
+        if (trigger_due_ns := self.orders.next_timer()) is not None:
+            due.append(trigger_due_ns)
+        return min(due, default=None)
+
+    def _tell(self, phone: AppPhone, now_ns: int) -> None:
+        assert phone.time_map is not None, "a synced phone has a map"
+        middle_ns = now_ns + TELL_EVERY_NS // 2
+        offset_ns = phone.time_map.leader_from_local(middle_ns) - middle_ns
+        self._call(phone, Method.OFFSET_UPDATE, str(offset_ns))
+        if phone.tell_due_ns is None:
+            self._events.append(AppPhoneSynced(phone.name, _uncertainty_ns(phone, now_ns) or 0.0))
+            phone.align_due_ns = now_ns + TELL_EVERY_NS
+        phone.tell_due_ns = now_ns + TELL_EVERY_NS
+        if self._aligns and now_ns >= phone.align_due_ns and self.orders.may_align(now_ns):
+            self._call(phone, Method.DO_PHASE_ALIGN)
+            phone.align_due_ns = now_ns + ALIGN_EVERY_NS
+
+    def _call(self, phone: AppPhone, method: Method, text: str = "") -> None:
+        self._out.append((encode_call(method, text), (phone.host, CALL_PORT)))
+
+    def _call_all(self, method: Method, text: str = "") -> None:
+        for phone in self.present():
+            self._call(phone, method, text)
+
+    def _set_pace(self) -> None:
+        for phone in self.present():
+            phone.pace(round(len(self.present()) * 1e9 / EXCHANGES_PER_S))
+
+    def _free_name(self, name: str, host: str) -> str:
+        name = name_like(name, "phone")
+        others = {phone.name for phone in self._phones.values() if phone.host != host}
+        return name if name not in others else name_like(f"{name}-{host}", "phone")
+
+
+class _CallPort:
+    """The engine of the calls' port."""
+
+    def __init__(self, leader: AppLeader) -> None:
+        self._leader = leader
+        self.next_timer = leader.next_timer
+        self.handle_timer = leader.handle_timer
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in one datagram."""
+        self._leader.receive_call(data, address[0], now_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return what is due."""
+        return self._leader.calls_to_send()
+
+
+class _TimePort:
+    """The engine of the time's port."""
+
+    def __init__(self, leader: AppLeader) -> None:
+        self._leader = leader
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in one datagram."""
+        self._leader.receive_answer(data, address[0], now_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return what is due, stamped with `now_ns`."""
+        return self._leader.ask(now_ns)
+
+    def next_timer(self) -> int | None:
+        """Leader time in ns at which a phone is to be asked, None for never."""
+        return min((phone.next_timer() for phone in self._leader.present()), default=None)
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Prepare the requests that are due."""
+        for phone in self._leader.present():
+            phone.handle_timer(now_ns)
+
+
+def _uncertainty_ns(phone: AppPhone, now_ns: int) -> float | None:
+    """95 %, of what a phone takes for leader time, half a second away from what it was told."""
+    if phone.time_map is None or not phone.synced:
+        return None
+    return phone.time_map.uncertainty_at(now_ns) + abs(phone.time_map.skew) * TELL_EVERY_NS / 2.0
+
+
+def _status(phone: AppPhone, now_ns: int) -> AppPhoneStatus:
+    state = "lost" if phone.lost else "synced" if phone.synced else "synchronizing"
+    seen_ns, time_map, uncertainty_ns = (
+        now_ns - phone.last_heard_ns,
+        phone.time_map,
+        _uncertainty_ns(phone, now_ns),
+    )
+    if time_map is None or uncertainty_ns is None:
+        return AppPhoneStatus(
+            name=phone.name, address=phone.host, state=state, samples=phone.samples, last_seen_ns=seen_ns
+        )
+    slack_ns = abs(time_map.skew) * TELL_EVERY_NS / 2.0
+    return AppPhoneStatus(
+        name=phone.name,
+        address=phone.host,
+        state=state,
+        uncertainty_ns=round(uncertainty_ns),
+        hard_bound_ns=round(time_map.hard_bound_at(now_ns) + slack_ns),
+        skew_ppm=time_map.skew * 1e6,
+        round_trip_ns=time_map.round_trip_ns,
+        samples=phone.samples,
+        last_seen_ns=seen_ns,
+    )

@@ -1,0 +1,173 @@
+"""Phones with libsoftwaresync or RecSync as they are: their ports, and their part in a leader's bursts."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from capture_app.clock import NodeClock
+from capture_app.errors import BadInputError, NetworkError
+from capture_app.interop.app_leader import AppEvent, AppLeader, AppPhoneStatus
+from capture_app.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS, PERIOD_NS, TIME_PORT
+from capture_app.net.server import bind_datagrams
+from capture_app.net.udp import Pump
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.sync.rig.frame_picks import MAX_FRAMES, Burst
+from capture_app.text import count
+
+LOOK_EVERY_S = 0.1
+LEAD_NS = 500_000_000
+"""Phones are told so long before: their own leader does so, too."""
+RECORD = "record, if they have RecSync"
+
+
+@dataclass(frozen=True, slots=True)
+class AppPhonesTold:
+    """Phones were told to take pictures, or a video."""
+
+    text: str
+    name: str | None = None
+
+
+AppNews = AppEvent | AppPhonesTold
+
+
+class Take(Protocol):
+    """A burst under way."""
+
+    @property
+    def burst(self) -> Burst:
+        """As it is ordered now: a recording ends earlier than it was first ordered."""
+
+    @property
+    def finished(self) -> asyncio.Event:
+        """Set when it is over."""
+
+
+class _Alone:
+    """A recording of phones only, between two times of the leader's clock in ns."""
+
+    def __init__(self, first_ns: int, last_ns: int) -> None:
+        self.burst = Burst(0, (first_ns, last_ns), PERIOD_NS, first_ns, (), streamed=True, video=True)
+        self.finished = asyncio.Event()
+
+
+class AppPhones:
+    """Leads phones with the app, while it is started."""
+
+    def __init__(self, host: str, *, aligns: bool) -> None:
+        """Listen on `host`. With `aligns` phones are told to align, as the rig's grid is the app's."""
+        self._host = host
+        self._engine = AppLeader(aligns=aligns)
+        self._pumps: list[Pump] = []
+        self._recordings: set[asyncio.Task[None]] = set()
+        self._now_ns: Callable[[], int]
+        self._on_news: Callable[[AppNews], None]
+
+    def start(self, clock: NodeClock, on_news: Callable[[AppNews], None]) -> None:
+        """Listen on the app's two ports. Raises NetworkError where they are in use."""
+        self._now_ns, self._on_news = clock.now_ns, on_news
+        hint = "the app knows no other port: end the other program that uses it"
+        calls = bind_datagrams(self._host, CALL_PORT, hint=hint)
+        try:
+            times = bind_datagrams(self._host, TIME_PORT, hint=hint)
+        except NetworkError:
+            calls.close()
+            raise
+        time_pump = Pump(self._engine.times, clock, lambda: None)
+        call_pump = Pump(self._engine.calls, clock, lambda: self._after_call(time_pump))
+        self._pumps = [call_pump, time_pump]
+        time_pump.start(times)
+        call_pump.start(calls)
+
+    async def close(self) -> None:
+        """End the recordings of phones, and close both ports."""
+        for task in tuple(self._recordings):
+            task.cancel()
+        await asyncio.gather(*self._recordings, return_exceptions=True)
+        for pump in self._pumps:
+            pump.close()
+
+    def statuses(self) -> tuple[AppPhoneStatus, ...]:
+        """The phones that are or were here lately."""
+        return self._engine.statuses(self._now_ns())
+
+    def take_part(self, take: Take) -> None:
+        """Have the phones that are here take their pictures of a burst, or their videos."""
+        if not (phones := len(self._engine.present())):
+            return
+        burst = take.burst
+        if burst.video:
+            self._begin_recording(take)
+            self._tell(phones, RECORD)
+        else:
+            self._tell(phones, self._order(burst.instants_ns, burst.period_ns))
+
+    def take_alone(self, request: BurstRequest) -> str:
+        """Have phones take what was asked for where there is no camera; return what was told, if any is here.
+
+        Raises BadInputError for a recording without an end: nobody else would know when to end it.
+        """
+        if not (phones := len(self._engine.present())):
+            return ""
+        first_ns = request.at_leader_ns or self._now_ns() + LEAD_NS
+        # On the app's own grid.
+        first_ns += (GOAL_PHASE_NS - first_ns) % PERIOD_NS
+        step_ns = request.spacing * PERIOD_NS
+        if request.interval_s is not None:
+            step_ns = max(1, round(request.interval_s * 1e9 / PERIOD_NS)) * PERIOD_NS
+        if not request.video:
+            frames = request.frames or max(1, round((request.seconds or 0) * 1e9 / step_ns))
+            instants_ns = [first_ns + n * step_ns for n in range(min(frames, MAX_FRAMES))]
+            return self._tell(phones, self._order(instants_ns, PERIOD_NS))
+        if request.seconds is None:
+            raise BadInputError(
+                "phones alone record for a given time", hint="capture-app record --seconds 10"
+            )
+        self._begin_recording(_Alone(first_ns, first_ns + round(request.seconds * 1e9)))
+        return self._tell(phones, RECORD)
+
+    def _order(self, instants_ns: Sequence[int], period_ns: int) -> str:
+        taken = self._engine.order_stills(instants_ns, period_ns, self._now_ns())
+        which = f"{len(taken)} of {count(len(instants_ns), 'instant')}"
+        return f"take {which}: one each half a second at most"
+
+    def _begin_recording(self, take: Take) -> None:
+        task = asyncio.create_task(self._record(take))
+        self._recordings.add(task)
+        task.add_done_callback(self._recordings.discard)
+
+    def _tell(self, phones: int, what: str) -> str:
+        self._turn()
+        text = f"{count(phones, 'phone')} with the app told to {what}"
+        text += "; what they take stays on them (capture-app sessions import)"
+        self._on_news(AppPhonesTold(text))
+        return text
+
+    def set_exposure(self, exposure_ns: int, iso: int) -> None:
+        """Have the phones that are here expose each frame for so long, at this sensitivity."""
+        self._engine.set_exposure(exposure_ns, iso)
+        self._turn()
+
+    async def _record(self, take: Take) -> None:
+        self._engine.start_recording()
+        self._turn()
+        try:
+            while not take.finished.is_set() and self._now_ns() <= take.burst.instants_ns[-1]:
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(LOOK_EVERY_S):
+                        await take.finished.wait()
+        finally:
+            self._engine.stop_recording()
+            self._turn()
+
+    def _turn(self) -> None:
+        for pump in self._pumps:
+            pump.turn()
+
+    def _after_call(self, time_pump: Pump) -> None:
+        while (event := self._engine.next_event()) is not None:
+            self._on_news(event)
+            # A new phone is to be asked from now on.
+            time_pump.turn()

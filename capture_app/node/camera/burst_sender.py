@@ -1,0 +1,240 @@
+"""A burst over one open stream to the leader: its report, then each image until the leader has it on disk."""
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+from msgspec.structs import replace
+
+from capture_app.errors import DiskError, NetworkError, SimulshotError
+from capture_app.net.channel import Channel
+from capture_app.node.camera.burst_upload import BurstUpload
+from capture_app.node.wire import messages
+
+ANSWER_TIMEOUT_S = 30.0
+MAX_IN_FLIGHT = 64
+"""So many images are sent ahead of the leader's answers, that its disk is synced for many at a time."""
+ASK_AGAIN_S = 0.05
+
+Answer = messages.ImageAck | messages.ReportAck | messages.Refusal
+
+
+class PostponedError(NetworkError):
+    """The leader cannot take a burst now, and may later."""
+
+
+class PausedError(Exception):
+    """A burst that is still being picked has nothing to send at present, and another one has."""
+
+
+class BurstSender:
+    """Sends bursts over one stream; `news` is set whenever there is more to send."""
+
+    def __init__(
+        self,
+        channel: Channel[Any],
+        news: asyncio.Event,
+        talk: Callable[[str], None],
+        others_wait: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """`others_wait` tells whether other bursts have something to send."""
+        self._others_wait = others_wait
+        self._channel = channel
+        self._news = news
+        self._talk = talk
+        self._in_flight: deque[messages.ImageUpload] = deque()
+        self._answer: asyncio.Task[Answer] | None = None
+
+    async def send_burst(self, burst: BurstUpload) -> messages.Refusal | None:
+        """Send a burst as it is encoded; returns when the leader has all it wants, or its refusal for good.
+
+        Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off,
+        PausedError where other bursts have something to send, and this one at present has not.
+        """
+        try:
+            return await self._send_burst(burst)
+        finally:
+            if self._answer is not None:
+                self._answer.cancel()
+                await asyncio.gather(self._answer, return_exceptions=True)
+
+    async def introduce(self, opening: messages.NodeStream) -> None:
+        """Say whose stream this is. Raises NetworkError where the leader does not know that node."""
+        answer = await self.ask(opening)
+        if isinstance(answer, messages.Refusal):
+            raise NetworkError(answer.what, hint=answer.hint)
+
+    async def ask(
+        self,
+        message: messages.NodeStream | messages.CameraReport | messages.SpoolSpace,
+    ) -> messages.ReportAck | messages.Refusal:
+        """Send a message and wait until the leader has what it tells.
+
+        Raises NetworkError where the stream breaks off or the leader does not answer.
+        """
+        await self._send(message)
+        answer = await self._next_answer()
+        if isinstance(answer, messages.ImageAck):
+            raise NetworkError("the leader sent an unexpected answer")
+        return answer
+
+    async def _send_burst(self, burst: BurstUpload) -> messages.Refusal | None:
+        # A leader that was away has kept what it acknowledged; only the stream's own state is new.
+        told: messages.CameraReport | None = None
+        receipts: dict[int, messages.ImageReceipt] = {}
+        burst.reopen()
+        while not burst.is_over:
+            self._news.clear()
+            refusal = None
+            if told is not burst.report or not burst.is_settled:
+                refusal = await self._take_all_answers(burst)
+                if refusal is None:
+                    report = burst.report_now() if told is None else replace(burst.report_now(), events=())
+                    told = burst.report
+                    answer = await self.ask(report)
+                    if isinstance(answer, messages.ReportAck):
+                        receipts = await self._take_receipts(burst, answer)
+                    else:
+                        refusal = answer
+            elif len(burst.images) > len(self._in_flight) < MAX_IN_FLIGHT:
+                await self._send_image(burst, burst.images[len(self._in_flight)], receipts)
+            elif self._in_flight:
+                refusal = await self._take_answer(burst)
+            elif burst.is_picking and not burst.frames and self._others_wait():
+                raise PausedError("others have something to send")
+            elif burst.frames or burst.is_picking:
+                await self._news.wait()
+            elif burst.disputed:
+                return _disputed(burst)
+            else:
+                return None
+            if refusal is not None:
+                await self._take_all_answers(burst)
+                return _final(refusal)
+        await self._take_all_answers(burst)
+        return None
+
+    async def _take_receipts(
+        self, burst: BurstUpload, answer: messages.ReportAck
+    ) -> dict[int, messages.ImageReceipt]:
+        """Let go of what the leader does not want or has already, and return what it has of the rest."""
+        if answer.undecided:
+            # The leader takes its time before it says so; another one may not.
+            await asyncio.sleep(ASK_AGAIN_S)
+            return {}
+        unwanted = burst.settle(answer.wanted)
+        stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
+        await _delete([*unwanted, *burst.confirm(stored)])
+        if lost := burst.lost_instants():
+            await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
+        return {receipt.instant: receipt for receipt in answer.receipts if not receipt.stored}
+
+    async def _send_image(
+        self, burst: BurstUpload, image: messages.ImageUpload, receipts: dict[int, messages.ImageReceipt]
+    ) -> None:
+        record = image.record
+        try:
+            data = await asyncio.to_thread(burst.load, image)
+        except DiskError as error:
+            raise PostponedError(error.what, hint=error.hint) from error
+        if data is None:
+            with contextlib.suppress(ValueError):
+                burst.images.remove(image)
+            await self._report_lost(burst, [record.instant], "its file in the spool is damaged")
+            return
+        receipt = receipts.pop(record.instant, None)
+        resumes = receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data)
+        offset = receipt.bytes if receipt is not None and resumes else 0
+        self._in_flight.append(image)
+        await self._send(replace(image, offset=offset), memoryview(data)[offset:])
+
+    async def _take_answer(self, burst: BurstUpload) -> messages.Refusal | None:
+        """Wait for the answer to the image that was sent first, or for news of the burst."""
+        if self._answer is None:
+            self._answer = asyncio.create_task(self._receive())
+        news = asyncio.create_task(self._news.wait())
+        try:
+            await asyncio.wait({self._answer, news}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            news.cancel()
+        return await self._take_next(burst) if self._answer.done() else None
+
+    async def _take_all_answers(self, burst: BurstUpload) -> messages.Refusal | None:
+        """Wait for the answers to all images that were sent; return the first refusal."""
+        refusal = None
+        while self._in_flight:
+            refused = await self._take_next(burst)
+            refusal = refusal or refused
+        return refusal
+
+    async def _take_next(self, burst: BurstUpload) -> messages.Refusal | None:
+        answer, image = await self._next_answer(), self._in_flight.popleft()
+        if isinstance(answer, messages.Refusal):
+            return answer
+        if not isinstance(answer, messages.ImageAck):
+            raise NetworkError("the leader sent an unexpected answer")
+        if answer.sha256 != image.record.sha256:
+            raise NetworkError("the leader has another checksum than the image sent")
+        await _delete(burst.confirm({image.record.instant: answer.sha256}))
+        return None
+
+    async def _next_answer(self) -> Answer:
+        answer, self._answer = self._answer or asyncio.create_task(self._receive()), None
+        return await answer
+
+    async def _send(
+        self,
+        message: messages.NodeStream | messages.CameraReport | messages.ImageUpload | messages.SpoolSpace,
+        *payloads: memoryview,
+    ) -> None:
+        await self._channel.send(message, *payloads, stall_s=ANSWER_TIMEOUT_S)
+
+    async def _receive(self) -> Answer:
+        while True:
+            try:
+                async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                    received = await self._channel.receive()
+            except TimeoutError as error:
+                raise NetworkError(f"the leader did not answer within {ANSWER_TIMEOUT_S:g} s") from error
+            match received:
+                case None:
+                    raise NetworkError("the leader closed the stream")
+                case (messages.StillSaving(), _):
+                    continue
+                case (messages.ReportAck() | messages.ImageAck() | messages.Refusal() as answer, _):
+                    return answer
+            raise NetworkError("the leader sent an unexpected answer")
+
+    async def _report_lost(self, burst: BurstUpload, instants: Collection[int], reason: str) -> None:
+        burst.report_lost(instants, reason)
+        numbers = ", ".join(map(str, instants))
+        self._talk(f"burst {burst.report.burst}: instants {numbers} are lost: {reason}")
+        if burst.spooled is not None:
+            with contextlib.suppress(SimulshotError):
+                await asyncio.to_thread(burst.spooled.write_report, burst.report)
+
+
+async def _delete(files: Collection[Path]) -> None:
+    def delete() -> None:
+        for file in files:
+            # On a disk that is read-only now it stays, and is offered again when the node is started again.
+            with contextlib.suppress(OSError):
+                file.unlink(missing_ok=True)
+
+    if files:
+        await asyncio.to_thread(delete)
+
+
+def _disputed(burst: BurstUpload) -> messages.Refusal:
+    instants = ", ".join(str(image.record.instant) for image in burst.disputed)
+    return messages.Refusal(what=f"the leader has other pictures than these of instants {instants}")
+
+
+def _final(refusal: messages.Refusal) -> messages.Refusal:
+    """The refusal, if it is for good. Raises PostponedError if it is not."""
+    if refusal.retry:
+        raise PostponedError(refusal.what, hint=refusal.hint)
+    return refusal

@@ -1,0 +1,246 @@
+"""What a node has of a burst on its way to the leader: frames, encoded images, a folder in the spool.
+
+A burst whose frames are sent as they are picked: what is known of it so far.
+"""
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from msgspec.structs import replace
+
+from capture_app.cameras.base import CapturedFrame
+from capture_app.node.camera.spool import SpooledBurst
+from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.session.files.disk import disk_error
+from capture_app.session.format.burst_plan import MissingRun
+from capture_app.session.format.manifest import MissingImage
+from capture_app.sync.rig.frame_picks import RING_BYTES, Pick
+
+TOO_SLOW = "the node could not save its frames as fast as they came"
+
+
+@dataclass(slots=True)
+class PickedStream:
+    """Which instants of one camera are decided, and which of them are missing."""
+
+    video: bool = False
+    """The frames go into a video, which has no ground truth but their times."""
+    most_bytes: int = RING_BYTES
+    """The most memory that frames may take that are not on a disk yet: the camera goes on."""
+    over: int = 0
+    """So many instants are decided."""
+    ended: bool = False
+    """Nothing more is picked."""
+    runs: list[MissingRun] = field(default_factory=list)
+    kept: bool = False
+    """Whether the spool has what is known at the end."""
+    waiting_bytes: int = 0
+    """What the frames take that are not encoded yet."""
+
+    def add(
+        self,
+        frames: Iterable[Pick[CapturedFrame]],
+        missing: Iterable[MissingImage],
+        *,
+        over: int,
+        held_bytes: int,
+    ) -> list[Pick[CapturedFrame]]:
+        """Note what was picked, and return the frames that there is memory for; others are missing.
+
+        `held_bytes` is what images take that are encoded, and are not on a disk yet.
+        """
+        self.over = max(self.over, over)
+        for gap in missing:
+            self.note_missing(gap.instant, gap.reason, dropped=gap.dropped)
+        kept = []
+        for frame in frames:
+            size = frame.frame.picture.held_bytes
+            if held_bytes + self.waiting_bytes + size > self.most_bytes:
+                self.note_missing(frame.instant, TOO_SLOW)
+                continue
+            self.waiting_bytes += size
+            kept.append(frame)
+        return kept
+
+    def note_encoded(self, frame: Pick[CapturedFrame]) -> None:
+        """A frame waits no longer."""
+        self.waiting_bytes -= frame.frame.picture.held_bytes
+
+    def note_missing(self, instant: int, reason: str, *, dropped: bool = False) -> None:
+        """An instant has no frame."""
+        last = self.runs[-1] if self.runs else None
+        follows = last is not None and last.first + last.count == instant
+        if last is not None and follows and (last.reason, last.dropped) == (reason, dropped):
+            self.runs[-1] = replace(last, count=last.count + 1)
+        else:
+            self.runs.append(MissingRun(first=instant, count=1, reason=reason, dropped=dropped))
+
+    def report(self, report: CameraReport, waiting: Iterable[int]) -> CameraReport:
+        """A node's report with what there is to tell now; `waiting` are instants whose images are here."""
+        told = replace(report, instants=tuple(waiting), picking=not self.ended, missing=())
+        return replace(told, picked=self.over, missing_runs=tuple(self.runs)) if self.ended else told
+
+
+@dataclass(slots=True)
+class BurstUpload:
+    """A burst's frames on their way to the leader: picked, then encoded, then confirmed."""
+
+    report: CameraReport
+    """Its instants are those that were ordered; the leader may want fewer."""
+    frames: deque[Pick[CapturedFrame]]
+    images: deque[ImageUpload] = field(default_factory=deque)
+    """Ready to send as often as it takes."""
+    in_memory: dict[int, bytes] = field(default_factory=dict)
+    """By instant, the bytes of those images that are not safely in the spool."""
+    unsynced: dict[int, ImageUpload] = field(default_factory=dict)
+    """By instant, those that are written to the spool but not on its disk yet."""
+    confirmed: set[int] = field(default_factory=set)
+    """Instants that the leader has."""
+    disputed: list[ImageUpload] = field(default_factory=list)
+    """Images of which the leader has others in their places: they are not sent, and not deleted."""
+    spooled: SpooledBurst | None = None
+    spooling: bool = True
+    """Whether the spool is to be used; False once it could not be."""
+    is_settled: bool = False
+    """Whether the leader has said which instants it wants."""
+    wanted: frozenset[int] | None = None
+    """Those; None for all."""
+    is_over: bool = False
+    """Nothing of it is to be sent any more: the leader has it, or does not want it."""
+    on_settled: Callable[[], None] = lambda: None
+    """Called when no further instants are wanted."""
+    stream: PickedStream | None = None
+    """Of a burst whose frames are sent as they are picked."""
+
+    @property
+    def is_picking(self) -> bool:
+        """Whether further frames will be picked."""
+        return self.stream is not None and not self.stream.ended
+
+    @property
+    def has_work(self) -> bool:
+        """Whether there is something to tell or to send."""
+        return not self.is_picking or bool(self.images) or not self.is_settled
+
+    def report_now(self) -> CameraReport:
+        """The report as it stands now."""
+        if self.stream is None:
+            return self.report
+        return self.stream.report(self.report, (image.record.instant for image in self.images))
+
+    def report_to_keep(self) -> CameraReport:
+        """The report as the spool has it, which has the images beside it."""
+        return self.report if self.stream is None else self.stream.report(self.report, ())
+
+    def load(self, image: ImageUpload) -> bytes | None:
+        """An image's bytes; None where the spool does not have them as they were.
+
+        Raises DiskError where its disk cannot be read at present.
+        """
+        if image.record.instant in self.in_memory:
+            return self.in_memory[image.record.instant]
+        assert self.spooled is not None
+        try:
+            data = self.spooled.image_file(image).read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise disk_error(error, self.spooled.folder) from error
+        record = image.record
+        whole = len(data) == record.bytes + image.truth_bytes
+        return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
+
+    def extend(
+        self,
+        frames: Iterable[Pick[CapturedFrame]],
+        missing: Iterable[MissingImage],
+        *,
+        over: int = 0,
+        ended: bool = False,
+    ) -> None:
+        """Add what was picked for further instants, unless the leader does without them.
+
+        Of a burst whose frames are sent as they are picked, `over` instants are decided now; with `ended`
+        these are all.
+        """
+        if self.stream is not None:
+            waiting = sum(map(len, list(self.in_memory.values())))
+            self.frames.extend(self.stream.add(frames, missing, over=over, held_bytes=waiting))
+            if ended and not self.stream.ended:
+                self.stream.ended = True
+                self.report = replace(self.report)
+            return
+        if self.is_settled or self.is_over:
+            return
+        new = [*frames]
+        self.frames.extend(new)
+        instants = (*self.report.instants, *(frame.instant for frame in new))
+        self.report = replace(self.report, instants=instants, missing=(*self.report.missing, *missing))
+
+    def settle(self, wanted: Collection[int] | None) -> list[Path]:
+        """Keep only what the leader wants, None for all; return the files of the rest."""
+        first, self.is_settled = not self.is_settled, True
+        self.wanted = None if wanted is None else frozenset(wanted)
+        if first:
+            self.on_settled()
+        if wanted is None:
+            return []
+        self.frames = deque(frame for frame in self.frames if frame.instant in wanted)
+        return self._let_go(lambda instant: instant not in wanted)
+
+    def reopen(self) -> None:
+        """Begin anew with another stream: the leader may be another one, or have changed its mind."""
+        self.is_settled = False
+        self.images.extend(self.disputed)
+        self.disputed.clear()
+
+    def confirm(self, stored: Mapping[int, str]) -> list[Path]:
+        """Let go of images that the leader has, by instant and checksum; return their files.
+
+        An image that it has another one in the place of is disputed.
+        """
+        if self.stream is None:
+            self.confirmed.update(stored)
+        for image in tuple(self.images):
+            if stored.get(image.record.instant, image.record.sha256) != image.record.sha256:
+                self.images.remove(image)
+                self.disputed.append(image)
+        return self._let_go(lambda instant: instant in stored)
+
+    def end(self) -> None:
+        """Let go of all of it."""
+        self.is_over = True
+        self.frames.clear()
+        self._let_go(lambda _: True)
+
+    def lost_instants(self) -> list[int]:
+        """Those that are wanted of what was announced, and are neither here nor with the leader."""
+        if self.stream is not None:
+            return []
+        here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
+        wanted = set(self.report.instants) if self.wanted is None else self.wanted & {*self.report.instants}
+        return sorted(wanted - here - self.confirmed)
+
+    def report_lost(self, instants: Collection[int], reason: str) -> None:
+        """Move announced images that will not come to those that are missing."""
+        if self.stream is not None:
+            for instant in instants:
+                self.stream.note_missing(instant, reason)
+            if self.stream.ended:
+                self.report = replace(self.report)
+            return
+        name = self.report.camera.name
+        gone = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
+        left = tuple(instant for instant in self.report.instants if instant not in instants)
+        self.report = replace(self.report, instants=left, missing=(*self.report.missing, *gone))
+
+    def _let_go(self, of: Callable[[int], bool]) -> list[Path]:
+        gone = [image for image in self.images if of(image.record.instant)]
+        for image in gone:
+            self.images.remove(image)
+            self.in_memory.pop(image.record.instant, None)
+            self.unsynced.pop(image.record.instant, None)
+        return [] if self.spooled is None else [self.spooled.image_file(image) for image in gone]

@@ -1,0 +1,345 @@
+"""Brings a node's bursts to the leader and keeps each image until the leader has it safely on disk.
+
+The way of what the engine has picked of a burst to the uploader.
+"""
+
+import asyncio
+import contextlib
+import functools
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from msgspec.structs import replace
+
+from capture_app.cameras.base import CapturedFrame
+from capture_app.clock import NodeClock
+from capture_app.errors import NetworkError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.net.channel import Channel, connect
+from capture_app.node.camera.burst_sender import BurstSender, PausedError, PostponedError
+from capture_app.node.camera.burst_upload import BurstUpload, PickedStream
+from capture_app.node.camera.encoding import FrameEncoder, note_useless_spool
+from capture_app.node.camera.records import (
+    camera_record,
+    camera_report,
+    missing_images,
+    true_clock,
+    with_device_clock,
+)
+from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, JsonValue, NodeStream
+from capture_app.session.format.manifest import MissingImage
+from capture_app.sync.rig import events
+from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.frame_picks import Pick
+from capture_app.text import count
+from capture_app.trust.trust import Trust
+
+RETRY_S = (0.5, 1.0, 2.0, 4.0)
+SPACE_EVERY_S = 30.0
+MAX_WAITING_BURSTS = 64
+
+Talk = Callable[[str], None]
+
+
+class Uploader:
+    """Encodes bursts into the spool, and sends them in their order over a stream that it reopens."""
+
+    def __init__(
+        self,
+        camera: str,
+        instance: int,
+        talk: Talk,
+        spool: Spool | None = None,
+        *,
+        retry_s: Sequence[float] = RETRY_S,
+        trust: Trust | None = None,
+    ) -> None:
+        """Speak for a camera, by the run that its node joins with, to leaders known by `trust`.
+
+        `retry_s` are the waits after the first failed stream, the second and so on; the last one stays.
+        """
+        self.talk = talk
+        self._trust = trust
+        self._opening = NodeStream(camera=camera, instance=instance)
+        self.spool = spool
+        self.leader: Address | None = None
+        self._run: int | None = None
+        self._retry_s = retry_s
+        self._waiting: deque[BurstUpload] = deque()
+        self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
+        self._news = asyncio.Event()
+        self._to_encode = asyncio.Event()
+        self._to_sync = asyncio.Event()
+        self._space_is_due = False
+        self._encoder = FrameEncoder(talk, spool)
+        self._stream: Channel[Any] | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is being encoded or sent, rather than waiting for the leader or for news."""
+        return self._stream is not None or any(burst.frames for burst in self._waiting)
+
+    def load_spool(self) -> None:
+        """Take on what an earlier run of this node has left in the spool. Raises SimulshotError."""
+        for spooled in self.spool.open() if self.spool is not None else ():
+            try:
+                report, images = spooled.read_report(), deque(spooled.read_images())
+            except SimulshotError as error:
+                self.talk(f"left in the spool: {error}")
+                continue
+            if not images:
+                spooled.remove()
+                continue
+            waiting = count(len(images), "image")
+            self.talk(f"burst {report.burst}: {waiting} still in {spooled.folder}")
+            report = _with_images(report, images)
+            self._waiting.append(BurstUpload(report, deque(), images, spooled=spooled))
+
+    def add_burst(self, burst: BurstUpload) -> None:
+        """Take on a burst; the oldest is given up where a leader has been away for too many."""
+        self._waiting.append(burst)
+        if len(self._waiting) > MAX_WAITING_BURSTS:
+            given_up = self._waiting.popleft()
+            where = f"; what it has is in {given_up.spooled.folder}" if given_up.spooled else ""
+            self.talk(f"burst {given_up.report.burst} given up: the leader is away for too long{where}")
+        self._news.set()
+        self._to_encode.set()
+
+    def extend_burst(
+        self,
+        leader: int,
+        burst: int,
+        frames: Iterable[Pick[CapturedFrame]],
+        missing: Iterable[MissingImage],
+        *,
+        over: int = 0,
+        ended: bool = False,
+    ) -> None:
+        """Add further instants to a burst that was taken on before, where they are still of use.
+
+        `over` and `ended` as for `BurstUpload.extend`.
+        """
+        for upload in self._uploads_of(leader, burst):
+            upload.extend(frames, missing, over=over, ended=ended)
+        self._news.set()
+        self._to_encode.set()
+
+    def cancel_burst(self, leader: int, burst: int) -> None:
+        """Let go of a burst: its leader wants nothing of it any more."""
+        for upload in self._uploads_of(leader, burst):
+            upload.end()
+            self.talk(f"burst {burst} was cancelled")
+        self._news.set()
+
+    async def run(self) -> None:
+        """Encode and send until cancelled."""
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._encode_all())
+                tasks.create_task(self._send_all())
+                tasks.create_task(self._sync_spool())
+                tasks.create_task(self._watch_space())
+        finally:
+            self._encoder.close()
+
+    def close(self) -> None:
+        """Let another node use the spool."""
+        if self.spool is not None:
+            self.spool.close()
+
+    def set_leader(self, leader: Address, run: int | None = None) -> None:
+        """Send images to that address from now on; what was refused before is offered again.
+
+        `run` is the leader's, of whose bursts alone it may say that they are to be forgotten.
+        """
+        if leader != self.leader and self._stream is not None:
+            # Nobody may ever close the stream to a relay whose plug was pulled.
+            self._stream.abort()
+        self.leader, self._run = leader, run
+        self._waiting.extendleft(reversed(self._refused))
+        self._refused.clear()
+        self._space_is_due = True
+        self._news.set()
+
+    async def _encode_all(self) -> None:
+        while True:
+            self._to_encode.clear()
+            burst = next((burst for burst in self._waiting if burst.frames), None)
+            if burst is None:
+                await self._keep_ends()
+                await self._to_encode.wait()
+                continue
+            spooling = burst.spooling
+            await self._encoder.encode_next(burst)
+            self._space_is_due |= burst.spooling != spooling
+            if burst.is_over and burst.spooled is not None:
+                await asyncio.to_thread(burst.spooled.remove)
+            self._news.set()
+            self._to_sync.set()
+
+    async def _keep_ends(self) -> None:
+        """Keep in the spool what is missing of bursts that have ended."""
+        for burst in tuple(self._waiting):
+            stream, spooled = burst.stream, burst.spooled
+            if stream is not None and stream.ended and not stream.kept and spooled and not burst.is_over:
+                stream.kept = True
+                with contextlib.suppress(SimulshotError):
+                    await asyncio.to_thread(spooled.write_report, burst.report_to_keep())
+
+    async def _sync_spool(self) -> None:
+        """Sync the spool for all images that were written to it during the sync before."""
+        while True:
+            await self._to_sync.wait()
+            self._to_sync.clear()
+            for burst in tuple(self._waiting):
+                images, spooled = dict(burst.unsynced), burst.spooled
+                if not images or spooled is None:
+                    continue
+                try:
+                    # What goes on to the leader at once is here for too short a time to be worth a sync: it
+                    # outlives this process, and a power cut of this machine would end the stream anyway.
+                    if burst.stream is None or self._stream is None:
+                        await asyncio.to_thread(spooled.sync, images.values())
+                except SimulshotError as error:
+                    burst.unsynced.clear()
+                    note_useless_spool(burst, error, self.talk)
+                    continue
+                for instant in images:
+                    if burst.unsynced.pop(instant, None) is not None:
+                        burst.in_memory.pop(instant, None)
+
+    async def _send_all(self) -> None:
+        failures = 0
+        while True:
+            while self.leader is None or not (self._waiting or self._space_is_due):
+                self._news.clear()
+                await self._news.wait()
+            try:
+                async with await connect(self.leader, FromLeader, trust=self._trust) as channel:
+                    self._stream = channel
+                    sender = BurstSender(channel, self._news, self.talk, self._others_wait)
+                    await sender.introduce(self._opening)
+                    while self._waiting or self._space_is_due:
+                        if self._space_is_due:
+                            await self._tell_space(sender)
+                        else:
+                            await self._send_burst(sender, self._waiting[0])
+                            failures = 0
+            except NetworkError as error:
+                if isinstance(error, PostponedError):
+                    self._waiting.rotate(-1)
+                if not failures:
+                    self.talk(f"images wait: {error}")
+                await asyncio.sleep(self._retry_s[min(failures, len(self._retry_s) - 1)])
+                failures += 1
+            finally:
+                self._stream = None
+
+    async def _send_burst(self, sender: BurstSender, burst: BurstUpload) -> None:
+        try:
+            refusal = await sender.send_burst(burst)
+        except PausedError:
+            self._waiting.rotate(-1)
+            return
+        forget = refusal is not None and refusal.forget and burst.report.leader == self._run
+        if refusal is None or forget:
+            burst.end()
+        if refusal is None:
+            if burst.spooled is not None:
+                await asyncio.to_thread(burst.spooled.remove)
+            self._space_is_due = self.spool is not None
+        else:
+            burst.frames.clear()
+            kept = ""
+            if burst.spooled is not None and forget:
+                await asyncio.to_thread(burst.spooled.remove)
+            elif burst.spooled is not None:
+                self._refused.append(burst)
+                kept = f"; its images stay in {burst.spooled.folder}"
+            self.talk(f"burst {burst.report.burst} given up: {refusal.what}{kept}")
+        with contextlib.suppress(ValueError):
+            self._waiting.remove(burst)
+
+    def _others_wait(self) -> bool:
+        return any(burst.has_work for burst in tuple(self._waiting)[1:])
+
+    def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
+        of = leader, burst
+        return [u for u in (*self._waiting, *self._refused) if (u.report.leader, u.report.burst) == of]
+
+    async def _watch_space(self) -> None:
+        while self.spool is not None:
+            await asyncio.sleep(SPACE_EVERY_S)
+            self._space_is_due = True
+            self._news.set()
+
+    async def _tell_space(self, sender: BurstSender) -> None:
+        self._space_is_due = False
+        if self.spool is None:
+            return
+        await sender.ask(await asyncio.to_thread(self.spool.look))
+
+
+def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraReport:
+    """A report with the spare instants, too, that were picked after it was written."""
+    here = {image.record.instant for image in images}
+    if report.picking or report.picked is not None:
+        # What is not here any more the leader has: it was sent as it came.
+        return replace(report, instants=tuple(sorted(here)), picking=False)
+    instants = sorted({*report.instants, *here})
+    missing = tuple(gap for gap in report.missing if gap.instant not in instants)
+    return replace(report, instants=tuple(instants), missing=missing)
+
+
+EVENTS_KEPT = 200
+
+
+class PickedBursts:
+    """Hands each burst over, with the record of its camera and what has happened since the last one."""
+
+    def __init__(
+        self, name: str, camera: CameraSupervisor, clock: NodeClock, uploader: Uploader, ring_bytes: int
+    ) -> None:
+        """`ring_bytes` bound what waits of a burst that is sent as it comes."""
+        self._name = name
+        self._camera, self._clock, self._uploader = camera, clock, uploader
+        self._ring_bytes = ring_bytes
+        self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
+
+    def note(self, line: dict[str, JsonValue]) -> None:
+        """Keep what happened for the next burst's report."""
+        self._events.append(line)
+
+    def upload(
+        self,
+        picked: events.BurstPicked[CapturedFrame],
+        engine: Client[CapturedFrame],
+        tolerance_ns: int,
+    ) -> None:
+        """Begin the upload of a burst, or go on with it; the phase was to be held to `tolerance_ns`."""
+        ready = with_device_clock(picked)
+        if ready.further:
+            missing = missing_images(self._name, ready.gaps)
+            self._uploader.extend_burst(
+                ready.leader, ready.burst, ready.picks, missing, over=ready.over, ended=ready.ended
+            )
+            return
+        camera, corrections = self._camera, engine.aligner.corrections
+        record = camera_record(
+            self._name, camera.facts, ready, corrections, tolerance_ns, camera.device_clock
+        )
+        truth = true_clock(self._clock, camera.facts)
+        report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
+        self._events.clear()
+        if ready.trigger is not None:
+            stream = PickedStream(ready.trigger.video, self._ring_bytes)
+            begun = replace(report, instants=(), missing=(), picking=True)
+            upload = BurstUpload(begun, deque(), stream=stream)
+            upload.extend(ready.picks, report.missing, over=ready.over, ended=ready.ended)
+            self._uploader.add_burst(upload)
+            return
+        forget = functools.partial(engine.forget_burst, ready.leader, ready.burst)
+        self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_settled=forget))

@@ -1,0 +1,385 @@
+"""The bursts under way: length, name, order, collection.
+
+How many instants a burst gets, and how far apart, by what was asked for and the rig's frame period.
+
+The sessions of takes, which are numbered by what their names begin with.
+
+The bursts of a leader that are under way: ordered, collected and saved, with those of earlier runs.
+"""
+
+import asyncio
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from capture_app.errors import BadInputError, SimulshotError
+from capture_app.names import check_name
+from capture_app.node.burst.answers import CancelledBurstError
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.camera_share import DiskThreads
+from capture_app.node.burst.instant_choice import usual_spare
+from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
+from capture_app.node.leader.news import DiskNews, News
+from capture_app.node.leader.readiness import check_open_bursts, check_room, expected_image_bytes
+from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, ReportAck, SpoolSpace
+from capture_app.node.wire.status import BurstAhead, BurstStatus
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.events import BurstRefused
+from capture_app.sync.rig.frame_picks import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
+from capture_app.sync.rig.leader import Leader
+from capture_app.sync.wire.messages import NodeState
+
+LONG_NS = 2_000_000_000
+END_LEAD_NS = 300_000_000
+NEAR = 0.02
+"""A rate that differs by no more than this share is the one that was asked for."""
+
+
+def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]:
+    """Return the number of frames, and every how many of the rig's frames one is taken.
+
+    Raises BadInputError for an interval that is not a whole number of periods.
+    """
+    spacing = request.spacing
+    if request.interval_s is not None:
+        periods = request.interval_s * 1e9 / period_ns
+        spacing = max(1, round(periods))
+        if abs(spacing - periods) > NEAR * periods:
+            fps = 1e9 / period_ns
+            rates = ", ".join(f"{fps / n:.4g}" for n in (1, 2, 3, 4, 5))
+            raise BadInputError(
+                f"the rig takes {fps:.4g} frames a second, of which {1 / request.interval_s:.4g} cannot be",
+                hint=f"take every frame or every nth: {rates} ...",
+            )
+    step_ns = spacing * period_ns
+    if request.frames is not None:
+        return request.frames, spacing
+    if request.seconds is not None:
+        return max(1, round(request.seconds * 1e9 / step_ns)), spacing
+    return min(MAX_STREAMED_FRAMES, MAX_STREAMED_NS // step_ns), spacing
+
+
+def is_streamed(request_spare: int | None, frames: int, step_ns: int) -> bool:
+    """Whether the frames of a burst are sent as they come: it is long, and no spare were asked for."""
+    return not request_spare and (frames - 1) * step_ns > LONG_NS
+
+
+def frames_until(burst: Burst, now_ns: int) -> int:
+    """How many frames a burst has that is to end now, and of whose end every node must hear before."""
+    return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
+
+
+def first_instant(request: BurstRequest, asked_ns: int, step_ns: int) -> int | None:
+    """Return the leader time about which a burst that was asked for then begins, with steps of `step_ns`.
+
+    None: as soon as all nodes can know of it.
+    """
+    if not request.before or not step_ns:
+        return request.at_leader_ns
+    at_ns = asked_ns if request.at_leader_ns is None else request.at_leader_ns
+    return at_ns - request.before * step_ns
+
+
+UNNAMED, RECORDING = "burst", "recording"
+"""What the sessions of takes without a name begin with."""
+MAX_FOLDER_NUMBER = 999_999
+
+
+def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tuple[SessionWriter, int]:
+    """Begin the session `PREFIX-NNN` of the next free number over `after`, and return that number too.
+
+    Raises BadInputError, DiskFullError.
+    """
+    number = 1 + max([after, *(_number(path, prefix) for path in root.glob(f"{prefix}-*"))])
+    while True:
+        name = f"{prefix}-{number:03d}"
+        try:
+            return SessionWriter.create(root, name), number
+        except BadInputError:
+            if not (root / name).exists():
+                raise
+        number += 1
+
+
+def _number(path: Path, prefix: str) -> int:
+    digits = path.name.removeprefix(f"{prefix}-")
+    return int(digits) if digits.isdecimal() and len(digits) <= len(str(MAX_FOLDER_NUMBER)) else 0
+
+
+CANCELLED = "the burst was cancelled"
+REMEMBERED = 64
+SOON_NS = 30_000_000_000
+"""A burst that begins later is one ahead, and is none of those that are being saved."""
+SURE_FRAMES = 300
+"""There must be room for so many frames of each camera before a recording begins."""
+SILENCE_CHECK_S = 0.25
+TELL_EVERY_NS = 1_000_000_000
+
+
+class ActiveBursts:
+    """Orders bursts of an engine, and collects each into a session; `now_ns` returns the leader's time."""
+
+    def __init__(
+        self,
+        root: Path,
+        engine: Leader,
+        now_ns: Callable[[], int],
+        on_news: Callable[[News], None],
+        *,
+        resume: Sequence[Path] | None = None,
+        return_ns: int = RETURN_NS,
+    ) -> None:
+        """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back."""
+        self.now_ns = now_ns
+        self.saved: deque[str] = deque(maxlen=REMEMBERED)
+        """Paths of the newest sessions of this run, newest last: every status tells them."""
+        self.newest: BurstSession | None = None
+        self._disk = DiskThreads()
+        self.resumed = ResumedBursts(root, lambda session: self._spawn(self._follow(session)), self._disk)
+        """The sessions of earlier runs that are being finished."""
+        self._root = root
+        self._engine = engine
+        self._on_news = on_news
+        self._bursts: dict[int, BurstSession] = {}
+        self._cancelled: set[int] = set()
+        self._finished: dict[int, BurstStatus] = {}
+        self._last_number = 0
+        self._last_folders: dict[str, int] = {}
+        """The number in the name of the last session, by what is before it."""
+        self._image_bytes: dict[str, int] = {}
+        self._spools: dict[str, SpoolSpace] = {}
+        self._told_ns = now_ns() - TELL_EVERY_NS
+        self._silent: set[str] = set()
+        """Cameras of this run that left their last burst without a word: one must not hold up all others."""
+        self._trouble = ""
+        """Why the leader's disk takes nothing at present, as it was told."""
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._spawn(self._watch_silence())
+        self._spawn(self.resumed.resume_all(now_ns(), folders=resume, wait_ns=return_ns))
+
+    async def close(self) -> None:
+        """Save bursts under way with what has come."""
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for burst in tuple(self._bursts.values()):
+            if not burst.finished.is_set():
+                # Nodes still have what has not come, and the next start may fetch it.
+                await (burst.suspend() if burst.is_empty() else burst.finish_now("the leader was stopped"))
+                self._note_finished(burst)
+        await self.resumed.suspend_all()
+        self._disk.close()
+
+    async def order(
+        self,
+        *,
+        frames: int,
+        spacing: int = 1,
+        spare: int | None = None,
+        at_leader_ns: int | None = None,
+        name: str = "",
+        note: str = "",
+        video: bool = False,
+    ) -> BurstSession:
+        """Order a burst of all nodes that are here, and begin its session, which is named after the take.
+
+        The frames of a long one, and those of a `video`, are sent as they come. Of others up to `spare`
+        further instants make up for those that not every camera has; None for the usual number.
+        Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
+        where there is no camera, DiskFullError where it will hardly find room here or on a node.
+        """
+        self._check_number(at_leader_ns)
+        prefix = name or (RECORDING if video else UNNAMED)
+        check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
+        goal = self._engine.goal
+        step_ns = 0 if goal is None else spacing * goal.period_ns
+        streamed = video or is_streamed(spare, frames, step_ns)
+        self._engine.check_burst(frames=frames, spacing=spacing, streamed=streamed)
+        image_bytes = expected_image_bytes(self._engine.clients(self.now_ns()), self._image_bytes)
+        # A recording may be stopped at any time.
+        check_room(self._root, image_bytes, min(frames, SURE_FRAMES) if video else frames, self._spools)
+        # A number that was given up is never given again: nodes may still know it.
+        after = self._last_folders.get(prefix, 0)
+        writer, folder = await asyncio.to_thread(create_numbered, self._root, prefix, after=after)
+        self._last_folders[prefix] = folder
+        number = max(self._last_number + 1, folder if prefix == UNNAMED else 0)
+        self._last_number = number
+        try:
+            burst = self._engine.trigger(
+                self.now_ns(),
+                frames=frames,
+                spacing=spacing,
+                spare=usual_spare(frames) if spare is None else spare,
+                at_leader_ns=at_leader_ns,
+                number=number,
+                streamed=streamed,
+                video=video,
+            )
+        except SimulshotError:
+            await asyncio.to_thread(writer.discard)
+            raise
+        facts = {view.name: view.camera for view in self._engine.clients(self.now_ns())}
+        session = self._bursts[number] = self.newest = BurstSession(
+            burst, facts, writer, self._disk, hasty=self._silent
+        )
+        self._spawn(self._follow(session))
+        # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
+        try:
+            await session.write_plan(self._engine.config.instance, note)
+        except SimulshotError as error:
+            await session.cancel(error.what)
+            raise
+        return session
+
+    @property
+    def ahead(self) -> tuple[BurstAhead, ...]:
+        """The bursts that are ordered and begin later than soon."""
+        soon_ns = self.now_ns() + SOON_NS
+        return tuple(
+            BurstAhead(
+                burst=of.burst.number,
+                name=of.status.name,
+                first_leader_ns=of.burst.instants_ns[0],
+                instants=of.burst.frames,
+            )
+            for of in self._bursts.values()
+            if not of.finished.is_set() and of.burst.instants_ns[0] > soon_ns
+        )
+
+    def _check_number(self, at_leader_ns: int | None) -> None:
+        """Raise IncompleteError where too many bursts are under way, or ordered ahead."""
+        open_bursts = sum(1 for of in self._bursts.values() if not of.finished.is_set())
+        is_ahead = at_leader_ns is not None and at_leader_ns > self.now_ns() + SOON_NS
+        check_open_bursts([burst.burst for burst in self.ahead], open_bursts, is_ahead=is_ahead)
+
+    async def cancel(self, number: int) -> None:
+        """Take a burst back: nodes forget it, and what has come already is saved.
+
+        Raises BadInputError where no such burst is under way.
+        """
+        session = self._bursts.get(number)
+        if session is None or session.finished.is_set():
+            raise BadInputError(f"burst {number} is not under way", hint="a saved one is a session")
+        self._cancelled.add(number)
+        self._engine.cancel(session.burst, self.now_ns())
+        await session.cancel(CANCELLED)
+
+    async def end(self, number: int | None = None) -> None:
+        """Let a recording, or a long burst, end now; None: the newest. Raises BadInputError."""
+        streamed = (of for of in self._bursts.values() if of.burst.streamed and not of.finished.is_set())
+        found = [of for of in streamed if number in (None, of.burst.number)]
+        if not found:
+            what = "no recording is" if number is None else f"burst {number} is no recording that is"
+            raise BadInputError(f"{what} under way", hint="capture-app status shows what is")
+        await self._end(found[-1])
+
+    async def _end(self, session: BurstSession) -> None:
+        """Order no instants of a session beyond those that every node can have heard of."""
+        frames = frames_until(session.burst, self.now_ns())
+        if frames < session.burst.frames:
+            ended = self._engine.end(session.burst, frames, self.now_ns())
+            if not session.finished.is_set():
+                await session.end(ended)
+
+    async def wait_until_saved(self, burst: int) -> BurstStatus:
+        """Wait until a burst of this run is saved or given up, and return its last status."""
+        session = self._bursts.get(burst)
+        if session is not None:
+            await session.finished.wait()
+            return session.status
+        return self._finished[burst]
+
+    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
+        """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
+
+        Raises BadInputError where there is no such burst, a CancelledBurstError where it was cancelled,
+        TryAgainError where its session is in use.
+        """
+        of_this_run = message.leader == self._engine.config.instance
+        if of_this_run and message.burst in self._cancelled:
+            raise CancelledBurstError(f"burst {message.burst} was cancelled")
+        session = self._bursts.get(message.burst) if of_this_run else None
+        if session is not None and not session.finished.is_set():
+            return session
+        if isinstance(message, ImageUpload):
+            return self.resumed.open_session_of(message)
+        return await self.resumed.reopen(message, self.now_ns())
+
+    async def answer_finished(self, report: CameraReport) -> ReportAck | None:
+        """Answer a report of a saved session that has all images of its camera: nothing of it is changed."""
+        session = self._bursts.get(report.burst)
+        if session is not None and report.leader == self._engine.config.instance:
+            return None
+        return await self.resumed.answer_finished(report)
+
+    @property
+    def spools(self) -> Mapping[str, SpoolSpace]:
+        """How much room each node has, as it told last."""
+        return self._spools
+
+    def note_spool_space(self, space: SpoolSpace) -> None:
+        """Note how much room a node has, for the next burst, and tell where that cannot be used."""
+        before = self._spools.get(space.camera)
+        self._spools[space.camera] = space
+        if space.problem != ("" if before is None else before.problem):
+            self._on_news(DiskNews(space.camera, space.problem))
+
+    def tell_progress(self, session: BurstSession) -> None:
+        """Report how far a burst is, a long one now and then; that it is finished is reported once."""
+        wait_ns = TELL_EVERY_NS if session.burst.streamed else 0
+        if not session.finished.is_set() and self.now_ns() >= self._told_ns + wait_ns:
+            self._told_ns = self.now_ns()
+            self._on_news(session.status)
+
+    def note_refusal(self, refusal: BurstRefused) -> None:
+        """A node takes no part in a burst."""
+        if refusal.burst in self._bursts:
+            session = self._bursts[refusal.burst]
+            self._spawn(session.give_up_camera(refusal.name, refusal.reason))
+
+    async def _follow(self, session: BurstSession) -> None:
+        self._on_news(session.status)
+        await session.finished.wait()
+        self._note_finished(session)
+
+    def _note_finished(self, session: BurstSession) -> None:
+        status = session.status
+        path, number = status.session, session.burst.number
+        if session.burst.streamed and self._bursts.get(number) is session:
+            # Where it ended for another reason, as a full disk, nodes still pick.
+            self._spawn(self._end(session))
+        if path is not None and path not in self.saved:
+            self.saved.append(path)
+        if path is not None:
+            self._image_bytes |= session.mean_image_bytes()
+        if self._bursts.get(number) is session:
+            self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
+            del self._bursts[number]
+            self._finished[number] = status
+            if len(self._finished) > REMEMBERED:
+                del self._finished[min(self._finished)]
+        self._on_news(status)
+
+    async def _watch_silence(self) -> None:
+        while True:
+            await asyncio.sleep(SILENCE_CHECK_S)
+            now_ns = self.now_ns()
+            lost: Mapping[str, str] = {
+                view.name: f"lost: {view.report.message}"
+                for view in self._engine.clients(now_ns)
+                if view.report.state is NodeState.LOST
+            }
+            for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):
+                if not session.finished.is_set():
+                    await session.give_up_silent_cameras(lost, now_ns)
+            troubles = (of.trouble for of in (*self._bursts.values(), *self.resumed.sessions()))
+            if (trouble := next(filter(None, troubles), "")) != self._trouble:
+                self._trouble = trouble
+                self._on_news(DiskNews(None, trouble))
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

@@ -1,0 +1,264 @@
+"""Camera nodes on the leader's machine, as processes that end with it.
+
+The server of phones on the leader's machine, as a process that ends with it.
+"""
+
+import asyncio
+from collections.abc import Collection
+from pathlib import Path
+from typing import Self
+
+import msgspec
+from msgspec import Struct
+
+from capture_app.cameras.specs import parse_spec
+from capture_app.errors import BadInputError, NetworkError, SimulshotError
+from capture_app.names import check_name
+from capture_app.net.address import Address
+from capture_app.node.child import Child
+from capture_app.node.leader.news import NewsLog
+from capture_app.node.wire.operating import PhoneInvited
+
+PHONES_START_TIMEOUT_S = 30.0
+EVENT = "invitation"
+
+
+class _Line(Struct, frozen=True):
+    """A line of what it prints."""
+
+    event: str
+    url: str = ""
+    fingerprint: str = ""
+    good_for_s: int = 0
+
+
+class LocalPhones:
+    """Started when the first phone is invited, and again by the next invitation where it has ended."""
+
+    def __init__(self, leader: Address, spool: Path, host: str, news: NewsLog) -> None:
+        """`host` is where phones reach this machine."""
+        self._leader, self._spool, self._host, self._news = leader, spool, host, news
+        self._child: Child | None = None
+        self._reading: asyncio.Task[None] | None = None
+        self._invited: tuple[PhoneInvited, float] | None = None
+        self._news_came = asyncio.Event()
+        self._starting = asyncio.Lock()
+
+    async def invitation(self) -> PhoneInvited:
+        """Return the page of the next phone. Raises NetworkError, and what its server ended with."""
+        async with self._starting:
+            if self._child is None or self._child.process.returncode is not None:
+                await self._start()
+        if self._invited is None:
+            raise NetworkError("the server of phones has not begun", hint="ask again in a moment")
+        invited, until_s = self._invited
+        left_s = max(0, round(until_s - asyncio.get_running_loop().time()))
+        return msgspec.structs.replace(invited, good_for_s=left_s)
+
+    async def close(self) -> None:
+        """End it."""
+        if self._reading is not None:
+            self._reading.cancel()
+        if self._child is not None:
+            await self._child.stop()
+
+    async def _start(self) -> None:
+        self._invited = None
+        self._news_came.clear()
+        arguments = ("capture_app.cli", "phones", "--until-eof", "--json", "--host", self._host)
+        where = ("--leader", str(self._leader), "--spool", str(self._spool))
+        self._child = await Child.start("the server of phones", (*arguments, *where))
+        self._reading = asyncio.create_task(self._read(self._child))
+        try:
+            async with asyncio.timeout(PHONES_START_TIMEOUT_S):
+                await self._news_came.wait()
+        except TimeoutError:
+            return
+        if self._invited is None:
+            await self._child.process.wait()
+            raise await self._child.failure()
+
+    async def _read(self, child: Child) -> None:
+        assert child.process.stdout is not None
+        async for raw in child.process.stdout:
+            try:
+                line = msgspec.json.decode(raw, type=_Line)
+            except ValueError:
+                continue
+            if line.event == EVENT:
+                until_s = asyncio.get_running_loop().time() + line.good_for_s
+                told = PhoneInvited(url=line.url, fingerprint=line.fingerprint, good_for_s=line.good_for_s)
+                self._invited = told, until_s
+                self._news_came.set()
+        if self._invited is not None:
+            self._news.add("the server of phones has ended; invite a phone to start it again", level="error")
+        self._news_came.set()
+
+
+MAX_NODES = 64
+_CAM = tuple(f"cam{number:02d}" for number in range(MAX_NODES))
+VIEWS = {
+    "studio": _CAM[:7],
+    "pinwheel": _CAM[:5],
+    "crossing": _CAM[:3],
+    "board": _CAM[:7],
+    "bars": _CAM,
+    "led-panel": _CAM,
+}
+"""Names of the cameras of each simulated scene; what is rendered has a view for each of them."""
+FLAT_SCENES = ("bars", "led-panel")
+"""These have no views: any number of cameras can look at them."""
+START_TIMEOUT_S = 15.0
+
+
+class LocalNodes:
+    """Starts and ends such nodes; one that ends by itself is told in the news."""
+
+    def __init__(
+        self, leader: Address, spool: Path, news: NewsLog | None = None, host: str | None = None
+    ) -> None:
+        """`leader` is the address that they join; `spool` keeps their images until the leader has them.
+
+        `host` is where phones reach this machine.
+        """
+        self._leader = leader
+        self._spool = spool
+        self._news = news or NewsLog()
+        self.phones = LocalPhones(leader, spool, host or leader.host, self._news)
+        """The server of the phones that are cameras here."""
+        self._children: dict[str, Child] = {}
+        self._watching: dict[str, asyncio.Task[None]] = {}
+        """Of those that are not being ended; a name is free again when its process is gone."""
+        self._specs: dict[str, str] = {}
+        """The node that was started last for each spec."""
+        self._adding = asyncio.Lock()
+        self._failed: asyncio.Queue[SimulshotError] = asyncio.Queue()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    @property
+    def names(self) -> Collection[str]:
+        """Of the nodes that run."""
+        return self._children.keys()
+
+    async def add_camera(self, spec: str, name: str | None = None, taken: Collection[str] = ()) -> str:
+        """Start one camera and return its name when it is open; `taken` are names of other nodes.
+
+        A device of this machine that one of these nodes has is that node.
+        Raises BadInputError for a spec or name that cannot be used, and the node's own error where it ends.
+        """
+        parsed = parse_spec(spec)
+        async with self._adding:
+            known = None if parsed.kind == "sim" else self._specs.get(spec)
+            if known is not None and known in self._children and name in (None, known):
+                if known in self._watching:
+                    return known
+                await self._children[known].process.wait()  # it has the device until then
+            if name is None:
+                name = self._free_name(parsed.label, taken)
+            self._check(check_name(name, "camera"), taken)
+            child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
+            self._specs[spec] = name
+        ended = asyncio.create_task(child.process.wait())
+        spoken = asyncio.create_task(child.spoken.wait())
+        # It speaks when its camera is open, or of the error that it ends with.
+        await asyncio.wait((ended, spoken), timeout=START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
+        if any(": error: " in line for line in child.said):
+            await asyncio.wait((ended,), timeout=START_TIMEOUT_S)
+        spoken.cancel()
+        ended.cancel()
+        if child.process.returncode is not None:
+            raise await child.failure()
+        return name
+
+    async def add_simulated(
+        self,
+        cameras: int,
+        scene: str = "studio",
+        *,
+        taken: Collection[str] = (),
+        options: str = "drops=0",
+        tolerance_us: int | None = None,
+    ) -> tuple[str, ...]:
+        """Start so many further simulated cameras and return their names; they are open some seconds later.
+
+        `options` are those of each camera: without drops all pictures can be compared. Raises BadInputError
+        for a scene that does not exist or has no more views.
+        """
+        if scene not in VIEWS:
+            raise BadInputError(f"there is no simulated scene {scene!r}", hint=f"one of {', '.join(VIEWS)}")
+        flat, pool = scene in FLAT_SCENES, VIEWS[scene]
+        async with self._adding:
+            free = [name for name in pool if name not in taken and name not in self._children]
+            if not 1 <= cameras <= len(free):
+                more = "" if flat else f"; any number can look at {FLAT_SCENES[0]}"
+                raise BadInputError(
+                    f"{cameras} further simulated cameras of the scene {scene} are not available",
+                    hint=f"it has {len(pool)} views, {len(free)} of them free{more}",
+                )
+            for name in free[:cameras]:
+                self._check(name, taken)
+                model = "phone-a" if pool.index(name) < 2 else "phone-b"
+                view = "" if flat else f",view={name}"
+                spec = f"sim:{model},scene={scene}{view}" + (f",{options}" if options else "")
+                await self._start(name, spec, "sim", tolerance_us)
+        return tuple(free[:cameras])
+
+    async def remove(self, name: str) -> None:
+        """End a node. Raises BadInputError where there is none of that name."""
+        child = self._children.get(name)
+        if child is None:
+            raise BadInputError(f"{name} is no node of this leader's machine")
+        watching = self._watching.pop(name, None)
+        if watching is None:  # it is being ended already
+            await child.process.wait()
+            return
+        watching.cancel()
+        try:
+            await child.stop()
+        finally:
+            del self._children[name]
+
+    async def close(self) -> None:
+        """End all of them."""
+        await asyncio.gather(self.phones.close(), *(self.remove(name) for name in tuple(self._children)))
+
+    async def wait_for_failure(self) -> SimulshotError:
+        """Wait until a node ends by itself, and return its error."""
+        return await self._failed.get()
+
+    def _check(self, name: str, taken: Collection[str]) -> None:
+        if name in self._children or name in taken:
+            raise BadInputError(f"a node named {name} is here already", hint="choose another name")
+        if len(self._children) >= MAX_NODES:
+            raise BadInputError(f"{MAX_NODES} nodes run on this machine already")
+
+    def _free_name(self, wished: str, taken: Collection[str]) -> str:
+        number, name = 1, wished
+        while name in self._children or name in taken:
+            number += 1
+            name = f"{wished}-{number}"
+        return name
+
+    async def _start(self, name: str, spec: str, clock: str, tolerance_us: int | None = None) -> Child:
+        arguments = [
+            *("capture_app.cli", "node", "--until-eof", "--name", name, "--camera", spec),
+            *("--spool", str(self._spool), "--leader", str(self._leader), "--clock", clock),
+        ]
+        if tolerance_us is not None:
+            arguments += ["--tolerance-us", str(tolerance_us)]
+        child = self._children[name] = await Child.start(name, arguments)
+        self._watching[name] = asyncio.create_task(self._watch(name, child))
+        return child
+
+    async def _watch(self, name: str, child: Child) -> None:
+        await child.process.wait()
+        error = await child.failure()
+        if self._children.get(name) is child:
+            del self._children[name], self._watching[name]
+            self._news.add(str(error), camera=name, level="error")
+            self._failed.put_nowait(error)

@@ -1,0 +1,173 @@
+"""What happens, in a line each, and the latest of it.
+
+What happens at a leader, in a line each, for the terminal and the screen alike.
+
+The latest news of a leader, for whoever looks at it later.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from capture_app.interop.app_leader import AppPhoneJoined, AppPhoneLost, AppPhoneSynced
+from capture_app.interop.app_phones import AppNews, AppPhonesTold
+from capture_app.net.address import Address
+from capture_app.node.wire.status import BurstStatus, Level, NewsLine
+from capture_app.sync.rig import events, node_message
+from capture_app.sync.rig.time_client import TimeClientEvent
+from capture_app.sync.timekeeping import clock_events
+from capture_app.sync.timekeeping.rates import HostAtRate, HostOffRate
+from capture_app.text import duration
+from capture_app.trust.sealing import DatagramsRefused
+
+
+@dataclass(frozen=True, slots=True)
+class DiskNews:
+    """A disk that cannot be used, of a camera's node or, without a name, the leader's; or that can again."""
+
+    name: str | None
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrustNews:
+    """A machine that wants to be known, has become so, or tried in vain."""
+
+    text: str
+    name: str | None = None
+
+
+News = (
+    events.LeaderEvent
+    | HostOffRate
+    | HostAtRate
+    | DiskNews
+    | TrustNews
+    | DatagramsRefused
+    | BurstStatus
+    | AppNews
+)
+"""What a leader tells about: nodes and phones that come and go, odd clocks, disks, strangers, and bursts."""
+
+
+def news_line(news: News) -> str:
+    """A line about what happened, for a person; empty where it is nothing to tell."""
+    match news:
+        case events.NodeJoined():
+            return f"{news.name} joined"
+        case events.NodeReturned():
+            return f"{news.name} is back"
+        case events.NodeMoved():
+            return f"{news.name} is now connected to {news.relay or 'this leader'}"
+        case events.NodeLost():
+            return f"lost {news.name}: {news.reason}"
+        case events.NodeForgotten():
+            return f"forgot {news.name}, which was lost"
+        case HostOffRate():
+            return off_rate_line(news)
+        case HostAtRate():
+            return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
+        case DiskNews():
+            return f"{news.name or 'leader'}: {news.problem or 'its disk can be used again'}"
+        case TrustNews() | AppPhonesTold():
+            return news.text
+        case AppPhoneJoined():
+            return f"phone {news.name} at {news.host} is here with the Android app, which nobody has let in"
+        case AppPhoneSynced():
+            return f"phone {news.name} has the time to {duration(news.uncertainty_ns)}"
+        case AppPhoneLost():
+            return f"lost phone {news.name}: it has gone silent"
+        case DatagramsRefused():
+            return str(news)
+        case events.BurstRefused():
+            return f"burst {news.burst}: without {news.name}: {news.reason}"
+        case BurstStatus():
+            return burst_line(news)
+    return ""
+
+
+def off_rate_line(off: HostOffRate) -> str:
+    """Say whose clock runs at another rate than the others, and why that may be."""
+    if off.certain:
+        return node_message.slewing(off.name or "the leader's host", off.fast_ppm)
+    against = "the leader's" if off.ambiguous else "all others"
+    perhaps = " (or so it is with the leader's)" if off.ambiguous else ""
+    return (
+        f"the clock of {off.name or 'the leader'} runs {node_message.fast_or_slow(off.fast_ppm)} against"
+        f" {against}: its NTP daemon is slewing it, or it is a virtual machine{perhaps}"
+    )
+
+
+def follower_line(event: TimeClientEvent, parent: Address) -> str:
+    """A line about how a relay stands with its own leader, empty where there is nothing to say."""
+    match event:
+        case events.Joined():
+            return f"joined {parent}"
+        case events.LeaderLost():
+            return f"lost {parent} ({event.reason}): in holdover"
+        case events.JoinRefused():
+            return f"{parent} refused this relay: {event.reason}"
+        case clock_events.ClockSynced():
+            return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
+        case clock_events.ClockStepped():
+            return "a clock was changed: synchronizing again"
+        case clock_events.StepRefused():
+            return node_message.step_refused(event.times)
+        case clock_events.ClockRateUnusual():
+            return node_message.fast_clock(event.fast_ppm)
+        case clock_events.ClockRateChanged():
+            return node_message.RATE_CHANGED
+    return ""
+
+
+def burst_line(burst: BurstStatus) -> str:
+    """A line about how far a burst is."""
+    if not burst.burst:
+        return burst.message
+    so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
+    if not burst.done:
+        return so_far + (f", {burst.message}" if burst.message else "")
+    where = f", saved as {burst.session}" if burst.session else ", no session"
+    return so_far + where + (f"; {burst.message}" if burst.message else "")
+
+
+KEPT = 500
+_WARNINGS = events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused | AppPhoneLost
+
+
+class NewsLog:
+    """Lines with the time of the calendar, each later than the one before."""
+
+    def __init__(self, unix_now_ns: Callable[[], int] = time.time_ns, kept: int = KEPT) -> None:
+        self._unix_now_ns = unix_now_ns
+        self._lines: deque[NewsLine] = deque(maxlen=kept)
+
+    def add(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
+        """Add what happened now; what was just said is not said again."""
+        last = self._lines[-1] if self._lines else None
+        if last is not None and (last.text, last.camera) == (text, camera):
+            return
+        # A calendar clock may be set back.
+        unix_ns = self._unix_now_ns() if last is None else max(self._unix_now_ns(), last.unix_ns + 1)
+        self._lines.append(NewsLine(unix_ns=unix_ns, text=text, camera=camera, level=level))
+
+    def note(self, news: News) -> None:
+        """Add what happened in a rig where that is news; a burst's progress is in every status."""
+        if isinstance(news, BurstStatus):
+            if news.done:
+                whole = news.session is not None and news.received == news.expected
+                self.add(news_line(news), level="info" if whole else "warning")
+        elif text := news_line(news):
+            warns = isinstance(news, _WARNINGS)
+            warns = warns or (isinstance(news, DiskNews) and bool(news.problem))
+            self.add(text, camera=news.name, level="warning" if warns else "info")
+
+    def after(self, unix_ns: int) -> tuple[NewsLine, ...]:
+        """Return the lines that are later than that time, oldest first."""
+        found: list[NewsLine] = []
+        for line in reversed(self._lines):
+            if line.unix_ns <= unix_ns:
+                break
+            found.append(line)
+        return tuple(reversed(found))

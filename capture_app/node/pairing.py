@@ -1,0 +1,206 @@
+"""Becoming known: the leader's part and the machine's.
+
+A leader's or a relay's part of becoming known, and what each machine may ask for.
+
+A machine's part of becoming known to a leader.
+"""
+
+import asyncio
+import socket
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.names import name_like
+from capture_app.net.address import Address
+from capture_app.net.channel import Channel, connect
+from capture_app.node.wire import messages, operating, pairing
+from capture_app.node.wire.message import Message
+from capture_app.sync.rig.roster import Member
+from capture_app.trust.identity import pin_of
+from capture_app.trust.known_machines import Role
+from capture_app.trust.pairing import GOOD_FOR_S, Candidate, InvitationDesk
+from capture_app.trust.trust import ANYBODY, Peer, Trust
+
+OPEN_NEEDS_NO_CODE = "this rig is open to anybody and needs no code"
+SAID_AGAIN_S = 30.0
+"""Strangers that knock are told of so often at most: they shall not fill a screen."""
+OF_CAMERAS = (
+    messages.NodeStream
+    | messages.CameraReport
+    | messages.ImageUpload
+    | messages.SpoolSpace
+    | operating.ViewfinderOpened
+    | operating.Vitals
+    | operating.PreviewFrame
+    | operating.DetailAnswer
+    | operating.ControlsAnswer
+    | operating.StampKept
+)
+
+
+def check_allowed(who: Peer, message: Message) -> None:
+    """Check that a peer may send such a message. Raises UnknownMachineError with what a person can do."""
+    if isinstance(message, pairing.FromStranger):
+        return
+    role = Role.RELAY if isinstance(message, pairing.SpeaksFor) else Role.OPERATOR
+    role = Role.CAMERA if isinstance(message, OF_CAMERAS) else role
+    if isinstance(message, messages.KeyRequest):
+        role = Role.RELAY if message.is_relay else Role.CAMERA
+    if not who.may(role):
+        known = "not known here" if who.is_stranger else f"known here as {' and '.join(sorted(who.roles))}"
+        raise UnknownMachineError(
+            f"this machine is {known}, not as {role}",
+            hint=f"on the leader's machine: capture-app trust invite --as {role}",
+        )
+
+
+class PairingDesk:
+    """Makes machines known that have a code, or whose pin was added here."""
+
+    def __init__(self, trust: Trust, tell: Callable[[str], None]) -> None:
+        """`tell` gets what a person should see."""
+        self._trust, self._tell = trust, tell
+        self._invitations = InvitationDesk(time.monotonic)
+        self._said_s = -SAID_AGAIN_S
+        self._name = name_like(socket.gethostname().split(".")[0], "leader")
+
+    def invite(self, role: Role) -> pairing.Invited:
+        """Make a code for one machine. Raises UnknownMachineError where machines need none."""
+        if self._trust.is_open:
+            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
+        invitation = self._invitations.invite(role)
+        return pairing.Invited(code=invitation.code, good_for_s=GOOD_FOR_S)
+
+    async def answer(self, channel: Channel[Any], message: pairing.FromStranger) -> None:
+        """Answer a machine that wants to be known.
+
+        Raises UnknownMachineError, BadInputError, DiskError, and NetworkError where the stream breaks off.
+        """
+        match message:
+            case pairing.Knock():
+                await self._answer_knock(channel, message)
+            case pairing.PairingWord():
+                await self._answer_word(channel, message)
+            case pairing.PairingProof():
+                raise UnknownMachineError("a proof comes after a word")
+
+    async def _answer_knock(self, channel: Channel[Any], message: pairing.Knock) -> None:
+        machine = None if self._trust.is_open else self._trust.known.note_certificate(message.certificate)
+        if machine is None:
+            now_s = time.monotonic()
+            if now_s - self._said_s >= SAID_AGAIN_S:
+                self._said_s = now_s
+                self._tell(
+                    f"a machine at {channel.host} wants to join and is not known here;"
+                    " if it is yours, show it a code: capture-app trust invite"
+                )
+            raise UnknownMachineError("the leader does not know this machine")
+        self._tell(f"{machine.name} is known from now on")
+        await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
+
+    async def _answer_word(self, channel: Channel[Any], message: pairing.PairingWord) -> None:
+        if self._trust.is_open:
+            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
+        own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
+        # Its arithmetic takes a while, and other nodes ask for the time meanwhile.
+        share, attempt = await asyncio.to_thread(self._invitations.answer, pin, message.share, own_pin)
+        await channel.send(pairing.PairingAnswer(share=share))
+        said = await channel.receive_header()
+        if not isinstance(said, pairing.PairingProof):
+            raise UnknownMachineError("a word must be followed by its proof")
+        try:
+            proof = self._invitations.accept(attempt, said.proof)
+        except UnknownMachineError:
+            self._tell(f"a machine at {channel.host} tried a wrong code")
+            raise
+        role = attempt.invitation.role
+        machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
+        self._tell(f"{machine.name} at {channel.host} is known as {role} from now on")
+        await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))
+
+
+def peer_of(message: pairing.SpeaksFor, relay: Peer) -> Peer:
+    """Return for whom a relay speaks: for cameras and operators, and never for itself."""
+    roles = frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR}
+    return Peer(message.pin, message.name, roles, via=relay.pin, node=message.node)
+
+
+def is_node(who: Peer, member: Member | None, instance: int) -> bool:
+    """Whether a peer is the machine from which this run of a node has joined, even if it is lost now."""
+    if member is None or member.instance != instance:
+        return False
+    if who.via and who.node != (member.name, instance):
+        return False
+    return member.speaker is None or member.speaker.pin == (who.via or who.pin)
+
+
+def speaks_for(who: Peer, message: Message) -> pairing.SpeaksFor | None:
+    """Return what a relay says for one of its own, which begins with this; None where nobody is asked."""
+    if who is ANYBODY:
+        return None
+    node = None
+    if isinstance(message, messages.NodeStream | operating.ViewfinderOpened):
+        node = message.camera, message.instance
+    return pairing.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)
+
+
+ANSWER_TIMEOUT_S = 10.0
+
+A = TypeVar("A", bound=Message)
+
+
+async def is_known(leader: Address, trust: Trust) -> bool:
+    """Whether this machine and a leader know each other. Raises NetworkError where it does not answer."""
+    try:
+        async with await connect(leader, messages.FromLeader, trust=trust):
+            return True
+    except UnknownMachineError:
+        return False
+
+
+async def knock(leader: Address, trust: Trust) -> None:
+    """Show this machine to a leader that is known here, which may have been given its pin.
+
+    Raises UnknownMachineError where it was not, or is not known here, NetworkError.
+    """
+    async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
+        if not channel.who.may(Role.LEADER):
+            raise UnknownMachineError(f"this machine does not know the leader at {leader}")
+        await _ask(channel, pairing.Knock(certificate=trust.identity.certificate), pairing.Known)
+
+
+async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
+    """Make this machine and a leader known to each other by a code, and return what it may do there.
+
+    Raises UnknownMachineError where it is not the code, NetworkError, DiskError.
+    """
+    own = trust.identity
+    async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
+        shown = channel.who.pin
+        candidate = await asyncio.to_thread(Candidate, code, own.pin, shown)
+        name = name_like(socket.gethostname().split(".")[0], "machine")
+        word = pairing.PairingWord(certificate=own.certificate, name=name, share=candidate.share)
+        answer = await _ask(channel, word, pairing.PairingAnswer)
+        proof = await asyncio.to_thread(candidate.prove, answer.share)
+        known = await _ask(channel, pairing.PairingProof(proof=proof), pairing.Known)
+        candidate.check(known.proof)
+    trust.known.add(shown, Role.LEADER, name=known.leader)
+    return known.roles
+
+
+async def _ask(channel: Channel[Any], message: Message, kind: type[A]) -> A:
+    await channel.send(message)
+    try:
+        async with asyncio.timeout(ANSWER_TIMEOUT_S):
+            answer = await channel.receive_header()
+    except TimeoutError as error:
+        raise NetworkError(f"the leader at {channel.peer} does not answer") from error
+    if isinstance(answer, messages.Refusal):
+        raise answer.as_error()
+    if not isinstance(answer, kind):
+        raise SimulshotError(
+            f"the leader at {channel.peer} did not answer that", hint="is it of this version?"
+        )
+    return answer

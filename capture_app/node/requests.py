@@ -1,0 +1,226 @@
+"""Requests to a running leader, as commands and the screen make them.
+
+Exposure, gain, white balance and focus of a rig's cameras: shown, set, and measured on one for all.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping, Sequence
+from typing import Any, TypeVar
+
+from msgspec import Struct
+
+from capture_app.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue, StampAccuracy
+from capture_app.errors import BadInputError, IncompleteError, NetworkError
+from capture_app.net.address import Address
+from capture_app.net.channel import Channel, connect
+from capture_app.node.wire import messages, operating, pairing
+from capture_app.node.wire.message import Message
+from capture_app.node.wire.operating import ExposeAppPhones
+from capture_app.node.wire.status import BurstStatus, NodeDetail, RigStatus
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
+
+ANSWER_TIMEOUT_S = 10.0
+ORDER_TIMEOUT_S = 40.0
+"""A camera that is started has to be opened first."""
+
+A = TypeVar("A", bound=Message)
+
+
+async def ask_status(leader: Address) -> RigStatus:
+    """Return the status of the rig of a running leader. Raises NetworkError."""
+    return (await _ask(leader, messages.StatusRequest(), messages.StatusAnswer)).rig
+
+
+async def ask_detail(leader: Address, camera: str) -> NodeDetail:
+    """Return all that a node knows of itself. Raises NetworkError, and the leader's own errors."""
+    return (await _ask(leader, operating.DetailRequest(camera=camera), operating.DetailAnswer)).detail
+
+
+async def ask_controls(
+    leader: Address, camera: str, wanted: Mapping[Control, ControlValue]
+) -> CameraControls:
+    """Set what is wanted of a camera's controls, nothing if empty; return them all as they stand then.
+
+    Raises NetworkError, and the leader's own errors.
+    """
+    request = operating.ControlsRequest(camera=camera, wanted=dict(wanted))
+    return (await _ask(leader, request, operating.ControlsAnswer)).state
+
+
+async def tell_stamp(leader: Address, camera: str, stamp: StampAccuracy) -> bool:
+    """Let a camera's node go by what was measured of its stamps; whether it keeps it for the next time.
+
+    Raises NetworkError, and the leader's own errors.
+    """
+    order = operating.KeepStamp(camera=camera, stamp=stamp)
+    return (await _ask(leader, order, operating.StampKept)).kept
+
+
+async def give_order(leader: Address, order: operating.Order) -> tuple[str, ...]:
+    """Return when the leader has done it, with the names of cameras that it started.
+
+    Raises NetworkError, and the leader's own errors.
+    """
+    return (await _ask(leader, order, operating.Done, ORDER_TIMEOUT_S)).names
+
+
+async def ask_invitation(leader: Address, role: Role) -> pairing.Invited:
+    """Return a code by which one machine becomes known to the leader. Raises NetworkError."""
+    return await _ask(leader, pairing.Invite(role=role), pairing.Invited)
+
+
+async def ask_phone_invitation(leader: Address) -> operating.PhoneInvited:
+    """Return the page of the next phone. Raises NetworkError, and the leader's errors."""
+    return await _ask(leader, operating.InvitePhone(), operating.PhoneInvited, ORDER_TIMEOUT_S)
+
+
+async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
+    """Order a burst and yield its progress until it is done.
+
+    Raises NetworkError, and the leader's own errors.
+    """
+    async with await connect(leader, messages.FromLeader) as channel:
+        await channel.send(request)
+        while True:
+            # The leader tells how far it is once a second at least: silence means that it is gone.
+            answer = await receive_answer(channel)
+            if isinstance(answer, messages.BurstAnswer):
+                yield answer.burst
+                if answer.burst.done:
+                    return
+
+
+async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOUT_S) -> messages.FromLeader:
+    """Return the leader's next message, without its payload. Raises NetworkError, and the leader's errors."""
+    try:
+        async with asyncio.timeout(timeout_s):
+            answer: messages.FromLeader | None = await channel.receive_header()
+    except TimeoutError as error:
+        raise NetworkError(f"the leader at {channel.peer} does not answer") from error
+    if answer is None:
+        asks = ", or does it ask who you are? leave out --open" if Trust.of_user().is_open else "?"
+        raise NetworkError(
+            f"the leader at {channel.peer} closed the connection", hint=f"was it stopped{asks}"
+        )
+    if isinstance(answer, messages.Refusal):
+        raise answer.as_error()
+    return answer
+
+
+async def _ask(leader: Address, request: Message, kind: type[A], timeout_s: float = ANSWER_TIMEOUT_S) -> A:
+    async with await connect(leader, messages.FromLeader) as channel:
+        await channel.send(request)
+        answer = await receive_answer(channel, timeout_s)
+        if not isinstance(answer, kind):
+            raise NetworkError(
+                f"the leader at {leader} sent a {type(answer).__name__}, not a {kind.__name__}"
+            )
+        return answer
+
+
+ISO_OF_GAIN_1 = 100
+
+
+class ControlledCamera(Struct, frozen=True, kw_only=True):
+    """A camera of the rig and its controls as they stand, with what could not be done of what was asked."""
+
+    camera: str
+    state: CameraControls
+
+
+async def read_all(leader: Address) -> list[ControlledCamera]:
+    """Return the controls of all cameras that are here. Raises NetworkError."""
+    return await _each(leader, present_cameras(await ask_status(leader)), {})
+
+
+async def set_cameras(
+    leader: Address, wanted: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
+) -> list[ControlledCamera]:
+    """Set controls of these cameras, or of all that are here.
+
+    Raises BadInputError for a camera that is not here, NetworkError.
+    """
+    here = present_cameras(await ask_status(leader))
+    if unknown := sorted({*cameras} - {*here}):
+        raise BadInputError(f"no camera {', '.join(unknown)} is here", hint="capture-app status lists them")
+    return await _each(leader, cameras or here, wanted)
+
+
+async def match_cameras(
+    leader: Address, source: str, controls: Sequence[Control] = tuple(Control)
+) -> list[ControlledCamera]:
+    """Hold what one camera has chosen, and set it on all others that can; the first is that camera.
+
+    A value goes to those whose unit is the same: a gain in steps of one model means nothing to another.
+    Raises BadInputError where that camera is not here, NetworkError.
+    """
+    rig = await ask_status(leader)
+    first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[0]
+    others = [name for name in present_cameras(rig) if name != source]
+    rest = await asyncio.gather(*(_set_like(leader, name, first.state, controls) for name in others))
+    return [first, *rest, *await _set_app_phones(leader, rig, first.state)]
+
+
+def present_cameras(rig: RigStatus) -> list[str]:
+    """The names of the cameras that are here."""
+    return [
+        node.name
+        for node in rig.nodes
+        if node.camera.kind not in WITHOUT_CAMERA and node.state is not NodeState.LOST
+    ]
+
+
+async def _each(
+    leader: Address, cameras: Sequence[str], wanted: Mapping[Control, ControlValue]
+) -> list[ControlledCamera]:
+    return list(await asyncio.gather(*(_ask_camera(leader, name, wanted) for name in cameras)))
+
+
+async def _ask_camera(leader: Address, name: str, wanted: Mapping[Control, ControlValue]) -> ControlledCamera:
+    try:
+        return ControlledCamera(camera=name, state=await ask_controls(leader, name, wanted))
+    except IncompleteError as error:
+        return ControlledCamera(camera=name, state=CameraControls(problems=dict.fromkeys(wanted, error.what)))
+
+
+async def _set_like(
+    leader: Address, name: str, like: CameraControls, controls: Sequence[Control]
+) -> ControlledCamera:
+    own = (await _ask_camera(leader, name, {})).state
+    wanted: dict[Control, ControlValue] = {}
+    problems: dict[Control, str] = {}
+    for control in controls:
+        measured, mine = like.state(control), own.state(control)
+        if measured is None or measured.value is None:
+            continue
+        if mine is None:
+            problems[control] = f"it has no control of its {control}"
+        elif mine.unit != measured.unit:
+            problems[control] = f"its {control} is in {mine.unit}, and was measured in {measured.unit}"
+        else:
+            wanted[control] = measured.value
+    done = (await _ask_camera(leader, name, wanted)).state
+    state = CameraControls(controls=done.controls, problems={**problems, **done.problems})
+    return ControlledCamera(camera=name, state=state)
+
+
+async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls) -> list[ControlledCamera]:
+    """Tell phones with the app, which answer nothing; their gain is an ISO, of which 100 is taken for 1."""
+    phones = [phone.name for phone in rig.app_phones if phone.state != "lost"]
+    if not phones:
+        return []
+    exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
+    values = (None if exposure is None else exposure.value, None if gain is None else gain.value)
+    told = "it was told, and answers nothing"
+    if exposure is not None and gain is not None and None not in values and gain.unit == TIMES:
+        assert exposure.unit == MICROSECONDS, "the unit of every exposure"
+        order = ExposeAppPhones(
+            exposure_ns=round((exposure.value or 0) * 1000), iso=round((gain.value or 0) * ISO_OF_GAIN_1)
+        )
+        await give_order(leader, order)
+        problems = {Control.EXPOSURE: told, Control.GAIN: told}
+    else:
+        problems = {Control.EXPOSURE: "it takes an exposure with a gain only, which was not measured in ×"}
+    return [ControlledCamera(camera=name, state=CameraControls(problems=problems)) for name in phones]

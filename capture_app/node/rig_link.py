@@ -1,0 +1,222 @@
+"""A screen's connection to a leader: updates in, orders out.
+
+What an operator is told as it happens.
+
+A screen's connection to a leader, which is opened again whenever it is lost.
+
+The rig as the screens know it: updates in, orders out, over a connection to its leader.
+
+`capture_app.node.rig_link.RigLink` is the real one. What it yields lies in `capture_app.node.wire`:
+`RigStatus` in `status`, `NewsLine`, `Preview` and `NodeDetail` in `views`, `BurstRequest` in `messages`.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any, Protocol
+
+from msgspec import Struct
+
+from capture_app.errors import NetworkError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.net.channel import Channel, connect
+from capture_app.node.requests import (
+    ControlledCamera,
+    ask_burst,
+    ask_detail,
+    ask_invitation,
+    ask_phone_invitation,
+    give_order,
+    match_cameras,
+    receive_answer,
+)
+from capture_app.node.wire import messages, operating
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.operating import PhoneInvited
+from capture_app.node.wire.pairing import Invited
+from capture_app.node.wire.status import BurstStatus, NewsLine, NodeDetail, Preview, RigStatus
+from capture_app.trust.known_machines import Role
+
+
+class LinkLost(Struct, frozen=True):
+    """The connection to the leader is lost, or was never there, and is being tried again."""
+
+    reason: str
+    """One sentence, with what to do about it."""
+
+
+Update = RigStatus | NewsLine | Preview | LinkLost
+
+
+SILENCE_S = 10.0
+"""A leader sends its status more often than this, changed or not."""
+RETRY_S = (0.2, 0.5, 1.0, 2.0)
+
+
+class RigLink:
+    """See `capture_app.node.rig_link.RigSource`, which it is the real one of."""
+
+    def __init__(self, leader: Address) -> None:
+        self._leader = leader
+        self._channel: Channel[Any] | None = None
+        self._wish: operating.PreviewsWanted | None = None
+        self._news_ns = 0
+
+    @property
+    def leader(self) -> Address:
+        """Where the leader is reached from here."""
+        return self._leader
+
+    async def updates(self) -> AsyncIterator[Update]:
+        """Yield status, news and previews for ever; a lost connection is told and opened again."""
+        failures = 0
+        while True:
+            try:
+                async with await connect(self._leader, messages.FromLeader) as channel:
+                    self._channel = channel
+                    await channel.send(operating.WatchRequest())
+                    if self._wish is not None:
+                        await channel.send(self._wish)
+                    while True:
+                        message = await receive_answer(channel, SILENCE_S)
+                        failures = 0
+                        async for update in self._read(channel, message):
+                            yield update
+            except SimulshotError as error:
+                if not failures:
+                    yield LinkLost(str(error))
+            finally:
+                self._channel = None
+            await asyncio.sleep(RETRY_S[min(failures, len(RETRY_S) - 1)])
+            failures += 1
+
+    async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
+        """Ask for previews of these cameras, None for all; 0 `fps` for none."""
+        self._wish = operating.PreviewsWanted(cameras=cameras, width=width, fps=fps)
+        if self._channel is not None:
+            try:
+                await self._channel.send(self._wish)
+            except NetworkError:
+                self._channel.abort()  # whoever reads it opens it again, and tells this wish
+
+    def burst(self, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
+        """Take a burst and yield its progress until it is done."""
+        return ask_burst(self._leader, request)
+
+    async def cancel_burst(self, burst: int) -> None:
+        """Wait no longer for the images of a burst."""
+        await give_order(self._leader, operating.CancelBurst(burst=burst))
+
+    async def invite(self) -> Invited:
+        """Make a code by which one machine with a camera becomes known."""
+        return await ask_invitation(self._leader, Role.CAMERA)
+
+    async def invite_phone(self) -> operating.PhoneInvited:
+        """Serve the page by which the next phone becomes a camera."""
+        return await ask_phone_invitation(self._leader)
+
+    async def end_burst(self, burst: int) -> None:
+        """Let a recording, or a long burst, end now: it is saved with what was taken."""
+        await give_order(self._leader, operating.EndBurst(burst=burst))
+
+    async def add_camera(self, spec: str, name: str | None = None) -> None:
+        """Start a camera of the leader's machine."""
+        await give_order(self._leader, operating.AddCamera(spec=spec, name=name))
+
+    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
+        """Start simulated cameras on the leader's machine."""
+        await give_order(self._leader, operating.AddSimulated(cameras=cameras, scene=scene))
+
+    async def remove_camera(self, name: str) -> None:
+        """End a node of the leader's, or forget one that is lost."""
+        await give_order(self._leader, operating.RemoveCamera(name=name))
+
+    async def detail(self, name: str) -> NodeDetail:
+        """Ask a node for all it knows of itself."""
+        return await ask_detail(self._leader, name)
+
+    async def match_cameras(self, source: str) -> list[ControlledCamera]:
+        """Hold what one camera has chosen, and set it on all others that can."""
+        return await match_cameras(self._leader, source)
+
+    async def stop_rig(self) -> None:
+        """End the leader and the cameras that are its children."""
+        await give_order(self._leader, operating.StopRig())
+
+    async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
+        match message:
+            case messages.StatusAnswer():
+                yield message.rig
+            case operating.NewsAnswer():
+                for line in message.lines:
+                    # A connection that is opened again tells all of them again.
+                    if line.unix_ns > self._news_ns:
+                        self._news_ns = line.unix_ns
+                        yield line
+            case operating.PreviewFrame():
+                jpeg = b"".join([chunk async for chunk in channel.payload()])
+                await channel.send(operating.PreviewSeen(camera=message.camera))
+                yield Preview(
+                    camera=message.camera,
+                    leader_ns=message.leader_ns,
+                    width=message.width,
+                    height=message.height,
+                    jpeg=jpeg,
+                )
+            case _:
+                pass
+
+
+class RigSource(Protocol):
+    """A leader and its cameras. All but `updates` raise SimulshotError: the leader's own, or NetworkError."""
+
+    @property
+    def leader(self) -> Address:
+        """Where the leader is reached from here; `RigStatus.leader` is what other machines are told."""
+
+    def updates(self) -> AsyncIterator[Update]:
+        """Yield what changes, for ever: for one reader at a time.
+
+        At first, and after each `LinkLost`, come the status and the latest news that were not yielded before;
+        then a `RigStatus` whenever it has changed, at most ten a second. A lost connection is opened again
+        and again; the first status after `LinkLost` says that it is back.
+        """
+
+    async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
+        """Ask for small pictures of these cameras among the updates: None for all, 0 `fps` for none.
+
+        At most `fps` a second of each, fewer where the link or the screen is slow, none while a burst is
+        picked or sent. Kept over reconnections; does not wait for an answer.
+        """
+
+    def burst(self, request: BurstRequest) -> AsyncIterator[BurstStatus]:
+        """Take a burst and yield its progress until it is done; leaving it early does not cancel it."""
+
+    async def cancel_burst(self, burst: int) -> None:
+        """Wait no longer for the images of a burst: it is saved with what has come."""
+
+    async def invite(self) -> Invited:
+        """Make a code by which one further machine with a camera becomes known to the leader."""
+
+    async def invite_phone(self) -> PhoneInvited:
+        """Serve the page by which the next phone becomes a camera; asked again, the present one."""
+
+    async def end_burst(self, burst: int) -> None:
+        """Let a recording, or a long burst, end now: it is saved with what was taken."""
+
+    async def add_camera(self, spec: str, name: str | None = None) -> None:
+        """Start a camera of the leader's machine; returns when its process runs, before it has joined."""
+
+    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
+        """Start so many further simulated cameras on the leader's machine."""
+
+    async def remove_camera(self, name: str) -> None:
+        """End a node of the leader's (`NodeStatus.on_leader`), or forget one that is lost."""
+
+    async def detail(self, name: str) -> NodeDetail:
+        """Ask a node for what is too much for the status: to be asked once or twice a second, not more."""
+
+    async def match_cameras(self, source: str) -> list[ControlledCamera]:
+        """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
+
+    async def stop_rig(self) -> None:
+        """End the leader's process and the cameras that are its children; bursts are saved as they are."""

@@ -1,0 +1,171 @@
+"""Finds a panel in a picture by the markers of its frame."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, Panel, panel_of_marker
+
+Floats = NDArray[np.float64]
+
+MIN_MARKERS = 3
+"""Of the four; something may stand before one."""
+MAX_ERROR = 0.15
+"""Pitches that marker corners may lie off a flat frame, by a lens or a bent print: a quarter of a lamp."""
+BENDS, SHRINKS = np.linspace(-0.12, 0.2, 33), np.linspace(-0.08, 0.08, 17)
+"""How strongly lenses bend a picture at half its width, from pincushions to wide lenses' barrels; and
+by which share blur makes markers smaller."""
+_MIN_PITCH_PX = 5.0
+"""Pixels from lamp to lamp below which their light cannot be told apart."""
+_LARGE_PX = 1600
+"""Pictures wider than this are looked through at half their size as well: markers may be too large to see."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPanel:
+    """A panel and where it is in a picture: `matrix` (3, 3) takes panel coordinates to pixels.
+
+    A lens bends them: `bend` is its first radial term by half of the picture's width, about `middle` (x, y).
+    """
+
+    panel: Panel
+    matrix: Floats
+    bend: float
+    middle: tuple[float, float]
+    markers: int
+    error: float = 0.0
+    """Mean distance of the markers' corners from where they should be, in pitches."""
+
+    def pixels(self, places: Floats) -> Floats:
+        """Pixels (n, 2) of places (n, 2) on the panel."""
+        seen = np.column_stack([places, np.ones(len(places))]) @ self.matrix.T
+        return _bend(np.asarray(seen[:, :2] / seen[:, 2:]), self.bend, self.middle)
+
+    @property
+    def pitch_px(self) -> float:
+        """Smallest distance of two neighbouring lamps, in pixels, in the middle of the panel."""
+        middle = np.array([self.panel.width / 2, self.panel.height / 2])
+        at, right, down = self.pixels(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        return float(min(np.linalg.norm(right - at), np.linalg.norm(down - at)))
+
+
+class PanelNotFoundError(Exception):
+    """No panel is in a picture, or none that can be read; the message says why."""
+
+
+class PanelFinder:
+    """Finds panels in pictures (uint8 grey); their markers say which panel it is."""
+
+    def __init__(self) -> None:
+        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
+        options = cv2.aruco.DetectorParameters()
+        options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        options.minMarkerPerimeterRate = 0.02
+        self._detector = cv2.aruco.ArucoDetector(words, options)
+
+    def find(self, grey: NDArray[np.uint8]) -> FoundPanel:
+        """The panel with the most markers in a picture; raises PanelNotFoundError for none."""
+        best: dict[int, Floats] = {}
+        for seen, scale in self._looks(grey):
+            found = _of_one_panel(self._detect(seen, scale))
+            if len(found) > len(best):
+                best = found
+            if len(best) == 4:
+                break
+        if len(best) < MIN_MARKERS:
+            raise PanelNotFoundError(
+                f"{len(best)} markers of a panel were found; {MIN_MARKERS} are needed"
+                if best
+                else "no marker of a panel was found"
+            )
+        return _place(best, ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2))
+
+    def _looks(self, grey: NDArray[np.uint8]) -> "list[tuple[NDArray[Any], float]]":
+        """Pictures to look for markers in, and how large each is against the original."""
+        looks: list[tuple[NDArray[Any], float]] = [(grey, 1.0)]
+        # Dark pictures, as short exposures are, show little of what does not shine.
+        looks.append((cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0))
+        if grey.shape[1] > _LARGE_PX:
+            looks.append((cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5))
+        else:
+            looks.append((cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), 2.0))
+        return looks
+
+    def _detect(self, grey: NDArray[Any], scale: float) -> dict[int, Floats]:
+        corners, numbers, _ = self._detector.detectMarkers(grey)
+        if numbers is None:
+            return {}
+        # Pixels' middles lie at whole numbers.
+        places = [(np.asarray(each, float).reshape(4, 2) + 0.5) / scale - 0.5 for each in corners]
+        return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
+
+
+def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
+    """Those markers that belong to the panel of which the most are seen."""
+    by_panel: dict[str, dict[int, Floats]] = {}
+    for number, corners in markers.items():
+        panel = panel_of_marker(number)
+        if panel is not None:
+            by_panel.setdefault(panel.name, {})[number] = corners
+    return max(by_panel.values(), key=len, default={})
+
+
+def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPanel:
+    panel = panel_of_marker(next(iter(markers)))
+    assert panel is not None, "only those of a panel come here"
+    at = {marker.number: np.array(marker.corners) for marker in panel.markers}
+    corners = np.stack([at[number] for number in markers])
+    pixels = np.concatenate(list(markers.values()))
+    bend, shrink = 0.0, 0.0
+    best = _fit(panel, corners, pixels, bend, shrink, middle)
+    # Blur rounds markers' corners off, which would look like a lens: both are sought by turns.
+    for _ in range(3):
+        if len(markers) == 4:
+            # Fewer markers do not tell a lens from a slant.
+            fits = [_fit(panel, corners, pixels, float(each), shrink, middle) for each in BENDS]
+            best = min(fits, key=lambda fit: fit.error)
+            bend = best.bend
+        tried = [(_fit(panel, corners, pixels, bend, float(each), middle), float(each)) for each in SHRINKS]
+        best, shrink = min(tried, key=lambda fit: fit[0].error)
+    if best.error > MAX_ERROR:
+        raise PanelNotFoundError(
+            f"the markers of the panel are not on a flat frame ({best.error:.2f} pitches off)"
+        )
+    if best.pitch_px < _MIN_PITCH_PX:
+        raise PanelNotFoundError(
+            f"the panel is too small: its lamps are {best.pitch_px:.1f} pixels apart, "
+            f"{_MIN_PITCH_PX:g} are needed"
+        )
+    return best
+
+
+def _fit(
+    panel: Panel, corners: Floats, pixels: Floats, bend: float, shrink: float, middle: tuple[float, float]
+) -> FoundPanel:
+    """The panel whose markers' corners (n, 4, 2), shrunk by that share, are seen at pixels by a lens."""
+    centres = corners.mean(axis=1, keepdims=True)
+    places = (centres + (1 - shrink) * (corners - centres)).reshape(-1, 2)
+    matrix, _ = cv2.findHomography(places, _unbend(pixels, bend, middle))
+    if matrix is None:
+        raise PanelNotFoundError("the markers of the panel lie on a line")
+    found = FoundPanel(panel, np.asarray(matrix, float), bend, middle, len(corners))
+    side = np.linalg.norm(np.diff(pixels.reshape(-1, 4, 2), axis=1), axis=2).mean() / MARKER_SIZE
+    return replace(found, error=float(np.linalg.norm(found.pixels(places) - pixels, axis=1).mean() / side))
+
+
+def _unbend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
+    """Where pixels (n, 2) would be through a lens that bends nothing."""
+    away = (pixels - middle) / middle[0]
+    return np.asarray(middle + middle[0] * away * (1 + bend * (away**2).sum(axis=1, keepdims=True)))
+
+
+def _bend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
+    """The inverse of `_unbend`, to a small part of a pixel for lenses that are usual."""
+    straight = (pixels - middle) / middle[0]
+    away = straight
+    for _ in range(8 if bend else 0):
+        away = straight / (1 + bend * (away**2).sum(axis=1, keepdims=True))
+    return np.asarray(middle + middle[0] * away)

@@ -1,0 +1,230 @@
+"""How much of an exposure each lamp of a panel should shine, and how well that fits what a picture shows.
+
+How bright each lamp of a panel is in a picture, without the light of the room around it.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.panel.finder import FoundPanel
+from capture_app.panel.pattern import COUNT, Panel
+
+Floats = NDArray[np.float64]
+
+LINES = 3
+"""Parts of a lamp whose exposure is reckoned apart: under a rolling shutter its top is earlier."""
+_CORE = 0.8
+"""Light is measured within this share of a lamp's size."""
+_SAMPLES = 5
+"""Samples across a lamp's core, and down."""
+_FULL = 250
+"""Levels from here on are saturated."""
+
+
+@dataclass(frozen=True, slots=True)
+class LampLight:
+    """The light of a panel's lamps (n,) in a picture, in linear units, and the picture's rows (n, LINES) of
+    their parts."""
+
+    light: Floats
+    """Above the ground next to each lamp."""
+    ground: Floats
+    saturated: NDArray[np.bool_]
+    rows: Floats
+    noise: float
+    """Standard deviation of a lamp's light by the picture's noise."""
+
+
+def measure(found: FoundPanel, picture: NDArray[np.uint8]) -> LampLight:
+    """The light of each lamp in a picture (uint8 BGR), of the colour in which lamps stand out most."""
+    lamps = found.panel.lamps
+    middles = np.array([[lamp.x, lamp.y] for lamp in lamps])
+    core = _core_places(found.panel.lamp_size * _CORE, square=found.panel.is_screen)
+    levels = _sample(found, picture, middles, core)
+    gaps = np.array([[x, y] for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
+    around = _sample(found, picture, middles, gaps)
+    saturated = (levels >= _FULL).mean(axis=1) > 0.2
+    linear = to_linear(levels).mean(axis=1)
+    ground = np.sort(to_linear(around), axis=1)[:, 1:3].mean(axis=1)
+    light = linear - ground
+    spread = np.percentile(light, 98, axis=0) - np.percentile(light, 30, axis=0)
+    channel = int(np.argmax(spread * (1 - 0.9 * saturated.mean(axis=0) / max(0.02, float(saturated.mean())))))
+    noise = _noise(to_linear(around)[..., channel])
+    rows = np.sort(
+        found.pixels((middles[:, None] + core).reshape(-1, 2))[:, 1].reshape(len(lamps), -1), axis=1
+    )
+    lines = np.stack([part.mean(axis=1) for part in np.array_split(rows, LINES, axis=1)], axis=1)
+    return LampLight(light[:, channel], ground[:, channel], saturated[:, channel], lines, noise)
+
+
+def to_linear(levels: Floats) -> Floats:
+    """Light of levels (0 to 255) by sRGB's tone curve (IEC 61966-2-1), 1 for full."""
+    share = levels / 255
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def _core_places(size: float, *, square: bool) -> Floats:
+    """Places (n, 2) around a lamp's middle, evenly over its core."""
+    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    if not square:
+        places = places[np.hypot(*places.T) <= 0.5]
+    return np.asarray(places * size)
+
+
+def _sample(found: FoundPanel, picture: NDArray[np.uint8], middles: Floats, around: Floats) -> Floats:
+    """Levels (n, places, channels) of a picture at places around each lamp."""
+    at = found.pixels((middles[:, None] + around).reshape(-1, 2)).astype(np.float32)
+    x, y = (at[:, axis].reshape(len(middles), -1) for axis in (0, 1))
+    seen = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(seen, float).reshape(len(middles), len(around), -1)
+
+
+def _noise(ground: Floats) -> float:
+    """Noise of a lamp's light by the differences of the grounds around it (n, 4)."""
+    differences = np.abs(ground[:, 0] - ground[:, 1])
+    return float(np.median(differences) / 0.954) + 1e-4
+
+
+TONES = np.linspace(0.8, 1.25, 7)
+"""Exponents by which cameras' tone curves differ from sRGB's."""
+_TONE_SIGMA = 0.12
+_UNEVEN = 0.07
+"""Lamps differ in brightness by this, and pictures get darker to the corners."""
+_FLOOR = 0.012
+"""What blur brings from one lamp to the next, as a share of a lamp's light."""
+_GLARE = 0.06
+"""Share of a spot of glare that is not seen beside the lamp."""
+_OFFSET_SIGMA = 0.03
+"""Of the light that lamps throw back when they are off, against the ground beside them."""
+_LAGS = np.array([0.137, 0.476, 0.999, 2.387])
+"""Means of the quarters of an exponential law."""
+_FREEDOM = 5.0
+"""Of Student's law for the misfit of a lamp, so that a few that something covers do not decide."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shutter:
+    """How a picture was exposed: for how long, and how long after each row the next one begins, in ns."""
+
+    exposure_ns: float
+    row_time_ns: float
+
+
+class LightModel:
+    """A panel's lamps in one picture; times are of the middle of the exposure of the row `row`, in ns."""
+
+    def __init__(self, panel: Panel, seen: LampLight) -> None:
+        lamps = panel.lamps
+        self.panel, self.seen = panel, seen
+        self.group = np.array([lamp.group for lamp in lamps])
+        self.start = np.array([(lamp.start + lamp.delay) * panel.tick_ns for lamp in lamps])
+        self.lit = np.array([lamp.lit * panel.tick_ns for lamp in lamps])
+        self.period = np.array([lamp.period * panel.tick_ns for lamp in lamps])
+        ground = seen.ground
+        self._still = seen.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2
+        self.row = float(seen.rows.mean())
+        self.later = seen.rows - self.row
+        self._rough = self._find_rough_fit()
+
+    def shares(
+        self,
+        middle_ns: Floats,
+        shutter: Shutter,
+        of: "NDArray[np.bool_] | slice" = slice(None),
+        response_ns: float = 0.0,
+        lines: slice = slice(None),
+    ) -> Floats:
+        """Share (times, lamps) of its exposure in which each lamp, or each `of` them, shines on `lines`.
+
+        A screen's cells change with that time constant, and are on the whole as late: the panel's time is
+        that which its cells show.
+        """
+        if response_ns:
+            lags = response_ns * (_LAGS - 1)
+            return np.asarray(sum(self.shares(middle_ns - lag, shutter, of) for lag in lags) / len(lags))
+        later = self.later[of][:, lines]
+        begin = middle_ns[:, None, None] - shutter.exposure_ns / 2 + later * shutter.row_time_ns
+        start, lit, period = (each[of][:, None] for each in (self.start, self.lit, self.period))
+        begin = begin - start
+
+        def lit_until(time: Floats) -> Floats:
+            turns = np.floor(time / period)
+            return np.asarray(turns * lit + np.minimum(time - turns * period, lit))
+
+        exposure_ns = shutter.exposure_ns
+        return np.asarray((lit_until(begin + exposure_ns) - lit_until(begin)).mean(axis=2) / exposure_ns)
+
+    def variance(
+        self, shares: Floats, lamp_light: float, of: "NDArray[np.bool_] | slice" = slice(None)
+    ) -> Floats:
+        """Variance of each lamp's light where a lamp that is lit all the time has `lamp_light`."""
+        return np.asarray(self._still[of] + lamp_light**2 * (_FLOOR**2 + (_UNEVEN * shares) ** 2))
+
+    def rough_fit(self) -> tuple[float, float]:
+        """The light of a lamp that is off, and of one that is lit all the time, before the time is known.
+
+        At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's; but
+        not in a group that goes on as quickly as the rows of a picture in which it lies on its side.
+        """
+        return self._rough
+
+    def _find_rough_fit(self) -> tuple[float, float]:
+        light = self.seen.light
+        off = float(np.sort(light)[: len(light) // 5].mean())
+        sums = [float((light[self.group == group] - off).mean()) * COUNT for group in np.unique(self.group)]
+        return off, max(float(np.median(sums)), float(np.percentile(light, 98)) - off)
+
+    def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> "Fit":
+        """How well each row of `shares` (times, lamps) fits, at the tone curve that fits best."""
+        best: Fit | None = None
+        for tone in tones:
+            fit = self._fit_tone(shares, lamp_light, float(tone))
+            best = fit if best is None else best.better(fit)
+        assert best is not None, "there are tones"
+        return best
+
+    def _fit_tone(self, shares: Floats, lamp_light: float, tone: float) -> "Fit":
+        ground = np.maximum(self.seen.ground, 1e-4)
+        total = np.maximum(self.seen.light + ground, 1e-5)
+        # Kept as bright at a lit lamp's level, so that variances hold for all tones.
+        scale = lamp_light / max(1e-6, (lamp_light + float(ground.mean())) ** tone)
+        light = (total**tone - ground**tone) * scale
+        variance = self.variance(shares, lamp_light)
+        weight = 1 / variance
+        prior = 1 / (_OFFSET_SIGMA * max(lamp_light, 0.1)) ** 2
+        one, per_share = weight.sum(axis=1) + prior, (weight * shares).sum(axis=1)
+        square = (weight * shares**2).sum(axis=1)
+        seen, both = weight @ light, (weight * shares) @ light
+        root = np.maximum(one * square - per_share**2, 1e-9 * one * square + 1e-12)
+        on = np.clip((one * both - per_share * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
+        off = (seen - on * per_share) / one
+        misfit = light - off[:, None] - on[:, None] * shares
+        # Of a lamp that is too bright to tell is only known that it is at least so bright.
+        misfit = np.where(self.seen.saturated & (misfit < 0), 0.0, misfit)
+        z = misfit / np.sqrt(variance)
+        law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM) + 0.5 * np.log(variance)
+        likelihood = -law.sum(axis=1) - 0.5 * prior * off**2 - 0.5 * ((tone - 1) / _TONE_SIGMA) ** 2
+        return Fit(likelihood, z, on)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How well each of several times fits: log-likelihoods (times,) and misfits in sigmas (times, lamps)."""
+
+    likelihood: Floats
+    misfit: Floats
+    on: Floats
+    """Light of a lamp that is lit all the time, (times,)."""
+
+    def better(self, other: "Fit") -> "Fit":
+        """For each time the better of both."""
+        worse = self.likelihood < other.likelihood
+        return Fit(
+            np.where(worse, other.likelihood, self.likelihood),
+            np.where(worse[:, None], other.misfit, self.misfit),
+            np.where(worse, other.on, self.on),
+        )

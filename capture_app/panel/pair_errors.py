@@ -1,0 +1,186 @@
+"""The paper's tables for a rig: how far apart its cameras took pictures of one instant, by a panel.
+
+Total: by the panel. Phase: by the session's stamps, which the rig could see and left. Clock: what is left,
+which the rig could not see (paper, section 6). Each is the second camera's time less the first's.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import combinations, pairwise
+from statistics import median
+
+from msgspec import Struct
+
+from capture_app.panel.pattern import nearest_ns
+from capture_app.panel.session_times import PictureTime, SessionTimes, pairs
+
+
+class ErrorSummary(Struct, frozen=True, kw_only=True):
+    """Errors of one kind in ns: their mean size, standard deviation, the largest, and their mean."""
+
+    mean_abs_ns: float
+    std_ns: float
+    max_ns: float
+    bias_ns: float
+
+
+class PairError(Struct, frozen=True, kw_only=True):
+    """Two pictures of one instant: how far apart they are, in ns, the second less the first."""
+
+    instant: int
+    first: str
+    second: str
+    total_ns: float
+    reading_uncertainty_ns: float
+    """The total is within this with a chance of 95 %."""
+    phase_ns: int
+    clock_ns: float
+    session_uncertainty_ns: float | None
+    """What the session says of its clocks for these two, 95 %; None where it does not."""
+    session_bound_ns: float | None
+    true_total_ns: int | None
+    """The truth, of a simulated session."""
+
+
+class PairTable(Struct, frozen=True, kw_only=True):
+    """The errors of one pair of cameras, or of all of them together."""
+
+    cameras: tuple[str, ...]
+    count: int
+    total: ErrorSummary
+    phase: ErrorSummary
+    clock: ErrorSummary
+    reading_uncertainty_ns: float
+    """Median of what the panel allows."""
+
+
+class Held(Struct, frozen=True, kw_only=True):
+    """In how many of how many something was within its error bar."""
+
+    held: int
+    count: int
+
+
+class RigErrors(Struct, frozen=True, kw_only=True):
+    """What a panel tells of a session's synchronization."""
+
+    all: PairTable | None
+    """None where no instant has two pictures that could be read."""
+    pairs: tuple[PairTable, ...]
+    errors: tuple[PairError, ...]
+    within_uncertainty: Held | None
+    """Clock errors within what the session says, the panel's own uncertainty allowed for."""
+    within_bound: Held | None
+    totals_near_truth: Held | None
+    """Totals that are as near to the truth as the panel's uncertainty says."""
+    largest_reading_error_ns: float | None
+    """Of all totals against the truth."""
+    rate_error_ppm: float | None
+    """By how much the panel's clock runs faster than the session's."""
+    rate_uncertainty_ppm: float | None
+
+
+def rig_errors(times: SessionTimes) -> RigErrors:
+    """Pair by pair and in all, the errors that a session's pictures of a panel show."""
+    errors = [_pair_error(one, other, times.cycle_ns) for one, other in pairs(times)]
+    tables = []
+    for cameras in combinations(times.cameras, 2):
+        some = [error for error in errors if (error.first, error.second) == cameras]
+        if some:
+            tables.append(_table(cameras, some))
+    told = [error for error in errors if error.session_uncertainty_ns is not None]
+    bounded = [error for error in errors if error.session_bound_ns is not None]
+    true = [e for e in errors if e.true_total_ns is not None]
+    misses = [abs(e.total_ns - e.true_total_ns) for e in true if e.true_total_ns is not None]
+    rate = _rate(times)
+    return RigErrors(
+        all=_table(times.cameras, errors) if errors else None,
+        pairs=tuple(tables),
+        errors=tuple(errors),
+        within_uncertainty=_held(
+            abs(e.clock_ns) <= math.hypot(e.session_uncertainty_ns or 0, e.reading_uncertainty_ns)
+            for e in told
+        ),
+        within_bound=_held(
+            abs(e.clock_ns) <= (e.session_bound_ns or 0) + e.reading_uncertainty_ns for e in bounded
+        ),
+        totals_near_truth=_held(
+            miss <= e.reading_uncertainty_ns for miss, e in zip(misses, true, strict=True)
+        ),
+        largest_reading_error_ns=max(misses, default=None),
+        rate_error_ppm=None if rate is None else rate[0],
+        rate_uncertainty_ppm=None if rate is None else rate[1],
+    )
+
+
+def _pair_error(one: PictureTime, other: PictureTime, cycle_ns: float) -> PairError:
+    phase_ns = other.stamp_ns - one.stamp_ns
+    # The panel shows the same again after a cycle: of what the total can be, the one nearest to the stamps'.
+    total_ns = phase_ns + nearest_ns(other.panel_ns - one.panel_ns - phase_ns, cycle_ns)
+    stated = _both(one.stamp_uncertainty_ns, other.stamp_uncertainty_ns)
+    bounds = _both(one.stamp_bound_ns, other.stamp_bound_ns)
+    true = _both(one.true_ns, other.true_ns)
+    return PairError(
+        instant=one.instant,
+        first=one.camera,
+        second=other.camera,
+        total_ns=total_ns,
+        reading_uncertainty_ns=math.hypot(one.uncertainty_ns, other.uncertainty_ns),
+        phase_ns=phase_ns,
+        clock_ns=total_ns - phase_ns,
+        session_uncertainty_ns=None if stated is None else math.hypot(*stated),
+        session_bound_ns=None if bounds is None else float(sum(bounds)),
+        true_total_ns=None if true is None else true[1] - true[0],
+    )
+
+
+def _both(one: int | None, other: int | None) -> tuple[int, int] | None:
+    return None if one is None or other is None else (one, other)
+
+
+def _table(cameras: Sequence[str], errors: Sequence[PairError]) -> PairTable:
+    return PairTable(
+        cameras=tuple(cameras),
+        count=len(errors),
+        total=_summary([error.total_ns for error in errors]),
+        phase=_summary([error.phase_ns for error in errors]),
+        clock=_summary([error.clock_ns for error in errors]),
+        reading_uncertainty_ns=median(error.reading_uncertainty_ns for error in errors),
+    )
+
+
+def _summary(values: Sequence[float]) -> ErrorSummary:
+    mean = sum(values) / len(values)
+    return ErrorSummary(
+        mean_abs_ns=sum(map(abs, values)) / len(values),
+        std_ns=math.sqrt(sum((value - mean) ** 2 for value in values) / len(values)),
+        max_ns=max(map(abs, values)),
+        bias_ns=mean,
+    )
+
+
+def _held(of: Iterable[bool]) -> Held | None:
+    every = list(of)
+    return Held(held=sum(every), count=len(every)) if every else None
+
+
+def _rate(times: SessionTimes) -> tuple[float, float] | None:
+    """By how much the panel runs faster than the stamps, and how well that is known (95 %), both in ppm.
+
+    From each camera's pictures one after another, as far as they follow in less than half a cycle.
+    """
+    rates: list[tuple[float, float]] = []
+    for name in times.cameras:
+        mine = sorted((p for p in times.pictures if p.camera == name), key=lambda picture: picture.stamp_ns)
+        gained_ns = passed_ns = 0.0
+        for one, other in pairwise(mine):
+            stamps_ns = other.stamp_ns - one.stamp_ns
+            if 0 < stamps_ns < times.cycle_ns / 2:
+                gained_ns += nearest_ns(other.panel_ns - one.panel_ns - stamps_ns, times.cycle_ns)
+                passed_ns += stamps_ns
+        if passed_ns:
+            error_ns = math.hypot(mine[0].uncertainty_ns, mine[-1].uncertainty_ns)
+            rates.append((1e6 * gained_ns / passed_ns, 1e6 * error_ns / passed_ns))
+    if not rates:
+        return None
+    return median(rate for rate, _ in rates), median(error for _, error in rates)

@@ -1,1 +1,0 @@
-"""Reads panels in pictures: finds the frame, measures each lamp's light, tells the time and its error."""

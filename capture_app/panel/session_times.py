@@ -1,0 +1,173 @@
+"""Reads the panel in every picture of a session, and sets its times beside the session's own."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from statistics import median
+
+from capture_app.errors import NotApplicableError
+from capture_app.panel.finder import PanelNotFoundError
+from capture_app.panel.time_reading import PanelTime, read_panel
+from capture_app.session.format.manifest import CameraRecord, ImageRecord, row_exposures
+from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.reader import Session
+
+_LEARN = 3
+"""Pictures of a camera of which exposure and row time are found each by itself, where they are not known."""
+_ALIKE = 0.1
+"""Exposures found in several pictures that differ by no more than this share are those of all pictures."""
+
+
+@dataclass(frozen=True, slots=True)
+class PictureTime:
+    """When the middle row of a picture was exposed (its middle), by the panel and the session, in ns."""
+
+    camera: str
+    instant: int
+    panel_ns: float
+    """In the panel's cycle."""
+    uncertainty_ns: float
+    """95 % error of the reading."""
+    stamp_ns: int
+    """In leader time."""
+    stamp_uncertainty_ns: int | None
+    stamp_bound_ns: int | None
+    true_ns: int | None
+    """The truth, of a simulated session."""
+    reading: PanelTime
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A picture whose panel could not be read, and why."""
+
+    camera: str
+    instant: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionTimes:
+    """What the panel told of a session's pictures."""
+
+    panel: str
+    tick_ns: float
+    cycle_ns: float
+    is_screen: bool
+    cameras: tuple[str, ...]
+    pictures: tuple[PictureTime, ...]
+    refusals: tuple[Refusal, ...]
+    exposures_known: bool
+    """The stamps are of the same moment as the panel's times: the session tells exposures and row times."""
+
+
+def read_session(
+    session: Session, done: Callable[[int, int], None] = lambda _done, _of: None
+) -> SessionTimes:
+    """Read the panel in every picture of a session; `done` is told how many of how many are.
+
+    Raises NotApplicableError where no picture shows a panel whose time can be read.
+    """
+    images = sorted(session.manifest.images, key=lambda image: (image.camera, image.instant))
+    known = all(row_exposures(session.camera(image.camera), image) for image in images)
+    truth = _truth(session)
+    pictures: list[PictureTime] = []
+    refusals: list[Refusal] = []
+    readers = {camera.name: _CameraReader(camera) for camera in session.manifest.cameras}
+    for number, image in enumerate(images):
+        camera = session.camera(image.camera)
+        try:
+            read = readers[image.camera].read(session, image)
+        except PanelNotFoundError as error:
+            refusals.append(Refusal(image.camera, image.instant, str(error)))
+        else:
+            row = (camera.facts.height - 1) / 2
+            panel_ns, uncertainty_ns = read.at_row(row)
+            true_ns = truth.get((image.camera, image.instant))
+            later_ns = round(read.shutter.exposure_ns / 2 + row * read.shutter.row_time_ns)
+            pictures.append(
+                PictureTime(
+                    camera=image.camera,
+                    instant=image.instant,
+                    panel_ns=panel_ns % read.panel.cycle_ns,
+                    uncertainty_ns=uncertainty_ns,
+                    stamp_ns=_stamp(camera, image, row) if known else image.leader_ns,
+                    stamp_uncertainty_ns=image.uncertainty_ns,
+                    stamp_bound_ns=image.hard_bound_ns,
+                    true_ns=None if true_ns is None else true_ns + later_ns,
+                    reading=read,
+                )
+            )
+        done(number + 1, len(images))
+    if not pictures:
+        reasons = {refusal.reason for refusal in refusals}
+        raise NotApplicableError(
+            f"no picture of {session.folder} shows a panel's time: {'; '.join(sorted(reasons)[:3])}",
+            hint="capture-app panel show draws one on a screen; all its four markers must be seen, sharp",
+        )
+    panels = [picture.reading.panel for picture in pictures]
+    panel = max(panels, key=panels.count)
+    others = [picture for picture in pictures if picture.reading.panel != panel]
+    refusals += [
+        Refusal(p.camera, p.instant, f"it shows another panel, {p.reading.panel.name}") for p in others
+    ]
+    return SessionTimes(
+        panel=panel.name,
+        tick_ns=panel.tick_ns,
+        cycle_ns=panel.cycle_ns,
+        is_screen=panel.is_screen,
+        cameras=tuple(camera.name for camera in session.manifest.cameras),
+        pictures=tuple(picture for picture in pictures if picture.reading.panel == panel),
+        refusals=tuple(refusals),
+        exposures_known=known,
+    )
+
+
+class _CameraReader:
+    """Reads one camera's pictures; what it does not tell of its shutter is learnt of the first ones."""
+
+    def __init__(self, camera: CameraRecord) -> None:
+        self._facts = camera.facts
+        self._learnt: list[PanelTime] = []
+
+    def read(self, session: Session, image: ImageRecord) -> PanelTime:
+        """Read a picture; raises PanelNotFoundError where that cannot be."""
+        picture = decode_image(session.image_bytes(image), colour=True)
+        if picture is None:
+            raise PanelNotFoundError("the picture cannot be decoded")
+        exposure_ns = image.exposure_ns or self._facts.exposure_ns
+        row_time_ns = self._facts.row_time_ns
+        if exposure_ns is not None and row_time_ns is not None:
+            return read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+        if len(self._learnt) < _LEARN:
+            read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+            self._learnt.append(read)
+            return read
+        exposures = [read.shutter.exposure_ns for read in self._learnt]
+        if exposure_ns is None and max(exposures) / min(exposures) < 1 + _ALIKE:
+            exposure_ns = round(median(exposures))
+        # The row time stays free: how well it is known is part of each error bar.
+        return read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+
+
+def _stamp(camera: CameraRecord, image: ImageRecord, row: float) -> int:
+    rows = row_exposures(camera, image)
+    assert rows is not None, "only asked for where they are known"
+    return round(rows.first_start_ns + row * rows.row_time_ns + rows.exposure_ns / 2)
+
+
+def _truth(session: Session) -> dict[tuple[str, int], int]:
+    times = session.true_times()
+    return {} if times is None else {(one.camera, one.instant): one.true_ns for one in times.images}
+
+
+def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":
+    """Pictures of the same instant by two cameras, each pair once, the cameras in the session's order."""
+    order = {name: number for number, name in enumerate(times.cameras)}
+    by_instant: dict[int, list[PictureTime]] = {}
+    for picture in times.pictures:
+        by_instant.setdefault(picture.instant, []).append(picture)
+    for instant in sorted(by_instant):
+        some = sorted(by_instant[instant], key=lambda picture: order[picture.camera])
+        for number, one in enumerate(some):
+            for other in some[number + 1 :]:
+                yield one, other

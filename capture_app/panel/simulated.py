@@ -1,0 +1,339 @@
+"""A panel as simulated cameras see it.
+
+What a camera sees of a panel through a sharp lens: which pixels show what, whatever is lit.
+
+Photographs of a panel as a camera in some hand takes them: askew, blurred, noisy, with glare.
+
+Made without the arithmetic of `capture_app/panel`: each row of each lamp is watched at many moments of its
+exposure, and each pixel is traced back through the lens onto the panel.
+
+The paper's LED panel (section 6.1) as simulated cameras see it, and the time read off their pictures.
+
+Two panels stand side by side: with a tick of 200 us a picture gives its time to microseconds within 20 ms,
+with 10 ms to a millisecond within a second. The reader is told nothing of the panel or of where it stands.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.panel.pattern import (
+    MARKER_MODULES,
+    MARKER_SIZE,
+    Panel,
+    Scan,
+    marker_squares,
+    nearest_ns,
+    panel_named,
+)
+from capture_app.panel.time_reading import read_panel
+from capture_app.simulation.rendering.picture_source import PictureSource
+from capture_app.simulation.sensor import SensorFrame
+
+Floats = NDArray[np.float64]
+Corners = tuple[tuple[float, float], ...]
+
+SUBPIXELS = 2
+"""Rays across a pixel, and down."""
+_WALL, _WHITE, _BLACK, _GROUND, _COVER = 0.16, 0.55, 0.03, 0.035, 0.3
+_LENS_RING = 0.05
+"""Light that surfaces throw back, of 1 where the sensor is full; lamps that are off throw back the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class PanelSight:
+    """Of a picture: the light (height, width) of what does not shine, and the pixels on which lamps do."""
+
+    still: Floats
+    lamp: NDArray[np.int64]
+    """Number of the lamp, (n,), of a pixel that it shines on; a pixel on an edge has more than one."""
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    weight: Floats
+    """How bright that lamp makes the pixel, 1 for its mean."""
+
+
+@lru_cache(maxsize=8)
+def see_panel(
+    panel: Panel, width: int, height: int, corners: Corners, distortion: float, hidden: tuple[int, ...]
+) -> PanelSight:
+    """Trace every pixel's rays back through the lens onto the panel."""
+    still = np.zeros((height, width))
+    found: list[tuple[NDArray[np.int64], Floats]] = []
+    offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+    share = 1 / SUBPIXELS**2
+    for dy in offsets:
+        for dx in offsets:
+            x, y = _trace(panel, width, height, corners, distortion, float(dx), float(dy))
+            which, profile = _lamp_at(panel, x, y)
+            still += share * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden))
+            rows, columns = np.nonzero(which >= 0)
+            found.append((np.stack([which[rows, columns], rows, columns]), share * profile[rows, columns]))
+    places, weights = np.concatenate([f[0] for f in found], axis=1), np.concatenate([f[1] for f in found])
+    keys, inverse = np.unique(places, axis=1, return_inverse=True)
+    lamp, row, column = keys
+    summed = np.asarray(np.bincount(inverse.ravel(), weights, len(lamp)), np.float64)
+    return PanelSight(still, lamp, row, column, summed)
+
+
+def _trace(
+    panel: Panel, width: int, height: int, corners: Corners, distortion: float, dx: float, dy: float
+) -> tuple[Floats, Floats]:
+    """Where on the panel (x, y) each pixel's ray ends."""
+    y, x = np.mgrid[:height, :width].astype(float)
+    half = width / 2
+    across, down = (x + dx - half) / half, (y + dy - height / 2) / half
+    bent = 1 + distortion * (across**2 + down**2)
+    seen = np.stack([half + half * across * bent, height / 2 + half * down * bent], axis=-1)
+    frame = np.array([[0, 0], [panel.width, 0], [panel.width, panel.height], [0, panel.height]], np.float32)
+    matrix = cv2.getPerspectiveTransform(np.array(corners, np.float32), frame)
+    ends = cv2.perspectiveTransform(seen.reshape(1, -1, 2), matrix).reshape(height, width, 2)
+    return ends[..., 0], ends[..., 1]
+
+
+def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...]) -> Floats:
+    """Light that places of the panel and of the wall around it throw back."""
+    on = (x > 0) & (y > 0) & (x < panel.width) & (y < panel.height)
+    light = np.where(on, _WHITE, _WALL)
+    for left, top, width, height in panel.dark:
+        light[(x > left) & (x < left + width) & (y > top) & (y < top + height)] = _GROUND
+    for number, marker in enumerate(panel.markers):
+        squares = np.array(marker_squares(marker.number))
+        column = np.floor((x - marker.x) / MARKER_SIZE * MARKER_MODULES).astype(int)
+        row = np.floor((y - marker.y) / MARKER_SIZE * MARKER_MODULES).astype(int)
+        inside = (column >= 0) & (row >= 0) & (column < MARKER_MODULES) & (row < MARKER_MODULES)
+        white = squares[row[inside], column[inside]] > 0
+        light[inside] = _COVER if number in hidden else np.where(white, _WHITE, _BLACK)
+    return np.asarray(light)
+
+
+def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """The lamp that each ray hits, -1 for none, and how bright it is there."""
+    which, profile = np.full(x.shape, -1), np.zeros(x.shape)
+    ground = (x > 0) & (y > 0) & (x < panel.width) & (y < panel.height)
+    rows, columns = np.nonzero(ground)
+    x, y = x[rows, columns], y[rows, columns]
+    # Lamps stand on a lattice of half pitches, so that no two share a cell of it.
+    numbers = {(round(2 * lamp.x), round(2 * lamp.y)): n for n, lamp in enumerate(panel.lamps)}
+    lattice = np.full((round(2 * panel.width) + 3, round(2 * panel.height) + 3), -1)
+    places = np.array([[lamp.x, lamp.y] for lamp in panel.lamps])
+    for (i, j), number in numbers.items():
+        lattice[i, j] = number
+    best, shape = np.full(len(x), -1), np.zeros(len(x))
+    size = panel.lamp_size / 2
+    for di in (0, 1):
+        for dj in (0, 1):
+            number = lattice[np.floor(2 * x).astype(int) + di, np.floor(2 * y).astype(int) + dj]
+            across, down = (x - places[number, 0]) / size, (y - places[number, 1]) / size
+            away = across**2 + down**2
+            if panel.is_screen:
+                inside, bright = np.maximum(np.abs(across), np.abs(down)) < 1, np.ones(len(x))
+            else:
+                inside, bright = away < 1, 1.3 - 0.6 * away
+            inside &= number >= 0
+            best[inside], shape[inside] = number[inside], bright[inside]
+    which[rows, columns], profile[rows, columns] = best, shape
+    return which, profile
+
+
+Image = NDArray[np.uint8]
+
+MOMENTS = 200
+"""Moments of a row's exposure at which its lamps are watched."""
+_LED_LIGHT, _SCREEN_LIGHT = (0.25, 0.5, 1.0), (1.0, 1.0, 1.0)
+"""Blue, green and red of lamps: orange LEDs, white cells."""
+
+
+@dataclass(frozen=True, slots=True)
+class Photograph:
+    """How a photograph is taken; lengths in pixels, times in ns, light as a share of a full sensor."""
+
+    panel: Panel
+    width: int
+    height: int
+    corners: tuple[tuple[float, float], ...]
+    """Where the frame's corners are seen (x, y), but for the lens: clockwise from
+    upper left."""
+    exposure_ns: float
+    row_time_ns: float
+    distortion: float = 0.0
+    """Radial, first term, by half of the picture's width."""
+    defocus: float = 0.0
+    """Standard deviation of the blur."""
+    motion: tuple[float, float] = (0.0, 0.0)
+    """The camera moved so far in the exposure."""
+    lamp_light: float = 0.8
+    """Of a lamp that is lit all the time."""
+    ambient: float = 1.0
+    uneven: float = 0.0
+    """Lamps differ in brightness by this share (standard deviation), in all photographs alike."""
+    vignette: float = 0.0
+    """Loss of light in the corners."""
+    glare: tuple[tuple[float, float, float, float], ...] = ()
+    """Spots of light that shine back from the panel: x, y, reach and strength of each."""
+    gamma: float = 2.2
+    contrast: float = 0.0
+    """How far the tone curve is bent to an S."""
+    full_well: float = 6000.0
+    """Electrons of a full pixel, whose square root is its noise; 0 = none."""
+    read_noise: float = 4.0
+    jpeg_quality: int | None = 92
+    hidden: tuple[int, ...] = ()
+    """Corners whose markers something covers."""
+    scan_share: float = 0.95
+    """Of a refresh: what a screen needs to draw from one edge of the panel to the other."""
+    response_ns: float = 0.0
+    """A screen's cells change so slowly (time constant)."""
+    rate_error: float = 0.0
+    """The panel's clock is fast by this share."""
+
+    def take(self, start_ns: float, rng: np.random.Generator) -> Image:
+        """The picture, BGR uint8 (height, width, 3), whose first row's exposure starts at that panel time."""
+        scene = self._look(start_ns, rng)
+        scene = self._blur(scene)
+        y, x = np.mgrid[: self.height, : self.width]
+        for at_x, at_y, reach, strength in self.glare:
+            away = ((x - at_x) ** 2 + (y - at_y) ** 2) / reach**2
+            scene += strength * np.exp(-0.5 * away)[..., None]
+        away = (x - self.width / 2) ** 2 + (y - self.height / 2) ** 2
+        scene *= 1 - self.vignette * (4 * away / (self.width**2 + self.height**2))[..., None]
+        return self._develop(scene, rng)
+
+    def _look(self, start_ns: float, rng: np.random.Generator) -> Floats:
+        """Light (height, width, 3) that comes through a sharp lens."""
+        sight = see_panel(
+            self.panel, self.width, self.height, self.corners, self.distortion, tuple(sorted(self.hidden))
+        )
+        pairs, inverse = np.unique(np.stack([sight.lamp, sight.row]), axis=1, return_inverse=True)
+        shares = self._shares(start_ns, pairs[0], pairs[1], rng)[inverse.ravel()]
+        spread = np.random.default_rng(len(self.panel.name)).standard_normal(len(self.panel.lamps))
+        gains = 1 + self.uneven * spread
+        bright = self.lamp_light * gains[sight.lamp] * shares * sight.weight
+        colour = np.array(_SCREEN_LIGHT if self.panel.is_screen else _LED_LIGHT)
+        light = np.repeat(self.ambient * sight.still[..., None], 3, axis=2)
+        np.add.at(light, (sight.row, sight.column), bright[:, None] * colour)
+        return light
+
+    def _shares(
+        self, start_ns: float, lamps: NDArray[np.int64], rows: NDArray[np.int64], rng: np.random.Generator
+    ) -> Floats:
+        """Share of its exposure in which each of these lamps shines as seen from those rows, (n,)."""
+        of = self.panel.lamps
+        start, lit, period = (
+            np.array([getattr(lamp, name) for lamp in of])[lamps, None] for name in ("start", "lit", "period")
+        )
+        late = np.array([self._late(lamp.x, lamp.y) for lamp in of])[lamps, None]
+        within = (np.arange(MOMENTS) + rng.random((len(lamps), MOMENTS))) / MOMENTS * self.exposure_ns
+        moments = start_ns + rows[:, None] * self.row_time_ns + within
+        if self.response_ns:
+            moments = moments - rng.exponential(self.response_ns, moments.shape)
+        tick = np.floor(moments * (1 + self.rate_error) / self.panel.tick_ns - late).astype(np.int64)
+        return np.asarray(((tick - start) % period < lit).mean(axis=1))
+
+    def _late(self, x: float, y: float) -> float:
+        """Refreshes by which a screen shows a place of the panel later than the middle of it."""
+        across, down = x / self.panel.width, y / self.panel.height
+        way = {Scan.DOWN: down, Scan.UP: 1 - down, Scan.RIGHT: across, Scan.LEFT: 1 - across}
+        return self.scan_share * (way.get(self.panel.scan, 0.5) - 0.5)
+
+    def _blur(self, scene: Floats) -> Floats:
+        if self.defocus:
+            scene = np.asarray(cv2.GaussianBlur(scene, (0, 0), self.defocus))
+        length = float(np.hypot(*self.motion))
+        if length > 0.5:
+            reach = int(np.ceil(length / 2)) + 1
+            kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
+            for share in np.linspace(-0.5, 0.5, 8 * reach):
+                x, y = reach + share * self.motion[0], reach + share * self.motion[1]
+                i, j = int(y), int(x)
+                for di, dj in ((0, 0), (0, 1), (1, 0), (1, 1)):
+                    kernel[i + di, j + dj] += (1 - abs(y - i - di)) * (1 - abs(x - j - dj))
+            scene = np.asarray(cv2.filter2D(scene, -1, kernel / kernel.sum()))
+        return scene
+
+    def _develop(self, scene: Floats, rng: np.random.Generator) -> Image:
+        """Noise, tone curve and JPEG."""
+        scene = np.clip(scene, 0, None)
+        if self.full_well:
+            sigma = np.sqrt(scene / self.full_well + (self.read_noise / self.full_well) ** 2)
+            grain = rng.standard_normal(scene.shape)
+            # What a colour filter leaves out is filled in from its neighbours.
+            scene = scene + sigma * 1.4 * np.asarray(cv2.GaussianBlur(grain, (0, 0), 0.6))
+        tone = np.clip(scene, 0, 1) ** (1 / self.gamma)
+        tone = (1 - self.contrast) * tone + self.contrast * tone * tone * (3 - 2 * tone)
+        picture = np.rint(255 * tone).astype(np.uint8)
+        if self.jpeg_quality is None:
+            return picture
+        _, coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
+        decoded = cv2.imdecode(coded, cv2.IMREAD_COLOR)
+        assert decoded is not None, "it was encoded a line above"
+        return np.asarray(decoded, np.uint8)
+
+
+WIDTH, HEIGHT = 640, 480
+PANEL = panel_named("led-pair")
+CYCLE_NS = round(PANEL.cycle_ns)
+"""Pictures tell their time within this: 1 s."""
+_CORNERS = ((27.0, 108.0), (611.0, 92.0), (620.0, 379.0), (19.0, 366.0))
+"""Where the frame is seen, from a little to one side."""
+UNEVEN = 0.05
+"""LEDs differ in brightness by this (standard deviation)."""
+
+
+def render(
+    start_ns: int, *, exposure_ns: int, row_time_ns: float, rng: np.random.Generator, true_ppm: float = 0.0
+) -> Image:
+    """Return the picture (HEIGHT x WIDTH x 3, BGR) whose first row's exposure starts at `start_ns`.
+
+    Each row is exposed `row_time_ns` after the one above it, for `exposure_ns`; `true_ppm` is the error of
+    the camera's crystal. The panel's time is 0 at 0 ns.
+    """
+    stretch = 1.0 + true_ppm * 1e-6
+    photograph = Photograph(
+        PANEL,
+        WIDTH,
+        HEIGHT,
+        _CORNERS,
+        exposure_ns * stretch,
+        row_time_ns * stretch,
+        distortion=-0.02,
+        defocus=0.6,
+        uneven=UNEVEN,
+        vignette=0.1,
+        ambient=0.8,
+        jpeg_quality=None,
+    )
+    return photograph.take(start_ns % CYCLE_NS, rng)
+
+
+def read_time(picture: Image, *, exposure_ns: int, row_time_ns: float) -> float:
+    """Return when the exposure of a picture's first row began, in ns within CYCLE_NS, by its LEDs' light.
+
+    Raises PanelNotFoundError where the picture tells no time.
+    """
+    read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+    return (read.at_row(0.0)[0] - exposure_ns / 2) % CYCLE_NS
+
+
+def difference_ns(one_ns: float, other_ns: float) -> float:
+    """Return `one` minus `other`, both within CYCLE_NS, as the nearest of what it can be."""
+    return nearest_ns(one_ns - other_ns, CYCLE_NS)
+
+
+@dataclass(frozen=True, slots=True)
+class PanelView(PictureSource):
+    """A simulated camera's view of the panel, read out row by row."""
+
+    width: int = WIDTH
+    height: int = HEIGHT
+    row_time_ns: int = field(kw_only=True)
+
+    def render(self, frame: SensorFrame, *, seed: int) -> Image:
+        """Return the picture, BGR uint8 of height x width x 3."""
+        rng = np.random.default_rng([seed % 2**64, frame.start_true_ns % 2**64])
+        return render(
+            frame.start_true_ns, exposure_ns=frame.exposure_ns, row_time_ns=self.row_time_ns, rng=rng
+        )

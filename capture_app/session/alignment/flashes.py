@@ -1,0 +1,323 @@
+"""Cameras aligned by flashes that both saw.
+
+How bright each part of a camera's frames is, row by row, and the flashes that it saw.
+
+A rolling shutter shows a flash on the rows that were exposing just then: where they begin and end tells when,
+far finer than a frame.
+
+Offset and rate of a camera's times against another's, from flashes that both saw.
+
+How long a camera exposes and reads its rows is not known of a video. Where on its frames flashes begin and
+end allows some of both, and with each of those an offset: the answer is all that, not the likeliest.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.session.alignment.clock_line import CRYSTAL_PPM, Array
+from capture_app.session.alignment.tracks import read_container
+from capture_app.session.format.common_times import CameraTimes
+
+BANDS = 120
+"""Rows are taken together to so many bands at most."""
+COLUMNS = 16
+AROUND = 4
+"""A frame's brightness is compared with so many to either side, but those beside it: they may show it too."""
+EDGE_ROWS = 0.05
+"""What begins so near to a frame's first or last row may as well have begun before or after it."""
+LEAST_RISE = 0.12
+"""A flash makes at least one row of twenty this much brighter."""
+CLEAR = 8.0
+"""And by so many times what brightness otherwise changes by."""
+LONGEST_FRAMES = 2.5
+"""What lights up longer is no flash."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Where rows begin or end to be lit: how far down the frame (0..1), or `hidden` before or after it.
+
+    `at_s` is the frame's own time; of a hidden edge the middle between two frames, which `gap_s` are apart.
+    """
+
+    at_s: float
+    down: float = 0.5
+    hidden: bool = False
+    gap_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Flash:
+    """A flash in one camera's own times: the rows that it lit."""
+
+    start: Edge
+    end: Edge
+
+    @property
+    def rough_s(self) -> float:
+        """About when it was."""
+        return (self.start.at_s + self.end.at_s) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Lights:
+    """Brightness (n, bands) of a video's frames and their own times (n,), s."""
+
+    times_s: Array
+    bands: Array
+
+    @property
+    def period_s(self) -> float:
+        """The usual time from frame to frame."""
+        return float(np.median(np.diff(self.times_s)))
+
+    def flashes(self) -> list[Flash]:
+        """All flashes, in order."""
+        if len(self.times_s) < 2 * AROUND + 3:
+            return []
+        rises = self._rises()
+        tops = np.quantile(rises, 0.95, axis=1)
+        least = max(LEAST_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
+        lit = np.flatnonzero(tops > least)
+        groups = np.split(lit, np.flatnonzero(np.diff(lit) > 1) + 1) if len(lit) else []
+        found = (self._flash(rises, group) for group in groups)
+        return [flash for flash in found if flash is not None]
+
+    def _rises(self) -> Array:
+        """By what share bands are brighter than in the frames around, those beside them left out."""
+        padded = np.pad(self.bands, ((AROUND, AROUND), (0, 0)), mode="edge")
+        count = len(self.bands)
+        steps = [k for k in range(2 * AROUND + 1) if abs(k - AROUND) > 1]
+        around = np.median(np.stack([padded[k : k + count] for k in steps]), axis=0)
+        return np.asarray((self.bands - around) / (around + 8))
+
+    def _flash(self, rises: Array, group: NDArray[np.intp]) -> Flash | None:
+        first, last = max(1, int(group[0]) - 1), min(len(rises) - 2, int(group[-1]) + 1)
+        if last - first > LONGEST_FRAMES + 2:
+            return None
+        size = rises.shape[1]
+        rows = rises[first : last + 1].ravel()
+        level = float(np.median(rows[rows > 0.4 * rows.max()]))
+        lit = rows > level / 2
+        # Narrow dark or bright things are no edges.
+        width = max(1, size // 40)
+        kernel = np.ones(2 * width + 1) / (2 * width + 1)
+        smooth = np.convolve(np.pad(lit.astype(float), width, mode="edge"), kernel, mode="valid") > 0.5
+        on = np.flatnonzero(smooth)
+        if not len(on) or on[-1] - on[0] + 1 > 1.3 * len(on):
+            return None
+        return Flash(
+            self._edge(rows, int(on[0]), first, size, before=True),
+            self._edge(rows, int(on[-1]), first, size, before=False),
+        )
+
+    def _edge(self, rows: Array, at: int, first: int, size: int, *, before: bool) -> Edge:
+        frame, band = first + at // size, at % size
+        step = -1 if before else 1
+        near = max(1, int(EDGE_ROWS * size))
+        outermost = band < near if before else band >= size - near
+        if outermost:
+            other = frame + step
+            middle = (self.times_s[frame] + self.times_s[other]) / 2
+            return Edge(
+                float(middle), hidden=True, gap_s=float(abs(self.times_s[frame] - self.times_s[other]))
+            )
+        begin = frame - first
+        own = rows[begin * size : (begin + 1) * size]
+        inside = own[band : band + 3 * near] if before else own[max(0, band - 3 * near + 1) : band + 1]
+        half = float(np.median(inside)) / 2
+        window = range(max(1, band - 3 * near), min(size, band + 3 * near + 1))
+        crossings = [
+            k - 1 + (half - own[k - 1]) / (own[k] - own[k - 1])
+            for k in window
+            if (own[k - 1] < half) == before and (own[k] < half) != before and own[k] != own[k - 1]
+        ]
+        place = float(np.median(crossings)) if crossings else float(band)
+        return Edge(float(self.times_s[frame]), (place + 0.5) / size)
+
+
+def read_lights(path: Path) -> Lights | None:
+    """The brightness of a video's frames, as the sensor read them; None without any, or PyAV."""
+    found: list[tuple[float, Array]] = []
+    read_container(path, lambda _, container: _read(container, found))
+    if not found:
+        return None
+    found.sort(key=lambda one: one[0])
+    return Lights(np.array([at for at, _ in found]), np.stack([bands for _, bands in found]))
+
+
+def _read(container: Any, into: list[tuple[float, Array]]) -> None:
+    """Add each frame's own time and bands: those before a fault of the video are kept."""
+    if not container.streams.video:
+        return
+    stream = container.streams.video[0]
+    stream.thread_type = "AUTO"
+    for frame in container.decode(stream):
+        if frame.pts is None:
+            continue
+        height = min(BANDS, frame.height)
+        small = frame.reformat(COLUMNS, height, format="gray", interpolation="AREA")
+        grey = small.to_ndarray().astype(np.float64)
+        into.append((float(frame.pts * frame.time_base), grey.mean(1)))
+
+
+NEAR_FRAMES = 0.9
+"""Flashes that an offset brings this close together are the same, before it is known better."""
+LEAST = 3
+"""So many must agree: two fit by chance, where each camera missed some between its frames."""
+CANDIDATES = 6
+"""So many offsets are tried."""
+MOST = 30
+"""More tell hardly more."""
+EDGE_S = 2.5e-4
+"""The most that an edge that is seen is off, what the flash itself lasts included."""
+LEAST_BAR_S = 4e-4
+"""Where all edges leave less, some contradict each other: they are then trusted less."""
+READOUTS, EXPOSURES = 100, 3
+"""So many ways are tried that a camera may read its rows, and expose them."""
+MOST_PPM = 3 * CRYSTAL_PPM
+
+Pair = tuple[Flash, Flash]
+Range = tuple[float, float]
+
+
+def match_flashes(reference: Lights, camera: Lights, source: str = "flash") -> CameraTimes:
+    """The camera's times against the reference's; without an offset, why there is none."""
+    seen = reference.flashes(), camera.flashes()
+    for name, of in zip(("the reference", "it"), seen, strict=True):
+        if len(of) < LEAST:
+            return CameraTimes(reason=f"{name} saw {len(of)} of the {LEAST} flashes it takes")
+    periods = reference.period_s, camera.period_s
+    best: CameraTimes | None = None
+    most = 0
+    for pairs in _agreeing(*seen, max(periods)):
+        if best is not None and len(pairs) < most:
+            break
+        found = _fit_most(pairs, periods, source)
+        if found.offset_ns is None:
+            continue
+        if best is not None:
+            return CameraTimes(reason="the flashes they saw fit at several offsets")
+        best, most = found, len(pairs)
+    return best or CameraTimes(reason="the flashes they saw fit at no offset")
+
+
+def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -> list[list[Pair]]:
+    """The flashes that both saw, by each offset that brings enough of them together, most of them first."""
+    near_s = NEAR_FRAMES * period_s
+    groups: list[tuple[float, list[Pair]]] = []
+    for one in seen:
+        for other in others:
+            offset_s = one.rough_s - other.rough_s
+            pairs = []
+            for flash in others:
+                nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
+                # Clocks that run apart move flashes far from this one by more.
+                slack_s = near_s + MOST_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
+                if abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s:
+                    pairs.append((nearest, flash))
+            if len(pairs) >= LEAST:
+                groups.append((offset_s, pairs))
+    groups.sort(key=lambda group: -len(group[1]))
+    distinct: list[tuple[float, list[Pair]]] = []
+    for offset_s, pairs in groups:
+        if all(abs(offset_s - other_s) > 3 * near_s for other_s, _ in distinct):
+            distinct.append((offset_s, pairs))
+    return [pairs for _, pairs in distinct[:CANDIDATES]]
+
+
+def _fit_most(pairs: list[Pair], periods: tuple[float, float], source: str) -> CameraTimes:
+    """The fit of all these pairs, or of all but one: that may be two flashes that ran into each other."""
+    choices = [pairs]
+    if len(pairs) > LEAST:
+        choices += [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs))]
+    found = (_fit(choice, *periods, source) for choice in choices)
+    return next((one for one in found if one.offset_ns is not None), CameraTimes())
+
+
+def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float, source: str) -> CameraTimes:
+    """The middle of all offsets and rates that the edges allow, with their reach; empty where none fits."""
+    if len(pairs) > MOST:
+        pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MOST)]
+    epoch = float(np.mean([other.rough_s for _, other in pairs]))
+    at = np.array([other.rough_s for _, other in pairs]) - epoch
+    for tolerance in (EDGE_S, 2 * EDGE_S, 4 * EDGE_S, 8 * EDGE_S):
+        ours = _moments([one for one, _ in pairs], reference_s, tolerance)
+        theirs = _moments([other for _, other in pairs], camera_s, tolerance)
+        if not len(ours) or not len(theirs):
+            continue
+        # Of every way that either camera may expose and read its rows: the least and the most offset.
+        least = (ours[:, None, :, 0] - theirs[None, :, :, 1]).reshape(-1, len(pairs))
+        most = (ours[:, None, :, 1] - theirs[None, :, :, 0]).reshape(-1, len(pairs))
+        offsets, rates = _lines(at, least, most)
+        if offsets is not None and rates is not None and offsets[1] - offsets[0] > 2 * LEAST_BAR_S:
+            return CameraTimes(
+                offset_ns=round(sum(offsets) / 2 * 1e9),
+                uncertainty_ns=round((offsets[1] - offsets[0]) / 2 * 1e9),
+                rate_ppm=round(sum(rates) / 2 * 1e6, 4),
+                rate_uncertainty_ppm=round((rates[1] - rates[0]) / 2 * 1e6, 4),
+                epoch_local_ns=round(epoch * 1e9),
+                source=source,
+            )
+    return CameraTimes()
+
+
+def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> Array:
+    """Own times (ways, flashes, 2) between which each flash was, for all readouts and exposures that fit.
+
+    With the readout R, the exposure E and a frame's time t in the middle of its middle row's exposure, a
+    flash at T lights the rows from t + R (down - 1/2) = T - E/2 to T + E/2.
+    """
+    readout = np.linspace(0, 1, READOUTS)[:, None] * period_s
+    starts, ends = (
+        np.stack([_range(getattr(of, side), readout[:, 0], tolerance_s) for of in flashes], axis=1)
+        for side in ("start", "end")
+    )
+    shortest = np.maximum((ends[..., 0] - starts[..., 1]).max(1), 0.0)
+    longest = np.minimum((ends[..., 1] - starts[..., 0]).min(1), period_s)
+    fits = shortest <= longest
+    ways = []
+    for share in np.linspace(0, 1, EXPOSURES):
+        half = (shortest + share * (longest - shortest))[fits, None] / 2
+        low = np.maximum(starts[fits, :, 0] + half, ends[fits, :, 0] - half)
+        high = np.minimum(starts[fits, :, 1] + half, ends[fits, :, 1] - half)
+        ways.append(np.stack([low, high], axis=-1)[(low <= high).all(1)])
+    return np.concatenate(ways)
+
+
+def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
+    """Between which own times (n, 2) the edge's row has the middle of its exposure, for readouts (n,)."""
+    if edge.hidden:
+        gap = np.maximum(edge.gap_s - readout_s, 0) / 2 + EDGE_ROWS * readout_s + tolerance_s
+        return np.stack([edge.at_s - gap, edge.at_s + gap], axis=-1)
+    place = edge.at_s + readout_s * (edge.down - 0.5)
+    return np.stack([place - tolerance_s, place + tolerance_s], axis=-1)
+
+
+def _lines(at: Array, least: Array, most: Array) -> tuple[Range, Range] | tuple[None, None]:
+    """The least and most offset (at 0) and rate of lines between `least` and `most` (ways, n) at (n,)."""
+    away = np.abs(at) * MOST_PPM * 1e-6
+    low, high = (least - away).max(1), (most + away).min(1)
+    slow, fast = np.full(len(least), -MOST_PPM * 1e-6), np.full(len(least), MOST_PPM * 1e-6)
+    for i in range(len(at)):
+        for j in range(len(at)):
+            if at[i] >= at[j]:
+                continue
+            apart = at[j] - at[i]
+            slow = np.maximum(slow, (least[:, j] - most[:, i]) / apart)
+            fast = np.minimum(fast, (most[:, j] - least[:, i]) / apart)
+            if at[i] <= 0 <= at[j]:
+                low = np.maximum(low, (least[:, i] * at[j] - least[:, j] * at[i]) / apart)
+                high = np.minimum(high, (most[:, i] * at[j] - most[:, j] * at[i]) / apart)
+    good = (low <= high) & (slow <= fast)
+    if not good.any():
+        return None, None
+    return (float(low[good].min()), float(high[good].max())), (
+        float(slow[good].min()),
+        float(fast[good].max()),
+    )

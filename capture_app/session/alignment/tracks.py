@@ -1,0 +1,234 @@
+"""What a video's other tracks tell: sound, timecode.
+
+Opens videos for what they hold beside their pictures.
+
+When cameras heard the same: their sound tracks, laid one over the other.
+
+First roughly, by where each becomes louder (which a clap and speech do), over the whole length; then by the
+waveforms in short windows (generalized cross-correlation with phase transform, Knapp and Carter 1976).
+
+The timecode that a camera wrote into its video: which frame of the day is its first (SMPTE ST 12-1).
+"""
+
+import importlib
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.session.alignment.clock_line import Moments
+
+Found = TypeVar("Found")
+
+
+def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | None:
+    """What `read` finds with PyAV in the opened video; None where PyAV is not installed, or FFmpeg fails."""
+    try:
+        av: Any = importlib.import_module("av")
+    except ImportError:
+        return None
+    try:
+        with av.open(str(path)) as container:
+            return read(av, container)
+    except av.FFmpegError:
+        return None
+
+
+RATE_HZ = 16_000
+BIN_S = 0.004
+"""Of loudness."""
+WINDOW_S = 1.0
+WINDOWS = 80
+"""At most, spread over the time that both recorded, where it is loudest."""
+REACH_S = 0.08
+"""What the rough offset may be wrong by, clocks that run apart included."""
+DISTINCT = 1.4
+"""The best rough offset must fit so many times as well as any other."""
+PROMINENT = 8.0
+"""And so many standard deviations better than chance; a window's own likewise."""
+WINDOW_SD_S = 5e-5
+SOUND_M_PER_S = 343.0
+
+Samples = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Sound:
+    """A sound track at `RATE_HZ`, one channel; `start_s` is when it begins by the video's own times."""
+
+    samples: Samples
+    start_s: float
+
+
+def read_sound(path: Path) -> Sound | None:
+    """The sound of a video; None where it has none, or PyAV is not installed."""
+    return read_container(path, _read_sound)
+
+
+def _read_sound(av: Any, container: Any) -> Sound | None:
+    if not container.streams.audio:
+        return None
+    parts: list[Samples] = []
+    start_s, length = 0.0, 0
+    resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
+    for frame in container.decode(container.streams.audio[0]):
+        at_s = start_s + length / RATE_HZ if frame.pts is None else float(frame.pts * frame.time_base)
+        if not parts:
+            start_s = at_s
+        # A gap in the track stays one.
+        gap = round((at_s - start_s) * RATE_HZ) - length
+        if gap > 0.02 * RATE_HZ:
+            parts.append(np.zeros(gap, np.float32))
+            length += gap
+        for made in resampler.resample(frame):
+            parts.append(made.to_ndarray().ravel().astype(np.float32))
+            length += len(parts[-1])
+    parts += [made.to_ndarray().ravel().astype(np.float32) for made in resampler.resample(None)]
+    samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
+    return Sound(samples, start_s) if np.any(samples) else None
+
+
+def match_sounds(reference: Sound, camera: Sound) -> Moments | str:
+    """Moments that both heard, by their own times; else why there are none."""
+    rough_s = _rough_offset(reference, camera)
+    if isinstance(rough_s, str):
+        return rough_s
+    found = []
+    size = round(WINDOW_S * RATE_HZ)
+    for at in _loud_windows(camera.samples, size):
+        centre_s = camera.start_s + (at + size / 2) / RATE_HZ
+        wanted = round((centre_s + rough_s - reference.start_s) * RATE_HZ - size / 2)
+        if not 0 <= wanted <= len(reference.samples) - size:
+            continue
+        lag = _lag(reference.samples[wanted : wanted + size], camera.samples[at : at + size])
+        if lag is not None:
+            found.append((centre_s, reference.start_s + (wanted + lag + size / 2) / RATE_HZ))
+    if not found:
+        return "their sounds are loud at the same moments, but are not alike"
+    camera_s, reference_s = np.array(found).T
+    return Moments(camera_s, reference_s, np.full(len(found), WINDOW_SD_S))
+
+
+def _rough_offset(reference: Sound, camera: Sound) -> float | str:
+    """What is added to the camera's times to get the reference's, s; else why that is not known."""
+    a, b = (_onsets(sound.samples) for sound in (reference, camera))
+    if min(len(a), len(b)) < 2 / BIN_S or not a.any() or not b.any():
+        return "a sound track is too short or silent"
+    size = 1 << (len(a) + len(b)).bit_length()
+    fits = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+    spread = 1.4826 * float(np.median(np.abs(fits - np.median(fits)))) + 1e-12
+    best = int(fits.argmax())
+    near = round(REACH_S / BIN_S)
+    others = np.roll(fits, -best)[near : size - near]
+    if fits[best] < PROMINENT * spread or fits[best] < DISTINCT * others.max():
+        return "their sounds do not agree on one offset"
+    lag = best if best < len(a) else best - size
+    return reference.start_s - camera.start_s + lag * BIN_S
+
+
+def _onsets(samples: Samples) -> NDArray[np.float64]:
+    """How much louder each bin is than the one before, in the logarithm; low tones count for less."""
+    size = round(BIN_S * RATE_HZ)
+    bright = np.diff(samples, prepend=samples[:1])
+    energy = (bright[: len(bright) // size * size].reshape(-1, size) ** 2).mean(1).astype(np.float64)
+    loud = np.log(energy + 1e-3 * energy.mean() + 1e-15)
+    rises = np.clip(np.diff(loud, prepend=loud[:1]), 0, None)
+    return np.asarray(rises - rises.mean())
+
+
+def _loud_windows(samples: Samples, size: int) -> list[int]:
+    """Where the windows begin: the loudest in each of many equal parts."""
+    starts = np.arange(0, max(1, len(samples) - size + 1), size // 2)
+    bright = np.diff(samples, prepend=samples[:1]).astype(np.float64)
+    sums = np.concatenate([[0.0], np.cumsum(bright**2)])
+    energies = sums[np.minimum(starts + size, len(samples))] - sums[starts]
+    parts = np.array_split(np.arange(len(starts)), min(WINDOWS, len(starts)))
+    return [int(starts[part[energies[part].argmax()]]) for part in parts if energies[part].max() > 0]
+
+
+def _lag(reference: Samples, camera: Samples) -> float | None:
+    """How many samples later the reference has it, to a fraction; None where they are not alike."""
+    size = 2 * len(reference)
+    taper = np.hanning(len(reference))
+    spectrum = np.fft.rfft(reference * taper, size) * np.conj(np.fft.rfft(camera * taper, size))
+    strength = np.abs(spectrum)
+    # Tones that hardly sound have a phase of noise.
+    weight = np.where(strength > 1e-3 * strength.max(), 1 / np.maximum(strength, 1e-20) ** 0.8, 0.0)
+    fits = np.fft.fftshift(np.fft.irfft(spectrum * weight, size))
+    middle, reach = size // 2, round(REACH_S * RATE_HZ)
+    near = fits[middle - reach : middle + reach + 1]
+    best = int(near.argmax())
+    spread = 1.4826 * float(np.median(np.abs(near - np.median(near)))) + 1e-20
+    if not 0 < best < len(near) - 1 or near[best] < PROMINENT * spread:
+        return None
+    before, now, after = near[best - 1 : best + 2]
+    return best - reach + 0.5 * float((before - after) / (before - 2 * now + after))
+
+
+_TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
+DAY_S = 86_400
+
+
+@dataclass(frozen=True)
+class Timecode:
+    """When a video's first frame was taken by its timecode, s since midnight, and the time it is shown at, s.
+
+    `wall_clock`: it keeps to the day; a timecode of a broken rate that drops no numbers runs slow.
+    """
+
+    day_s: float
+    first_s: float
+    period_s: float
+    wall_clock: bool
+
+    def offset_from(self, reference: "Timecode") -> float | None:
+        """What makes the reference's times of this camera's, s; None where they count differently."""
+        alike = abs(self.period_s - reference.period_s) < 1e-9
+        if not (self.wall_clock and reference.wall_clock) and not (
+            alike and self.wall_clock == reference.wall_clock
+        ):
+            return None
+        apart = (self.day_s - reference.day_s + DAY_S / 2) % DAY_S - DAY_S / 2
+        return apart + reference.first_s - self.first_s
+
+
+def read_timecode(path: Path) -> Timecode | None:
+    """The timecode of a video; None where it has none, or PyAV is not installed."""
+    return read_container(path, _read_timecode)
+
+
+def _read_timecode(_: Any, container: Any) -> Timecode | None:
+    if not container.streams.video:
+        return None
+    video = container.streams.video[0]
+    places = (*(stream.metadata for stream in container.streams), container.metadata)
+    text = next((place["timecode"] for place in places if "timecode" in place), "")
+    rate = video.guessed_rate or video.average_rate
+    first = next((packet.pts for packet in container.demux(video) if packet.pts is not None), 0)
+    first_s = float(first * video.time_base)
+    return None if not rate else parse_timecode(text, Fraction(rate), first_s)
+
+
+def parse_timecode(text: str, rate: Fraction, first_s: float = 0.0) -> Timecode | None:
+    """A timecode at a frame rate; `;` or `.` before the frames drops numbers. None for anything else."""
+    found = _TIMECODE.fullmatch(text.strip())
+    if found is None:
+        return None
+    hours, minutes, seconds, frames = (int(found[k]) for k in (1, 2, 3, 5))
+    nominal = round(rate)
+    # Rates such as 29.97 are those of NTSC; a phone's average rate is only near one.
+    exact = (
+        Fraction(nominal * 1000, 1001) if abs(rate - Fraction(nominal * 1000, 1001)) < rate / 3000 else None
+    )
+    period = 1 / exact if exact is not None else Fraction(1, nominal)
+    drops = found[4] in ";." and exact is not None and nominal % 30 == 0
+    number = ((hours * 60 + minutes) * 60 + seconds) * nominal + frames
+    if drops:
+        whole = hours * 60 + minutes
+        number -= nominal // 15 * (whole - whole // 10)
+    return Timecode(float(number * period), first_s, float(period), exact is None or drops)

@@ -1,0 +1,259 @@
+"""Calibrations as OpenCV saves them.
+
+Reads OpenCV's YAML and XML files (cv2.FileStorage) without OpenCV, whose parser broken files corrupt.
+
+The format by OpenCV's documentation of FileStorage: a map of names to numbers, texts, lists and matrices, the
+latter with rows, cols (or sizes), dt (a letter for the type, the number of channels before it) and data.
+
+OpenCV's calibrations, as people save them: .npz, or YAML and XML of cv2.FileStorage.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import yaml
+
+from capture_app.errors import BadInputError
+from capture_app.session.files.strangers import read_arrays, read_regular
+from capture_app.session.importers.calibrations.views import Array, View, Views, from_rodrigues
+
+MOST_BYTES = 8 << 20
+"""A calibration has some kilobytes, also with all points it was made of."""
+_MATRICES = "opencv-matrix", "opencv-nd-matrix"
+_DTYPE = re.compile(r"(\d*)[a-z]")
+
+
+def read_storage(path: Path) -> dict[str, Any]:
+    """What a file holds, by name: matrices as float64 rows x columns (x channels), numbers, texts, lists.
+
+    Raises BadInputError for a file that cannot be read, or is not of this format.
+    """
+    try:
+        data = read_regular(path)
+        if len(data) > MOST_BYTES:
+            raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
+        content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
+    except OSError as error:
+        raise BadInputError(f"cannot read the calibration {path}: {error.strerror or error}") from error
+    except (yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError) as error:
+        reason = " ".join(str(error).split()) or "not OpenCV's format"
+        raise BadInputError(f"cannot read the calibration {path}: {reason}") from error
+    if not isinstance(content, dict):
+        raise BadInputError(f"cannot read the calibration {path}: it is no list of names and values")
+    return {str(key): value for key, value in content.items()}
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML with OpenCV's matrices."""
+
+
+def _yaml_matrix(loader: _Loader, node: yaml.Node) -> Array:
+    if not isinstance(node, yaml.MappingNode):
+        raise ValueError("a matrix is not a map")
+    return _matrix(loader.construct_mapping(node, deep=True))
+
+
+for name in _MATRICES:
+    _Loader.add_constructor(f"tag:yaml.org,2002:{name}", _yaml_matrix)
+
+
+def _read_yaml(data: bytes) -> Any:
+    # OpenCV writes %YAML:1.0, with a colon that YAML does not know.
+    text = data.decode("utf-8")
+    return yaml.load(text.partition("\n")[2] if text.startswith("%YAML") else text, _Loader)  # noqa: S506
+
+
+def _read_xml(data: bytes) -> Any:
+    root = ET.fromstring(data)  # noqa: S314 - no entity is resolved from elsewhere, and the size is bounded
+    if root.tag != "opencv_storage":
+        raise ValueError("it is not OpenCV's XML")
+    return {element.tag: _xml_value(element) for element in root}
+
+
+def _xml_value(element: ET.Element) -> Any:
+    if element.get("type_id") in _MATRICES:
+        return _matrix({part.tag: (part.text or "").strip() for part in element})
+    if len(element):
+        items = [_xml_value(part) for part in element]
+        return items if all(part.tag == "_" for part in element) else dict(zip(element, items, strict=True))
+    text = (element.text or "").strip()
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip('"')
+
+
+def _matrix(parts: dict[Any, Any]) -> Array:
+    sizes = _items(parts.get("sizes")) if "sizes" in parts else [parts.get("rows"), parts.get("cols")]
+    dtype = _DTYPE.fullmatch(str(parts.get("dt", "")))
+    if dtype is None or None in sizes or "data" not in parts:
+        raise ValueError("a matrix lacks its size, dt or data")
+    shape = [*(int(str(size)) for size in sizes), *([int(dtype[1])] if dtype[1] else [])]
+    values = np.array([float(str(item)) for item in _items(parts["data"])], np.float64)
+    if min(shape) < 0 or math.prod(shape) != len(values):
+        raise ValueError(f"a matrix has {len(values)} numbers, not {' x '.join(map(str, shape))}")
+    return values.reshape(shape)
+
+
+def _items(value: Any) -> list[Any]:
+    return value.split() if isinstance(value, str) else value if isinstance(value, list) else [value]
+
+
+_MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
+_DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
+_ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
+_SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
+
+Content = Mapping[str, Array]
+
+
+def read_opencv(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
+    """Read OpenCV calibration files, each with the camera it is of, or '' for the file of the pair.
+
+    A camera's file has its matrix (mtx, K, camera_matrix, ...) and distortion, and may have its pose
+    (R or rvec, T or tvec; x_cam = R x_rig + T). The pair's file has the R and T of cv2.stereoCalibrate,
+    x_second = R x_first + T, and may have the matrices too (K1 D1 K2 D2). A folder is searched for files
+    whose names begin with the cameras'. Raises BadInputError for what is missing or broken.
+    """
+    own, pair = _assign(paths, cameras)
+    contents = {name: _load(path) for name, path in own.items()}
+    if pair is not None:
+        contents.update(_split_pair(_load(pair), pair, cameras, contents))
+    elif len(contents) > 1 and not any(
+        _find(content, _ROTATION) is not None for content in contents.values()
+    ):
+        raise BadInputError(
+            "these calibrations have no R and T", hint="give the stereo calibration's file too"
+        )
+    if len(contents) == 1 and len(cameras) == 1:
+        contents = {name: {**_IDENTITY, **content} for name, content in contents.items()}
+    views = {
+        name: _view(f"{own.get(name, pair)}: camera {name}", content) for name, content in contents.items()
+    }
+    files = [*own.values(), *([pair] if pair else [])]
+    return Views(views, ", ".join(dict.fromkeys(path.name for path in files)))
+
+
+_IDENTITY: Content = {"r": np.eye(3), "t": np.zeros(3)}
+
+
+def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[dict[str, Path], Path | None]:
+    own: dict[str, Path] = {}
+    rest: list[Path] = []
+    for name, path in paths:
+        if name and name not in cameras:
+            hint = f"it has {', '.join(cameras)}"
+            raise BadInputError(f"{path} names camera {name}, which is not in the recording", hint=hint)
+        if name:
+            own[name] = path
+        elif path.is_dir():
+            found, others = _search(path, cameras)
+            own.update(found)
+            rest.extend(others)
+        else:
+            rest.append(path)
+    if len(rest) > 1:
+        files = ", ".join(path.name for path in rest)
+        raise BadInputError(
+            f"cannot tell which cameras {files} belong to", hint="give --calibration NAME=FILE"
+        )
+    return own, rest[0] if rest else None
+
+
+def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    own: dict[str, Path] = {}
+    for name in cameras:
+        start = re.escape(name)
+        # The whole word first, so that cam1 does not take cam10's file; then L takes left.npz.
+        for pattern in (rf"{start}(?![A-Za-z0-9])", start):
+            alike = [file for file in files if re.match(pattern, file.stem, re.IGNORECASE)]
+            if len(alike) == 1:
+                own[name] = alike[0]
+                break
+        else:
+            have = ", ".join(file.name for file in files) or "no OpenCV file"
+            raise BadInputError(
+                f"no single file in {folder} begins with {name!r}; it has {have}",
+                hint="say which is whose: --calibration NAME=FILE",
+            )
+    return own, [file for file in files if file not in own.values()]
+
+
+def _load(path: Path) -> Content:
+    if path.suffix.lower() not in _SUFFIXES:
+        hint = (
+            "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, COLMAP, nerfstudio, ..."
+        )
+        raise BadInputError(f"{path} is not a calibration file of a known format", hint=hint)
+    return _load_npz(path) if path.suffix.lower() == ".npz" else _load_storage(path)
+
+
+def _load_npz(path: Path) -> Content:
+    return {
+        key.lower(): value.astype(np.float64)
+        for key, value in read_arrays(path).items()
+        if np.issubdtype(value.dtype, np.number)
+    }
+
+
+def _load_storage(path: Path) -> Content:
+    content = {}
+    for key, value in read_storage(path).items():
+        if isinstance(value, np.ndarray):
+            content[key.lower()] = value
+        elif isinstance(value, int | float):
+            content[key.lower()] = np.array([float(value)])
+    return content
+
+
+def _split_pair(
+    content: Content, path: Path, cameras: Sequence[str], own: Mapping[str, Content]
+) -> dict[str, Content]:
+    rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
+    if rotation is None or translation is None:
+        raise BadInputError(f"{path} has no R and T; it has {', '.join(content) or 'nothing'}")
+    if len(cameras) != 2:
+        hint = "give one file a camera, each with its R and T"
+        raise BadInputError(
+            f"{path} calibrates a pair, but the recording has {len(cameras)} cameras", hint=hint
+        )
+    poses = (_IDENTITY, {"r": rotation, "t": translation})
+    split: dict[str, Content] = {}
+    for number, (name, pose) in enumerate(zip(cameras, poses, strict=True), 1):
+        numbered = {
+            key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(str(number))
+        }
+        sizes = {key: content[key] for key in ("image_width", "image_height") if key in content}
+        split[name] = {**sizes, **numbered, **own.get(name, {}), **pose}
+    return split
+
+
+def _view(where: str, content: Content) -> View:
+    matrix, distortion = _find(content, _MATRIX), _find(content, _DISTORTION)
+    rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
+    if matrix is None or matrix.shape != (3, 3):
+        raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"looked for {', '.join(_MATRIX)}")
+    if rotation is None or translation is None:
+        raise BadInputError(f"{where} has no R and T")
+    if rotation.size not in (3, 9) or translation.size != 3:
+        shapes = f"{rotation.shape} and {translation.shape}"
+        raise BadInputError(f"{where}: R and T have shapes {shapes}, not those of a pose")
+    sizes = [content.get(key) for key in ("image_width", "image_height")]
+    size = None if any(n is None for n in sizes) else tuple(int(n.ravel()[0]) for n in sizes if n is not None)
+    return View(
+        matrix=matrix,
+        distortion=np.zeros(5) if distortion is None else distortion.ravel(),
+        rotation=from_rodrigues(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
+        translation=translation.ravel(),
+        size=(size[0], size[1]) if size else None,
+    )
+
+
+def _find(content: Content, keys: Sequence[str]) -> Array | None:
+    return next((content[key] for key in keys if key in content), None)

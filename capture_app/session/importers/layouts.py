@@ -1,0 +1,210 @@
+"""Folders of other programs, recognized.
+
+Caliscope: videos with `timestamps.csv` beside them, in a workspace with its `camera_array.toml`.
+
+FreeMoCap, 1 and 2: synchronized videos of as many frames each, when they were taken, and a calibration.
+
+By freemocap's docs ("Recording folder structure") and its system/default_paths.py the videos are in
+`synchronized_videos` or, in version 2, `videos/synchronized`; by skellycam's parse_video_filename.py and
+recording_info.py they are named RECORDING.id-CAMERA.idx-N.mp4, and each has a table in
+`timestamps/camera_timestamps/RECORDING.cameraCAMERA.timestamps.csv` with a row a frame, whose
+`timestamp.perf_counter_ns.ns` is one computer's clock for all cameras. Lengths are in mm.
+
+OpenCap: the folder of a session, whose trials have a video of each camera.
+
+By opencap-api's zipsession.py a download has `Videos/CamN/InputMedia/TRIAL/TRIAL.mov`, as the phone took it,
+beside it `TRIAL_sync.mp4` where OpenCap aligned it to the others by their motion, and
+`Videos/CamN/cameraIntrinsicsExtrinsics.pickle`.
+
+Recognizes recording folders of other programs, and our own exports, by their files.
+"""
+
+import csv
+import re
+import statistics
+from pathlib import Path
+
+from capture_app.errors import BadInputError
+from capture_app.names import natural_order
+from capture_app.session.exchange import RECORD
+from capture_app.session.importers.calibrations.motion_capture import PARAMETERS
+from capture_app.session.importers.frame_matching import (
+    Instant,
+    TimedFrame,
+    Timeline,
+    check_order,
+    middle,
+    periods_of,
+)
+from capture_app.session.importers.open_sources import open_sources
+from capture_app.session.importers.sources import Layout, videos_in
+
+_TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
+_UP = 3
+"""How many folders above a recording the workspace may be, with the recording's own."""
+
+
+def caliscope(folder: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """A recording's folder or a workspace. Raises BadInputError for a workspace of several recordings."""
+    if (folder / _TABLE).is_file() and videos_in(folder):
+        arrays = (parent / _ARRAY for parent in (folder, *folder.resolve().parents[: _UP - 1]))
+        return Layout(
+            program="Caliscope",
+            path=folder,
+            sources=tuple(open_sources([str(folder)], png=png)),
+            timestamps=folder / _TABLE,
+            calibration=next((path for path in arrays if path.is_file()), None),
+        )
+    if not ((folder / _ARRAY).is_file() and (folder / _RECORDINGS).is_dir()):
+        return None
+    inner = [path for path in sorted((folder / _RECORDINGS).iterdir()) if (path / _TABLE).is_file()]
+    inner = [path for path in inner if videos_in(path) and recording in (None, path.name)]
+    if len(inner) == 1:
+        return caliscope(inner[0], png=png, recording=None)
+    what = "without a recording: none with videos and their timestamps.csv"
+    if inner:
+        what = f"of several recordings: {', '.join(path.name for path in inner)}"
+    hint = f"name one: {folder / _RECORDINGS}/NAME"
+    raise BadInputError(f"{folder} is a Caliscope workspace {what}", hint=hint)
+
+
+_VIDEOS = ("synchronized_videos", "videos/synchronized", "SyncedVideos")
+_NAME = re.compile(r".+\.id-([^.]+)\.idx-(\d+)")
+_TIME, _FRAME = "timestamp.perf_counter_ns.ns", "recording_frame_number"
+
+
+def freemocap(folder: Path, *, png: bool) -> Layout | None:
+    """The recording in a folder. Raises BadInputError for tables of times that contradict themselves."""
+    videos = next((folder / name for name in _VIDEOS if videos_in(folder / name)), None)
+    if videos is None:
+        return None
+    named = {_camera_name(path): path for path in videos_in(videos)}
+    calibrations = sorted(folder.glob("*camera_calibration.toml"))
+    tables = _tables(videos, named)
+    return Layout(
+        program="FreeMoCap",
+        path=videos,
+        sources=tuple(open_sources([f"{name}={path}" for name, path in named.items()], png=png)),
+        timeline=_timeline(tables) if tables else None,
+        same_frames=True,
+        calibration=calibrations[0] if calibrations else None,
+        unit="mm" if calibrations else None,
+    )
+
+
+def _camera_name(video: Path) -> str:
+    """The camera's id where the name is SkellyCam's, which calibrations name it by; else the video's name."""
+    found = _NAME.fullmatch(video.stem)
+    return found[1] if found else video.stem
+
+
+def _tables(videos: Path, named: dict[str, Path]) -> dict[str, Path]:
+    """The table of each camera; none unless every camera has one."""
+    folder = videos / "timestamps" / "camera_timestamps"
+    found = {}
+    for name, video in named.items():
+        recording = video.stem.partition(".id-")[0]
+        table = folder / f"{recording}.camera{name}.timestamps.csv"
+        if table.is_file():
+            found[name] = table
+    return found if len(found) == len(named) else {}
+
+
+def _timeline(tables: dict[str, Path]) -> Timeline:
+    """Frames of the same number are one instant, each at its own time."""
+    cameras = {name: _read(path) for name, path in tables.items()}
+    for name, frames in cameras.items():
+        check_order(str(tables[name]), frames)
+    by_number: dict[int, dict[str, TimedFrame]] = {}
+    for name, frames in cameras.items():
+        for frame in frames:
+            by_number.setdefault(frame.index, {})[name] = frame
+    periods = periods_of(cameras)
+    instants = [Instant(middle(frames), frames) for _, frames in sorted(by_number.items())]
+    return Timeline(instants, round(statistics.median(periods.values())), periods)
+
+
+def _read(path: Path) -> list[TimedFrame]:
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        return [TimedFrame(int(row[_FRAME]), int(row[_TIME])) for row in rows]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadInputError(f"cannot read {path}: {error}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInputError(f"{path} has no whole numbers {_FRAME} and {_TIME}") from error
+
+
+_MEDIA, _SYNCHRONIZED = "InputMedia", "_sync"
+
+
+def opencap(folder: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """A trial of a session. Raises BadInputError where it has several and `recording` names none of them."""
+    videos = folder / "Videos" if (folder / "Videos").is_dir() else folder
+    cameras = sorted(videos.glob(f"Cam*/{_MEDIA}"), key=lambda path: natural_order(path.parent.name))
+    if not cameras:
+        return None
+    trials = sorted({trial.name for camera in cameras for trial in camera.iterdir() if videos_in(trial)})
+    if recording is not None and recording not in trials:
+        raise BadInputError(f"{folder} has no trial {recording}", hint=f"it has {', '.join(trials)}")
+    if recording is None and len(trials) != 1:
+        raise BadInputError(
+            f"{folder} has {'several trials: ' + ', '.join(trials) if trials else 'no trial with a video'}",
+            hint="choose one: --recording NAME",
+        )
+    trial = recording or trials[0]
+    there = [camera for camera in cameras if videos_in(camera / trial)]
+    raw, aligned = (
+        [_video(camera / trial, name) for camera in there] for name in (trial, trial + _SYNCHRONIZED)
+    )
+    chosen = aligned if None not in aligned else raw
+    paths = [f"{camera.parent.name}={path}" for camera, path in zip(there, chosen, strict=True)]
+    if None in chosen:
+        raise BadInputError(f"{folder}: not every camera has a video {trial}", hint="name them: NAME=PATH")
+    remark = ""
+    if chosen is raw:
+        remark = f"{trial} was not aligned by OpenCap: its phones start a little apart"
+    pickles = all((camera.parent / PARAMETERS).is_file() for camera in there)
+    return Layout(
+        program="OpenCap",
+        path=videos,
+        sources=tuple(open_sources(paths, png=png)),
+        same_frames=chosen is aligned,
+        calibration=videos if pickles else None,
+        remark=remark,
+    )
+
+
+def _video(folder: Path, stem: str) -> Path | None:
+    """The trial's video of a name; of the original also what it was named by its number on OpenCap's side."""
+    found = videos_in(folder)
+    named = [path for path in found if path.stem == stem]
+    if not named and not stem.endswith(_SYNCHRONIZED):
+        named = [path for path in found if not path.stem.endswith(_SYNCHRONIZED)]
+    return named[0] if named else None
+
+
+MCAP = ".mcap"
+
+
+def recognize_layout(path: Path, *, png: bool = False, recording: str | None = None) -> Layout | None:
+    """The layout of a folder or an .mcap file, or None.
+
+    `recording` names one of several in it; `png` as of `Video`. Raises BadInputError where it has several.
+    """
+    if path.suffix.lower() == MCAP and path.is_file():
+        from capture_app.session.importers.own_exports import mcap
+
+        return mcap(path)
+    if not path.is_dir():
+        return None
+    if (path / RECORD).is_file():
+        from capture_app.session.importers.own_exports import exported
+
+        return exported(path, png=png)
+
+    return (
+        freemocap(path, png=png)
+        or caliscope(path, png=png, recording=recording)
+        or opencap(path, png=png, recording=recording)
+    )

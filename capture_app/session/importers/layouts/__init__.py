@@ -1,1 +1,0 @@
-"""Folders of other programs, recognized by the names that those programs give their files."""

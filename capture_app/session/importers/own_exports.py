@@ -1,0 +1,360 @@
+"""Our exports and MCAP read back.
+
+Our own exports: the session again that they were made of, by `frames.csv` and `simulshot.json`.
+
+MCAP: the compressed images of Foxglove's schema, its calibrations and transforms, a camera a topic.
+
+docs.foxglove.dev, "Message schemas": CompressedImage, CameraCalibration, and FrameTransform, which is where
+the child is in the parent's coordinates. Files of our own have the session's manifest and calibration
+attached as well, and are that session again.
+"""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from capture_app.errors import BadInputError, SimulshotError
+from capture_app.names import is_name, name_like
+from capture_app.optional_packages import load_optional
+from capture_app.session.exchange import FRAMES, ExportRecord, message_class, read_record
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.checks import check_references, inside
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord, Manifest
+from capture_app.session.importers.calibrations.views import View, Views, from_quaternion
+from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importers.sources import VIDEO_SUFFIXES, Layout, Source, Video
+from capture_app.session.reading.decoding import image_size
+from capture_app.text import UNREADABLE
+
+Place = tuple[str, int]
+"""A camera and an instant of the session that was exported."""
+
+_UNREADABLE = ("rrd",)
+_OF_THE_FRAME = (
+    "uncertainty_ns", "hard_bound_ns", "exposure_start_ns", "exposure_ns", "gain", "white_balance",
+    "sequence", "outlier_ns", "alignment_offset_ns", "substitute", "late",
+)  # fmt: skip
+_LEFT_OUT = "the export does not have it"
+
+
+class ExportedImages(Source):
+    """A camera's image files in an export, byte for byte."""
+
+    kind = "exported images"
+    numbered = True
+
+    def __init__(self, name: str, path: Path, files: Sequence[Path]) -> None:
+        self.name, self.path, self._files = name, path, files
+        self.numbers = range(len(files))
+        self.suffix = files[0].suffix.lower()
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        for index in sorted(indices):
+            file = self._files[index]
+            try:
+                data = file.read_bytes()
+            except OSError as error:
+                raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+            size = image_size(data)
+            if size is None:
+                raise BadInputError(f"{file} is not an image that can be decoded")
+            yield index, data, size
+
+
+class ExportedVideo(Source):
+    """A camera's video in an export: some of its frames, each by its number."""
+
+    kind = "exported video"
+    numbered = True
+
+    def __init__(self, name: str, path: Path, frames: Sequence[int], *, png: bool) -> None:
+        self.name, self.path, self._frames = name, path, frames
+        self.numbers = range(len(frames))
+        self._video = Video(name, path, png=png)
+        self._video.use_embedded_times()
+        self.suffix = self._video.suffix
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        wanted = {self._frames[index]: index for index in indices}
+        for frame, data, size in self._video.frames(sorted(wanted)):
+            yield wanted[frame], data, size
+
+
+def exported(folder: Path, *, png: bool) -> Layout:
+    """An export's folder. Raises BadInputError where what it says of itself is broken."""
+    record = read_record(folder)
+    if record.format in _UNREADABLE:
+        raise BadInputError(f"{folder} is an export for {record.format}, which cannot be read back")
+    if record.format == "mcap":
+        files = sorted(folder.glob("*.mcap"))
+        if len(files) != 1:
+            raise BadInputError(f"{folder} does not have one .mcap but {len(files)}")
+        return mcap(files[0])
+    rows = _rows(folder)
+    sources, places = [], {}
+    for camera in record.manifest.cameras:
+        own = {at: row for at, row in rows.items() if at[0] == camera.name and row[0].is_file()}
+        if own:
+            sources.append(_source(camera.name, list(own.values()), png))
+            places.update({at: index for index, at in enumerate(own)})
+    if not sources:
+        raise BadInputError(f"{folder} has none of the files that its {FRAMES} names")
+    return layout_of_record(folder, record, sources, places)
+
+
+def layout_of_record(
+    path: Path, record: ExportRecord, sources: Sequence[Source], places: Mapping[Place, int]
+) -> Layout:
+    """The layout of what was exported; `places` says which frame of its source is of which place."""
+    order = [camera.name for camera in record.manifest.cameras]
+    sources = sorted((one for one in sources if one.name in order), key=lambda one: order.index(one.name))
+    return Layout(
+        program=f"simulshot: the session {record.manifest.name}, exported for {record.format}",
+        path=path,
+        sources=tuple(sources),
+        timeline=_timeline(record.manifest, places, {source.name for source in sources}),
+        record=record,
+    )
+
+
+def calibration_of_record(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:
+    """The calibration that was exported. Raises BadInputError where the images are of another size now."""
+    for name, camera in record.calibration.cameras.items() if record.calibration else ():
+        if sizes.get(name, (camera.width, camera.height)) != (camera.width, camera.height):
+            was, now = f"{camera.width}x{camera.height}", "x".join(map(str, sizes[name]))
+            raise BadInputError(
+                f"{name} was exported with {was} pixels and has {now} now",
+                hint="--calibration takes one that fits",
+            )
+    return record.calibration
+
+
+def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
+    """The file, and the number of its frame, of every place that the export has."""
+    path, found = folder / FRAMES, {}
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                if row["file"] and row["content"] in ("image", "substitute"):
+                    at = row["camera"], int(row["instant"])
+                    found[at] = inside(folder, row["file"]), int(row["frame"])
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadInputError(f"cannot read {path}: {error}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInputError(f"{path} is not the table of an export: {error}") from error
+    return found
+
+
+def _source(name: str, rows: Sequence[tuple[Path, int]], png: bool) -> Source:
+    first = rows[0][0]
+    if first.suffix.lower() in VIDEO_SUFFIXES:
+        return ExportedVideo(name, first, [frame for _, frame in rows], png=png)
+    return ExportedImages(name, first.parent, [file for file, _ in rows])
+
+
+def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]) -> Timeline:
+    recorded = {(image.camera, image.instant): image for image in manifest.images}
+    # A frame that stands for two instants is in an export once.
+    by_content = {(at[0], recorded[at].sha256): index for at, index in places.items() if at in recorded}
+    why = {(gone.camera, gone.instant): gone.reason for gone in manifest.missing}
+    instants = []
+    for number, at_ns in enumerate(manifest.burst.instants_ns):
+        here = {name: recorded[name, number] for name in cameras if (name, number) in recorded}
+        frames = {
+            name: _timed(index, image)
+            for name, image in here.items()
+            if (index := places.get((name, number), by_content.get((name, image.sha256)))) is not None
+        }
+        if here and not frames:  # an export of some of the instants
+            continue
+        gone = {name: why.get((name, number), _LEFT_OUT) for name in cameras if name not in frames}
+        instants.append(Instant(at_ns, frames, gone))
+    periods = {camera.name: camera.facts.period_ns for camera in manifest.cameras if camera.name in cameras}
+    return Timeline(instants, manifest.burst.period_ns, periods)
+
+
+def _timed(index: int, image: ImageRecord) -> TimedFrame:
+    further: dict[str, Any] = {key: getattr(image, key) for key in _OF_THE_FRAME}
+    return TimedFrame(index, image.leader_ns, image.local_ns, further)
+
+
+_IMAGE, _LENS, _POSE = (
+    f"foxglove.{name}" for name in ("CompressedImage", "CameraCalibration", "FrameTransform")
+)
+_SUFFIXES = {"jpeg": ".jpg", "jpg": ".jpg", "png": ".png"}
+
+
+@dataclass
+class _Topic:
+    """The images of one topic: what they are, and each one's number and time in ns."""
+
+    frame_id: str
+    format: str
+    sequences: list[int] = field(default_factory=list)
+    times_ns: list[int] = field(default_factory=list)
+
+
+class McapImages(Source):
+    """The images of one topic, byte for byte, in the order of the file."""
+
+    kind = "MCAP"
+    numbered = False
+
+    def __init__(self, name: str, path: Path, topic: str, format_: str, count: int) -> None:
+        self.name, self.path, self._topic = name, path, topic
+        self.numbers = range(count)
+        if format_ not in _SUFFIXES:
+            raise BadInputError(f"{path}: {topic} has images of format {format_!r}; JPEG and PNG are read")
+        self.suffix = _SUFFIXES[format_]
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        wanted = set(indices)
+        with _reader(self.path) as reader:
+            for index, (_, _, message) in enumerate(_messages(reader, [self._topic])):
+                if index in wanted:
+                    data = bytes(_decode(_IMAGE, message.data).data)
+                    size = image_size(data)
+                    if size is None:
+                        raise BadInputError(f"{self.path}: {self._topic} has an image that cannot be decoded")
+                    yield index, data, size
+
+
+def mcap(path: Path) -> Layout:
+    """The cameras of an .mcap. Raises BadInputError where it has no images that can be read."""
+    lenses: dict[str, Any] = {}
+    poses: dict[str, Any] = {}
+    topics: dict[str, _Topic] = {}
+    with _reader(path) as reader:
+        attached = {one.name: one.data for one in reader.iter_attachments()}
+        for schema, channel, message in _messages(reader, None):
+            if schema is None or channel.message_encoding != "protobuf":
+                continue
+            if schema.name == _IMAGE:
+                _add(topics, channel.topic, message)
+            elif schema.name == _LENS:
+                lens = _decode(_LENS, message.data)
+                lenses[lens.frame_id] = lens
+            elif schema.name == _POSE:
+                pose = _decode(_POSE, message.data)
+                poses[pose.child_frame_id] = pose
+    if not topics:
+        raise BadInputError(
+            f"{path} has no {_IMAGE} in protobuf", hint="images of other schemas are not read"
+        )
+    names = _names(topics)
+    sources = [
+        McapImages(name, path, topic, topics[topic].format, len(topics[topic].times_ns))
+        for topic, name in names.items()
+    ]
+    if MANIFEST in attached:
+        places = {
+            (name, number): index
+            for topic, name in names.items()
+            for index, number in enumerate(topics[topic].sequences)
+        }
+        return layout_of_record(path, _record(path, attached), sources, places)
+    times = {
+        name: sorted(
+            (TimedFrame(n, at_ns) for n, at_ns in enumerate(topics[topic].times_ns)),
+            key=lambda frame: frame.leader_ns,
+        )
+        for topic, name in names.items()
+    }
+    return Layout(
+        program="MCAP",
+        path=path,
+        sources=tuple(sources),
+        timeline=timeline_by_times(str(path), times),
+        views=_views(path, {topics[topic].frame_id: name for topic, name in names.items()}, lenses, poses),
+    )
+
+
+def _add(topics: dict[str, _Topic], topic: str, message: Any) -> None:
+    image = _decode(_IMAGE, message.data)
+    of = topics.setdefault(topic, _Topic(image.frame_id, image.format.lower()))
+    at_ns = image.timestamp.seconds * 1_000_000_000 + image.timestamp.nanos
+    of.sequences.append(message.sequence)
+    of.times_ns.append(at_ns or message.log_time)
+
+
+def _names(topics: Mapping[str, _Topic]) -> dict[str, str]:
+    """Each topic's camera: its frame_id where that is a name and no other topic's."""
+    ids = [topic.frame_id for topic in topics.values()]
+    return {
+        name: of.frame_id
+        if is_name(of.frame_id) and ids.count(of.frame_id) == 1
+        else name_like(name.strip("/"), f"camera{number}")
+        for number, (name, of) in enumerate(topics.items())
+    }
+
+
+def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
+    try:
+        manifest = msgspec.json.decode(attached[MANIFEST], type=Manifest)
+        calibration = None
+        if CALIBRATION in attached:
+            calibration = msgspec.json.decode(attached[CALIBRATION], type=Calibration)
+    except UNREADABLE as error:
+        raise BadInputError(f"{path}: what is attached is not a session's: {error}") from error
+    check_references(path / MANIFEST, manifest)
+    return ExportRecord(format="mcap", manifest=manifest, calibration=calibration)
+
+
+def _views(
+    path: Path, names: Mapping[str, str], lenses: Mapping[str, Any], poses: Mapping[str, Any]
+) -> Views | None:
+    """The calibration, where every camera has a lens and a place in the same coordinates."""
+    known = set(names) & set(lenses) & set(poses)
+    if known != set(names) or len({poses[one].parent_frame_id for one in known}) != 1:
+        return None
+    return Views({names[one]: _view(path, lenses[one], poses[one]) for one in names}, path.name, "m")
+
+
+def _view(path: Path, lens: Any, pose: Any) -> View:
+    where = f"{path}: {lens.frame_id}"
+    if len(lens.K) != 9:
+        raise BadInputError(f"{where} has a calibration without K")
+    q, at = pose.rotation, pose.translation
+    rotation = from_quaternion(where, (q.w, q.x, q.y, q.z)).T
+    return View(
+        matrix=np.array(lens.K).reshape(3, 3),
+        distortion=np.array(lens.D or [0.0] * 5),
+        rotation=rotation,
+        translation=-rotation @ np.array([at.x, at.y, at.z]),
+        size=(lens.width, lens.height),
+    )
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    try:
+        with path.open("rb") as stream:
+            yield load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+    except SimulshotError:
+        raise
+    except Exception as error:  # of a broken file its reader, struct and decompressors raise a dozen kinds
+        raise BadInputError(f"{path} is not an intact MCAP: {error}") from error
+
+
+def _messages(reader: Any, topics: Sequence[str] | None) -> Iterator[Any]:
+    """Schema, channel and message, in the order of the file."""
+    return iter(reader.iter_messages(topics=topics, log_time_order=False))
+
+
+def _decode(name: str, data: bytes) -> Any:
+    errors = load_optional("google.protobuf.message", "export", "MCAP")
+    try:
+        return message_class(name.partition(".")[2]).FromString(data)
+    except errors.DecodeError as error:
+        raise ValueError(f"a {name} that cannot be decoded: {error}") from error

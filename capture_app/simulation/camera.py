@@ -1,0 +1,329 @@
+"""A simulated camera in real time: the virtual sensor's frames, delivered when a real driver would.
+
+The exposure and gain of a simulated camera, held or chosen by itself.
+
+The picture and the truth of a simulated frame, rendered when they are saved.
+"""
+
+import asyncio
+import hashlib
+import io
+import math
+import random
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+
+from capture_app.camera_facts import MICROSECONDS, TIMES, CameraFacts, Control, ControlState
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.v4l2.pictures import JpegPicture
+from capture_app.clock import NodeClock
+from capture_app.errors import CameraError
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.simulation.profiles import SensorProfile, facts_of
+from capture_app.simulation.rendering.picture_source import PictureSource
+from capture_app.simulation.sensor import Sensor, SensorFrame
+from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, SetFrameDuration
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+MOST_GAIN = 16.0
+WANDER, WANDER_NS = 0.3, 10_000_000_000
+"""An exposure that the camera chooses goes up and down by this share, once in so long, as under clouds."""
+
+
+class SimulatedControls:
+    """What a simulated camera exposes by, as its profile allows; the gain changes no picture."""
+
+    def __init__(self, profile: SensorProfile, *, automatic: bool) -> None:
+        self._profile = profile
+        self._held_ns = self._chosen_ns = self._whole(profile.exposure_ns)
+        self.automatic = automatic
+        """Whether it chooses its exposure itself."""
+        self.gain = 1.0
+
+    @property
+    def exposure_ns(self) -> int:
+        """The exposure of the frames to come, in whole rows."""
+        return self._chosen_ns if self.automatic else self._held_ns
+
+    def let_time_pass(self, true_ns: int) -> bool:
+        """Choose the exposure anew, where it is automatic; whether it has changed."""
+        if not self.automatic:
+            return False
+        before = self._chosen_ns
+        share = 1.0 + WANDER * math.sin(2.0 * math.pi * (true_ns % WANDER_NS) / WANDER_NS)
+        self._chosen_ns = self._whole(share * self._profile.exposure_ns)
+        return self._chosen_ns != before
+
+    def states(self) -> tuple[ControlState, ...]:
+        """Both, as they stand."""
+        least_ns, most_ns = self._whole(0), self._whole(self._profile.period_ns)
+        exposure = ControlState(
+            control=Control.EXPOSURE,
+            value=self.exposure_ns / 1000,
+            unit=MICROSECONDS,
+            automatic=self.automatic,
+            can_be_automatic=True,
+            least=least_ns / 1000,
+            most=most_ns / 1000,
+        )
+        gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, least=1.0, most=MOST_GAIN)
+        return exposure, gain
+
+    def set(self, control: Control, value: float | None) -> None:
+        """Set one of them; None: let the camera choose. Raises CameraError where it cannot."""
+        if control is Control.EXPOSURE:
+            self.automatic = value is None
+            if value is not None:
+                self._held_ns = self._whole(value * 1000)
+        elif control is Control.GAIN and value is not None:
+            self.gain = min(max(value, 1.0), MOST_GAIN)
+        else:
+            raise CameraError(f"a simulated camera does not choose its {control}, or has none")
+
+    def _whole(self, exposure_ns: float) -> int:
+        """An exposure that stretches no frame, in whole rows."""
+        rows = self._profile.whole_rows(round(exposure_ns))
+        least = -(-self._profile.min_exposure_ns // self._profile.row_time_ns)
+        return max(least, min(rows, self._profile.neutral_rows)) * self._profile.row_time_ns
+
+
+JPEG_QUALITY = 95
+DEPTH_STEPS_PER_M = 2048
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedPicture:
+    """A picture that is rendered when it is saved."""
+
+    source: PictureSource
+    frame: SensorFrame
+    seed: int
+    quality: int = JPEG_QUALITY
+
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes: nothing worth counting, before it is rendered."""
+        return 0
+
+    def encode(self) -> bytes:
+        """Render the frame and return it as JPEG bytes; the same frame gives the same bytes."""
+        import cv2
+
+        image = self.source.render(self.frame, seed=self.seed)
+        encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
+        if not encoded:
+            raise CameraError(f"a picture of {image.shape} cannot be written as JPEG")
+        return data.tobytes()
+
+    def reduced(self, width: int) -> "NDArray[np.uint8]":
+        """Render the frame in about that width, more plainly where that is quicker: BGR uint8 (H, W, 3)."""
+        return self.source.reduced(self.frame, width, seed=self.seed)
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedTruth:
+    """What the simulator knows of a frame."""
+
+    source: PictureSource
+    frame: SensorFrame
+
+    @property
+    def true_ns(self) -> int:
+        """True start of the first row's exposure, in the host's monotonic clock."""
+        return self.frame.start_true_ns
+
+    def encode(self) -> bytes:
+        """Return an .npz with `depth_m` (float32 HxW, 0 = none), `objects` (uint8), `movers` (bool).
+
+        Depth is in whole steps of 1/2048 m: a quarter of a millimetre of error for a fifth of the bytes.
+        """
+        import numpy as np
+
+        exact_m, objects, movers = self.source.ground_truth(self.frame)
+        depth_m = np.rint(exact_m * DEPTH_STEPS_PER_M) / np.float32(DEPTH_STEPS_PER_M)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, depth_m=depth_m, objects=objects, movers=movers)
+        return buffer.getvalue()
+
+
+def frame_seed(camera_seed: int, stream: int, sequence: int) -> int:
+    """The seed of one frame's noise, 0 to 2**63 - 1: the same frame looks the same in every run."""
+    return stable_seed(f"{camera_seed}/{stream}/{sequence}")
+
+
+def stable_seed(text: str) -> int:
+    """A seed, 0 to 2**63 - 1, that is the same for the same text in every run."""
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 1
+
+
+DELIVERY_NS = (2_000_000, 4_000_000)
+"""Least and most time from the end of a frame's readout to its callback."""
+STALL_NS = 500_000_000
+"""A driver has few buffers: frames that are not fetched for this long are dropped."""
+
+
+class SimulatedCamera(Camera):
+    """A virtual sensor on the event loop: one timer, set to the next frame's delivery."""
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        source: PictureSource,
+        clock: NodeClock,
+        *,
+        seed: int,
+        fail_after_ns: int | None = None,
+        calibrated: bool = True,
+        automatic: bool = False,
+    ) -> None:
+        """`seed` is this camera's own; `fail_after_ns` after its start the device goes away.
+
+        `automatic`: it chooses its exposure itself, until that is set.
+        `calibrated`: it tells the view's true calibration, as no real camera does.
+        """
+        self._calibrated = calibrated
+        self._sensor = sensor
+        self._source = source
+        self._clock = clock
+        self._seed = seed
+        self._fail_after_ns = fail_after_ns
+        self._fail_at_true_ns: int | None = None
+        self._delivery_rng = random.Random(seed)
+        self._on_frame: OnFrame | None = None
+        self._on_failure: OnFailure | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._restarting: asyncio.Future[None] | None = None
+        self._controls = SimulatedControls(sensor.profile, automatic=automatic)
+        self._facts = facts_of(sensor.profile, width=source.width, height=source.height)
+        if automatic:
+            self._expose()
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do."""
+        return self._facts
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """The rendered view's own; None for the test card."""
+        return self._source.calibration if self._calibrated else None
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Start streaming. Raises CameraError if it streams already."""
+        if self._on_frame is not None:
+            raise CameraError(f"the {self._facts.model} streams already")
+        self._on_frame, self._on_failure = on_frame, on_failure
+        true_ns = self._true_now_ns()
+        self._fail_at_true_ns = None if self._fail_after_ns is None else true_ns + self._fail_after_ns
+        self._start_stream(true_ns)
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Change a coming frame at once; or stop now, and return when the stream is told to start again.
+
+        The restart's delay counts from this call. Raises CameraError where the camera does not stream or
+        cannot do that.
+        """
+        if self._on_frame is None:
+            raise CameraError(f"the {self._facts.model} does not stream")
+        true_ns = self._true_now_ns()
+        if isinstance(command, InjectFrame):
+            self._sensor.inject(command.exposure_ns, true_ns)
+            return
+        if isinstance(command, SetFrameDuration):
+            self._sensor.set_frame_duration(command.duration_ns, true_ns)
+            return
+        self._sensor.stop()
+        self._cancel()
+        loop = asyncio.get_running_loop()
+        self._restarting = loop.create_future()
+        self._timer = loop.call_later(command.delay_ns / 1e9, self._start_stream, true_ns + command.delay_ns)
+        await self._restarting
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Exposure and gain."""
+        return self._controls.states()
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set one of them from the next frame on. Raises CameraError where it cannot."""
+        self._controls.set(control, value)
+        self._expose()
+
+    def _expose(self) -> None:
+        """Let the frames to come be exposed as the controls say."""
+        self._sensor.set_exposure(self._controls.exposure_ns)
+        exposure_ns = None if self._controls.automatic else self._controls.exposure_ns
+        self._facts = replace(self._facts, exposure_ns=exposure_ns)
+
+    async def stop(self) -> None:
+        """Stop streaming. Calling it twice is harmless."""
+        self._halt()
+
+    def _start_stream(self, true_ns: int) -> None:
+        """Start the sensor at the instant asked for: the event loop's lateness is not the camera's."""
+        self._end_restart()
+        self._sensor.start(true_ns)
+        self._await_next()
+
+    def _await_next(self) -> None:
+        """Take the next frame from the sensor and set the timer to its delivery."""
+        if self._controls.let_time_pass(self._true_now_ns()):
+            self._expose()
+        frame = self._sensor.next_frame()
+        due_true_ns = frame.readout_end_true_ns + self._delivery_rng.randint(*DELIVERY_NS)
+        delay_ns = max(0, due_true_ns - self._true_now_ns())
+        self._timer = asyncio.get_running_loop().call_later(delay_ns / 1e9, self._deliver, frame, due_true_ns)
+
+    def _deliver(self, frame: SensorFrame, due_true_ns: int) -> None:
+        now_true_ns = self._true_now_ns()
+        if self._fail_at_true_ns is not None and now_true_ns >= self._fail_at_true_ns:
+            on_failure = self._on_failure
+            self._halt()
+            if on_failure is not None:
+                on_failure(
+                    CameraError(f"the {self._facts.model} went away", hint="as its option fail_after_s asks")
+                )
+            return
+        # The next timer first: the callback may stop the camera.
+        on_frame = self._on_frame
+        self._await_next()
+        fetched = not frame.dropped and now_true_ns - due_true_ns < STALL_NS
+        if fetched and on_frame is not None:
+            on_frame(self._captured(frame))
+
+    def _captured(self, frame: SensorFrame) -> CapturedFrame:
+        jpeg = self._source.jpeg(frame)
+        seed = frame_seed(self._seed, frame.stream, frame.sequence)
+        return CapturedFrame(
+            sequence=frame.sequence,
+            stream=frame.stream,
+            timestamp_ns=self._clock.local_from_true(frame.timestamp_true_ns),
+            picture=SimulatedPicture(self._source, frame, seed) if jpeg is None else JpegPicture(jpeg),
+            exposure_ns=frame.exposure_ns,
+            gain=self._controls.gain,
+            white_balance=(1.0, 1.0),
+            truth=SimulatedTruth(self._source, frame),
+        )
+
+    def _true_now_ns(self) -> int:
+        return self._clock.true_from_local(self._clock.now_ns())
+
+    def _cancel(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._end_restart()
+
+    def _end_restart(self) -> None:
+        if self._restarting is not None and not self._restarting.done():
+            self._restarting.set_result(None)
+        self._restarting = None
+
+    def _halt(self) -> None:
+        self._cancel()
+        self._sensor.stop()
+        self._on_frame = self._on_failure = None

@@ -1,0 +1,301 @@
+"""Links, delay laws and radio cells in virtual time.
+
+Laws of one-way delays: Gamma, lognormal, rarely quick, or recorded; times in ns.
+
+Network links in virtual time: delays, loss, spells of trouble, a shared medium, outages.
+
+A `Link` is data; a `Channel` is one node's use of it, and remembers its spells and its queue. True times are
+those of the simulation, in ns.
+
+Broadcasts in virtual time: radio cells, and when the devices in them receive a packet.
+"""
+
+import random
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import log
+from typing import Literal, Protocol
+
+
+class DelayLaw(Protocol):
+    """A law of one-way delays."""
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay in ns of one datagram sent at a true time in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class GammaDelay:
+    """One-way delay = minimum + Gamma(shape) of the mean given, times in ns; some come much later."""
+
+    minimum_ns: int
+    mean_ns: int
+    """Of all but those that come much later."""
+    shape: float = 2.0
+    outlier_share: float = 0.0
+    outlier_from_ns: int = 0
+    outlier_ns: int = 20_000_000
+    """So much later at most, evenly from `outlier_from_ns` on."""
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        scale_ns = (self.mean_ns - self.minimum_ns) / self.shape
+        if self.shape == 2.0:
+            # The sum of two exponentials, which is drawn faster.
+            excess_ns = -scale_ns * log((1.0 - rng.random()) * (1.0 - rng.random()))
+        else:
+            excess_ns = rng.gammavariate(self.shape, scale_ns)
+        return round(self.minimum_ns + excess_ns + _outlier_ns(self, rng))
+
+
+@dataclass(frozen=True, slots=True)
+class LognormalDelay:
+    """One-way delay = minimum + lognormal(sigma) of the mean given, times in ns; some come much later."""
+
+    minimum_ns: int
+    mean_ns: int
+    sigma: float = 1.0
+    outlier_share: float = 0.0
+    outlier_from_ns: int = 0
+    outlier_ns: int = 20_000_000
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        excess_ns = rng.lognormvariate(log(self.mean_ns - self.minimum_ns) - self.sigma**2 / 2.0, self.sigma)
+        return round(self.minimum_ns + excess_ns + _outlier_ns(self, rng))
+
+
+@dataclass(frozen=True, slots=True)
+class BimodalDelay:
+    """Now and then a quick one, near the minimum; most wait for `gap_ns` and Gamma(2) more. Times in ns."""
+
+    minimum_ns: int
+    mean_ns: int
+    """Of those that wait."""
+    quick_share: float
+    gap_ns: int
+    quick_ns: int = 20_000
+    """Mean of the exponential delay of the quick ones beyond the minimum."""
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        if rng.random() < self.quick_share:
+            return round(self.minimum_ns + rng.expovariate(1.0 / self.quick_ns))
+        least_ns = self.minimum_ns + self.gap_ns
+        return round(least_ns + rng.gammavariate(2.0, (self.mean_ns - least_ns) / 2.0))
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedDelay:
+    """Recorded delays in ns, a new one each `every_ns` of true time, over and over, from `start` on."""
+
+    delays_ns: tuple[int, ...]
+    every_ns: int
+    start: int = 0
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay that was recorded at that time, in ns."""
+        return self.delays_ns[(self.start + true_ns // self.every_ns) % len(self.delays_ns)]
+
+
+def _outlier_ns(law: GammaDelay | LognormalDelay, rng: random.Random) -> float:
+    if rng.random() >= law.outlier_share:
+        return 0.0
+    return law.outlier_from_ns + rng.random() * (law.outlier_ns - law.outlier_from_ns)
+
+
+_S = 1_000_000_000
+_64_BITS = (1 << 64) - 1
+Direction = Literal["to_leader", "to_client"]
+
+
+@dataclass(frozen=True, slots=True)
+class TroubleSpells:
+    """Spells of trouble (Gilbert 1960): exponential of these means in ns, with more delay and loss."""
+
+    calm_ns: int = 2 * _S
+    trouble_ns: int = 200_000_000
+    extra_ns: int = 8_000_000
+    """Mean of the exponential delay that trouble adds, each way."""
+    loss: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class QuickMoments:
+    """Moments at which datagrams of both ways pass quickly; time is in slots, each quick or not by chance."""
+
+    to_leader: DelayLaw
+    to_client: DelayLaw
+    share: float
+    after_ns: int
+    """There is none for so long after the first datagram."""
+    slot_ns: int = 4_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """Nothing passes from this true time on, for so long; both in ns."""
+
+    start_true_ns: int
+    duration_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class SharedMedium:
+    """One radio channel for all links that name it: datagrams queue, with those of other networks."""
+
+    airtime_ns: int = 300_000
+    foreign_load: float = 0.3
+    """Share of the time that other networks use, in datagrams of the same length at random times."""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A link between a client and its leader; datagrams can overtake each other."""
+
+    to_leader: DelayLaw
+    to_client: DelayLaw
+    loss: float = 0.0
+    duplication: float = 0.0
+    quick: QuickMoments | None = None
+    spells: TroubleSpells | None = None
+    medium: SharedMedium | None = None
+    outages: tuple[Outage, ...] = ()
+
+
+LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
+"""From the leader's own camera to the leader: another process of the same machine."""
+
+
+class MediumQueue:
+    """The queue of a medium in use."""
+
+    def __init__(self, medium: SharedMedium) -> None:
+        self.medium = medium
+        self._at_true_ns = 0.0
+        self._work_ns = 0.0
+
+    def enter(self, true_ns: int, rng: random.Random) -> int:
+        """Queue a datagram at a true time in ns, no earlier than the last; return when it has left, in ns."""
+        airtime_ns = self.medium.airtime_ns
+        if self.medium.foreign_load > 0.0:
+            # An idle stretch longer than this has been forgotten.
+            self._at_true_ns = max(self._at_true_ns, true_ns - 200.0 * airtime_ns)
+            rate = self.medium.foreign_load / airtime_ns
+            while (gap_ns := rng.expovariate(rate)) <= true_ns - self._at_true_ns:
+                self._pass(gap_ns)
+                self._work_ns += airtime_ns
+        self._pass(true_ns - self._at_true_ns)
+        self._work_ns += airtime_ns
+        return round(true_ns + self._work_ns)
+
+    def _pass(self, gap_ns: float) -> None:
+        self._work_ns = max(0.0, self._work_ns - gap_ns)
+        self._at_true_ns += gap_ns
+
+
+class Channel:
+    """A link in use by one node; nodes that share a medium share its `MediumQueue`."""
+
+    def __init__(self, link: Link, queue: MediumQueue | None = None) -> None:
+        self.link = link
+        self._queue = queue if queue is not None or link.medium is None else MediumQueue(link.medium)
+        self._trouble = False
+        self._turns_true_ns: float | None = None
+        self._first_true_ns: int | None = None
+        self._slots = 0
+
+    def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
+        """Return the delays in ns at which copies of one datagram arrive: none, one or two."""
+        link = self.link
+        if any(0 <= true_ns - o.start_true_ns < o.duration_ns for o in link.outages):
+            return []
+        extra_ns = 0.0
+        if link.spells is not None and self._in_trouble(link.spells, true_ns, rng):
+            if rng.random() < link.spells.loss:
+                return []
+            extra_ns = rng.expovariate(1.0 / link.spells.extra_ns)
+        if rng.random() < link.loss:
+            return []
+        if self._queue is not None:
+            extra_ns += self._queue.enter(true_ns, rng) - true_ns
+        copies = 2 if rng.random() < link.duplication else 1
+        by_way: Link | QuickMoments = link
+        if link.quick is not None and self._is_quick(link.quick, true_ns, rng):
+            by_way = link.quick
+        law = by_way.to_leader if direction == "to_leader" else by_way.to_client
+        return [law.draw(rng, true_ns) + round(extra_ns) for _ in range(copies)]
+
+    def _in_trouble(self, spells: TroubleSpells, true_ns: int, rng: random.Random) -> bool:
+        if self._turns_true_ns is None:
+            self._turns_true_ns = true_ns + rng.expovariate(1.0 / spells.calm_ns)
+        while self._turns_true_ns <= true_ns:
+            self._trouble = not self._trouble
+            mean_ns = spells.trouble_ns if self._trouble else spells.calm_ns
+            self._turns_true_ns += rng.expovariate(1.0 / mean_ns)
+        return self._trouble
+
+    def _is_quick(self, quick: QuickMoments, true_ns: int, rng: random.Random) -> bool:
+        """Whether the slot is a quick one: by its number, since datagrams of two ways are not in order."""
+        if self._first_true_ns is None:
+            self._first_true_ns, self._slots = true_ns, rng.getrandbits(64)
+        if true_ns - self._first_true_ns < quick.after_ns:
+            return False
+        return _mixed(self._slots + true_ns // quick.slot_ns) < quick.share * 2.0**64
+
+
+def _mixed(number: int) -> int:
+    """Sixty-four bits that look random (SplitMix64, Steele, Lea and Flood 2014)."""
+    bits = (number * 0x9E3779B97F4A7C15) & _64_BITS
+    bits = ((bits ^ (bits >> 30)) * 0xBF58476D1CE4E5B9) & _64_BITS
+    bits = ((bits ^ (bits >> 27)) * 0x94D049BB133111EB) & _64_BITS
+    return bits ^ (bits >> 31)
+
+
+_US = 1_000
+SLOT_NS = 9 * _US
+SLOTS = 15
+"""An access point waits for 0 to so many slots by chance before it sends (802.11, best effort)."""
+USUAL_DELAY = GammaDelay(500 * _US, 1500 * _US, outlier_share=0.01)
+
+
+@dataclass(frozen=True, slots=True)
+class RadioCell:
+    """An access point; a packet takes the same time from the leader into the air for all receivers."""
+
+    name: str = "cell"
+    delay: DelayLaw = USUAL_DELAY
+    loss: float = 0.01
+    copy_ns: int | None = None
+    """Airtime of a packet, where each client is sent a copy of its own; None for one packet for all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Receiver:
+    """A device's delay of reception in ns: a constant and an exponential part; some packets are lost."""
+
+    constant_ns: int = 0
+    jitter_ns: int = 5 * _US
+    loss: float = 0.02
+
+
+Receivers = Mapping[str, tuple[RadioCell, Receiver]]
+"""Cell and receiver of each node by name, in the order in which copies go out."""
+
+
+def deliver_broadcast(receivers: Receivers, true_ns: int, rng: random.Random) -> Iterator[tuple[str, int]]:
+    """Yield the nodes that receive a packet sent at a true time in ns, and the delay of each in ns."""
+    left_ns: dict[RadioCell, int | None] = {}
+    for name, (cell, receiver) in receivers.items():
+        if cell not in left_ns:
+            left_ns[cell] = None if rng.random() < cell.loss else cell.delay.draw(rng, true_ns)
+        since_ns = left_ns[cell]
+        if since_ns is None:
+            continue
+        if cell.copy_ns is not None:
+            left_ns[cell] = since_ns + cell.copy_ns + rng.randint(0, SLOTS) * SLOT_NS
+        delay_ns = since_ns + receiver.constant_ns
+        if receiver.jitter_ns:
+            delay_ns += round(rng.expovariate(1.0 / receiver.jitter_ns))
+        if rng.random() >= receiver.loss:
+            yield name, delay_ns

@@ -1,0 +1,322 @@
+"""What stands still and what moves in a picture.
+
+One camera of the scene: a pinhole without distortion, its rows read one after the other.
+
+What a camera sees of everything that stands still: cast and lit once, kept for all frames.
+
+The moving parts in a camera's picture, each row at its own time, and the shadows they throw.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.simulation.rendering import lighting
+from capture_app.simulation.rendering.lighting import OpenSky
+from capture_app.simulation.rendering.raycast import Body, Hits, bundle_rays
+from capture_app.simulation.scenes.meshes import Floats
+from capture_app.simulation.scenes.moving_bodies import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Pinhole camera: x_cam = rotation x_world + translation in m, centres of pixels at integers."""
+
+    name: str
+    width: int
+    height: int
+    focal_px: float
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+
+    @property
+    def principal_point(self) -> tuple[float, float]:
+        """Image point of the optical axis in px: the middle of the picture."""
+        return (self.width - 1) / 2, (self.height - 1) / 2
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Camera matrix (3, 3)."""
+        cx, cy = self.principal_point
+        return np.array([[self.focal_px, 0, cx], [0, self.focal_px, cy], [0, 0, 1.0]])
+
+    @property
+    def centre(self) -> Floats:
+        """Place of the camera in the world, in m."""
+        return (-self.rotation.T @ self.translation).astype(np.float32)
+
+    def directions(self, right: float = 0.0, down: float = 0.0) -> Floats:
+        """World directions (H, W, 3) of unit depth through the pixels, moved by a part of a pixel."""
+        cx, cy = self.principal_point
+        x = (np.arange(self.width) + right - cx) / self.focal_px
+        y = (np.arange(self.height) + down - cy) / self.focal_px
+        grid = np.stack([*np.meshgrid(x, y), np.ones((self.height, self.width))], axis=-1)
+        return (grid @ self.rotation).astype(np.float32)
+
+    def project(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Image points and depth (N, 3: px, px, m) of world points (N, 3) in m."""
+        camera = np.asarray(points, np.float64) @ self.rotation.T + self.translation
+        cx, cy = self.principal_point
+        x = self.focal_px * camera[:, 0] / camera[:, 2] + cx
+        y = self.focal_px * camera[:, 1] / camera[:, 2] + cy
+        return np.stack([x, y, camera[:, 2]], axis=1)
+
+    def calibration(self) -> CameraCalibration:
+        """Return this camera as a session's calibration keeps it; the rig's frame is the world's."""
+        cx, cy = self.principal_point
+        right, down, ahead = ((float(a), float(b), float(c)) for a, b, c in self.rotation)
+        x, y, z = (float(v) for v in self.translation)
+        return CameraCalibration(
+            width=self.width, height=self.height, fx=self.focal_px, fy=self.focal_px, cx=cx, cy=cy,
+            rotation=(right, down, ahead), translation=(x, y, z),
+        )  # fmt: skip
+
+
+def look_at(name: str, place: ArrayLike, target: ArrayLike, *, scale: float = 1.0) -> View:
+    """Upright camera of 640x480 px (times `scale`) and 520 px focal length that looks at `target`, in m."""
+    centre = np.asarray(place, np.float64)
+    ahead = np.asarray(target, np.float64) - centre
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross([0.0, 1.0, 0.0], ahead)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(ahead, right), ahead])
+    width, height = round(640 * scale), round(480 * scale)
+    return View(name, width, height, 520.0 * scale, rotation, -rotation @ centre)
+
+
+SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
+"""Where in a pixel its four samples lie: right and down of the centre, in px."""
+
+_SKY_RAYS = 16
+_SKY_REACH_M = 1.7
+"""Things farther off cast no shade on each other: the room is open to the light."""
+_BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
+"""Light, warm, that comes back from whatever hides the sky."""
+
+
+@dataclass(frozen=True)
+class StillLayer:
+    """One sample of each pixel (H, W): linear light from the sky and from the sun kept apart."""
+
+    directions: Floats
+    depth: Floats
+    from_sky: Floats
+    from_sun: Floats
+    sunlit: NDArray[np.intp]
+    """Flat indices of the pixels that the sun reaches."""
+
+
+def still_layers(view: View, room: Body, samples: int = len(SUBPIXELS)) -> list[StillLayer]:
+    """The layers of a view of the room, one for each of so many samples of a pixel."""
+    return [_layer(view, room, number) for number in range(samples)]
+
+
+def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+    """Depth (H, W) in m and thing (H, W) of the room; 0 where there is none."""
+    hits = room.cast(bundle_rays(view.centre, directions))
+    seen = np.isfinite(hits.distance)
+    depth = np.where(seen, hits.distance, 0).astype(np.float32)
+    thing = np.where(seen, room.thing[np.where(seen, hits.triangle, 0)], 0).astype(np.uint8)
+    return depth.reshape(directions.shape[:2]), thing.reshape(directions.shape[:2])
+
+
+def _layer(view: View, room: Body, number: int) -> StillLayer:
+    directions = view.directions(*SUBPIXELS[number])
+    rays = bundle_rays(view.centre, directions)
+    hits = room.cast(rays)
+    footprint = hits.distance / (2 * view.focal_px)
+    colour, normals = room.surface_at(hits, rays[:, 3:], footprint)
+    points = rays[:, :3] + rays[:, 3:] * hits.distance[:, None] + normals * 0.002
+    shape = directions.shape
+    from_sun = colour * _sun_light(room, points, normals, number)
+    return StillLayer(
+        directions=directions,
+        depth=hits.distance.reshape(shape[:2]),
+        from_sky=(colour * _sky_light(room, points, normals, number)).reshape(shape),
+        from_sun=from_sun.reshape(shape),
+        sunlit=np.flatnonzero(from_sun.any(axis=1)),
+    )
+
+
+def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floats:
+    """Mean radiance (N, 3) from the sky and from what hides it.
+
+    All points of a layer share the directions, so that shade is free of noise; the next layer's lie
+    between them.
+    """
+    directions = _sphere(_SKY_RAYS, number / len(SUBPIXELS))
+    facing = np.maximum(directions @ normals.T, 0)
+    total = facing.sum(axis=0)
+    for direction, share in zip(directions, facing, strict=True):
+        lit = np.flatnonzero(share > 0.02)
+        rays = bundle_rays(points[lit], direction)
+        share[lit[room.occludes(rays, near=0.0, far=_SKY_REACH_M)]] = 0
+    # Radiance of the directions that are open, and the bounce from all the others.
+    light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
+    return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
+
+
+def _sphere(count: int, turn: float) -> Floats:
+    number = np.arange(count) + 0.5
+    height = 1 - 2 * ((number + turn - 0.375) / count)
+    radius = np.sqrt(np.maximum(1 - height**2, 0))
+    angle = 2 * np.pi * (number * 0.618034 + turn * 0.618034)
+    return np.stack([radius * np.cos(angle), height, radius * np.sin(angle)], -1).astype(np.float32)
+
+
+def _sun_light(room: Body, points: Floats, normals: Floats, number: int) -> Floats:
+    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_share(points)
+    lit = np.flatnonzero(facing > 0)
+    open_share = np.zeros(len(lit), np.float32)
+    for half in (0, 1):
+        rays = bundle_rays(points[lit], lighting.sun_direction(2 * number + half, 2 * len(SUBPIXELS)))
+        open_share += 0.5 * ~room.occludes(rays, near=0.0, far=20.0)
+    facing[lit] *= open_share
+    return np.asarray(facing[:, None] * lighting.SUN, np.float32)
+
+
+Rectangle = tuple[slice, slice]
+
+
+@dataclass(frozen=True)
+class MovingPart:
+    """A rigid body, its poses by row and the part of the picture that holds it."""
+
+    body: Body
+    rotation: Floats
+    translation: Floats
+    rectangle: Rectangle
+    shadow: tuple[float, float, float]
+    """Middle across and along the sun's rays and radius of what it shades, in m, at any row."""
+
+    def to_part_frame(self, points: Floats, rows: NDArray[np.intp]) -> Floats:
+        """World points (N, 3) at the times of the rows (N), in the part's frame."""
+        turned = np.matmul((points - self.translation[rows])[:, None], self.rotation[rows])
+        return np.asarray(turned[:, 0], np.float32)
+
+
+def moving_parts(view: View, bodies: Mapping[str, Body], poses: Mapping[str, Poses]) -> dict[str, MovingPart]:
+    """Parts with poses for each row of the view, by name; those outside the picture have no rectangle."""
+    return {name: _moving_part(view, bodies[name], pose) for name, pose in poses.items()}
+
+
+def _moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
+    rotation, translation = pose.rotation.astype(np.float32), pose.translation.astype(np.float32)
+    centres = rotation @ body.centre + translation
+    image = view.project(centres)
+    reach = body.radius * view.focal_px / np.maximum(image[:, 2] - body.radius, 0.1) + 2
+    # A row sees the part at that row's time only.
+    rows = np.flatnonzero(np.abs(np.arange(view.height) - image[:, 1]) < reach)
+    rectangle = (slice(0), slice(0))
+    if len(rows):
+        left = max(int(np.min(image[rows, 0] - reach[rows])), 0)
+        right = min(int(np.max(image[rows, 0] + reach[rows])) + 1, view.width)
+        rectangle = (slice(rows[0], rows[-1] + 1), slice(left, max(left, right)))
+    plane = centres @ lighting.SUN_PLANE.T
+    middle = (plane.min(0) + plane.max(0)) / 2
+    # The sun's spread moves a ray by less than 5 cm on its way through the room.
+    radius = body.radius + 0.05 + float(np.ptp(plane, axis=0).max())
+    return MovingPart(body, rotation, translation, rectangle, (float(middle[0]), float(middle[1]), radius))
+
+
+@dataclass(frozen=True)
+class VisiblePart:
+    """The pixels (flat indices, N) where one part is the nearest thing, and what the rays met there."""
+
+    part: MovingPart
+    pixels: NDArray[np.intp]
+    rays: Floats
+    hits: Hits
+
+
+def find_visible(
+    view: View, directions: Floats, depth: Floats, parts: Iterable[MovingPart]
+) -> list[VisiblePart]:
+    """What each part shows of itself in front of `depth` (H, W), which is brought up to date in place."""
+    found = []
+    width = view.width
+    for part in parts:
+        rows, columns = part.rectangle
+        count = (rows.stop - rows.start, columns.stop - columns.start)
+        if 0 in count:
+            continue
+        turn = part.rotation[rows]
+        centre = np.matmul((view.centre - part.translation[rows])[:, None], turn)
+        rays = bundle_rays(centre, np.matmul(directions[rows, columns], turn))
+        hits = part.body.cast(rays)
+        closer = np.flatnonzero(hits.distance < depth[rows, columns].reshape(-1))
+        row, column = np.divmod(closer, count[1])
+        pixels = (row + rows.start) * width + column + columns.start
+        depth.reshape(-1)[pixels] = hits.distance[closer]
+        found.append(VisiblePart(part, pixels, rays[closer], hits.select(closer)))
+    front = depth.reshape(-1)
+    kept = []
+    for seen in found:
+        won = np.flatnonzero(seen.hits.distance == front[seen.pixels])
+        kept.append(VisiblePart(seen.part, seen.pixels[won], seen.rays[won], seen.hits.select(won)))
+    return kept
+
+
+def light_changes(
+    view: View, still: StillLayer, parts: Sequence[MovingPart], room: Body, sky: OpenSky, to_sun: Floats
+) -> tuple[NDArray[np.intp], Floats]:
+    """Pixels (flat indices, N) that the parts change in a layer, and by how much light (N, 3)."""
+    depth = still.depth.copy()
+    changed, change = [], []
+    from_sky, from_sun = still.from_sky.reshape(-1, 3), still.from_sun.reshape(-1, 3)
+    covered = np.zeros(depth.size, np.bool_)
+    for seen in find_visible(view, still.directions, depth, parts):
+        if not len(seen.pixels):
+            continue
+        rows = seen.pixels // view.width
+        footprint = seen.hits.distance / (2 * view.focal_px)
+        colour, normals = seen.part.body.surface_at(seen.hits, seen.rays[:, 3:], footprint)
+        normals = np.matmul(seen.part.rotation[rows], normals[:, :, None])[:, :, 0]
+        away = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
+        light = _shade(view.centre + away, normals, rows, parts, room, sky, to_sun)
+        changed.append(seen.pixels)
+        change.append(colour * light - from_sky[seen.pixels] - from_sun[seen.pixels])
+        covered[seen.pixels] = True
+    lit = still.sunlit[~covered[still.sunlit]]
+    points = view.centre + still.directions.reshape(-1, 3)[lit] * still.depth.reshape(-1)[lit, None]
+    dark = lit[in_shadow(points, lit // view.width, parts, to_sun)]
+    changed.append(dark)
+    change.append(-from_sun[dark])
+    return np.concatenate(changed), np.concatenate(change)
+
+
+def _shade(
+    points: Floats,
+    normals: Floats,
+    rows: NDArray[np.intp],
+    parts: Sequence[MovingPart],
+    room: Body,
+    sky: OpenSky,
+    to_sun: Floats,
+) -> Floats:
+    light = sky.irradiance(normals) * 0.9
+    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_share(points)
+    lit = np.flatnonzero(facing > 0)
+    start = points[lit] + normals[lit] * 0.004
+    hidden = room.occludes(bundle_rays(start, to_sun), near=0.0, far=20.0)
+    facing[lit[hidden | in_shadow(start, rows[lit], parts, to_sun)]] = 0
+    return np.asarray(light + facing[:, None] * lighting.SUN, np.float32)
+
+
+def in_shadow(
+    points: Floats, rows: NDArray[np.intp], parts: Iterable[MovingPart], to_sun: Floats
+) -> NDArray[np.bool_]:
+    """Whether a part is between each world point (N, 3) and the sun, at the times of the rows (N)."""
+    hidden = np.zeros(len(points), np.bool_)
+    across, along = lighting.SUN_PLANE @ points.T
+    for part in parts:
+        middle_across, middle_along, reach = part.shadow
+        chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < reach**2)
+        if len(chosen):
+            start = part.to_part_frame(points[chosen], rows[chosen])
+            rays = bundle_rays(start, to_sun @ part.rotation[rows[chosen]])
+            hidden[chosen] |= part.body.occludes(rays, near=0.008, far=20.0)
+    return hidden

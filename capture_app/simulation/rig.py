@@ -1,0 +1,349 @@
+"""A rig in virtual time: the engine's own leader and clients, simulated clocks, sensors and links.
+
+Virtual time: what is to happen is done in the order of its true time, and nothing waits.
+"""
+
+import heapq
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from capture_app.clock import NodeClock
+from capture_app.simulation.links import (
+    Channel,
+    Link,
+    MediumQueue,
+    RadioCell,
+    Receiver,
+    SharedMedium,
+    deliver_broadcast,
+)
+from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.profiles import SensorProfile, facts_of
+from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
+from capture_app.sync.clock.clock_filter import ClockSample
+from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.stamps import FrameStamp
+from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
+from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.timekeeping.poll_schedule import AccuracyGoal, PollSchedule, SteadySchedule
+from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
+from capture_app.sync.wire.messages import Group, NodeState
+
+
+class VirtualTime:
+    """The true time of a simulation, and all that is scheduled in it.
+
+    Minutes pass in moments, and the same seed gives the same run: what falls on one instant happens in the
+    order in which it was scheduled.
+    """
+
+    def __init__(self) -> None:
+        self.now_true_ns = 0
+        self._queue: list[tuple[int, int, Callable[..., object], tuple[Any, ...]]] = []
+        self._scheduled = 0
+
+    def schedule(self, true_ns: int, action: Callable[..., object], *arguments: Any) -> None:
+        """Let `action(*arguments)` happen at a true time in ns."""
+        self._scheduled += 1
+        heapq.heappush(self._queue, (true_ns, self._scheduled, action, arguments))
+
+    def run_until(self, end_true_ns: int, done: Callable[[], bool] | None = None) -> bool:
+        """Let time pass until then, or until `done()` after an action; return whether that came true."""
+        queue, pop = self._queue, heapq.heappop
+        while queue and queue[0][0] <= end_true_ns:
+            self.now_true_ns, _, action, arguments = pop(queue)
+            action(*arguments)
+            if done is not None and done():
+                return True
+        self.now_true_ns = end_true_ns
+        return done is not None and done()
+
+
+class Timer:
+    """The one timer of an engine: set anew, it passes over what it was set to before."""
+
+    __slots__ = ("_action", "_arguments", "_due_true_ns", "_time")
+
+    def __init__(self, time: VirtualTime, action: Callable[..., object], *arguments: Any) -> None:
+        """`action(*arguments)` happens when it is due."""
+        self._time, self._action, self._arguments = time, action, arguments
+        self._due_true_ns = -1
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether it is set to a time to come."""
+        return self._due_true_ns > self._time.now_true_ns
+
+    def set(self, true_ns: int) -> None:
+        """Be due at a true time in ns, the coming nanosecond at the earliest."""
+        true_ns = max(true_ns, self._time.now_true_ns + 1)
+        if true_ns != self._due_true_ns:
+            self._due_true_ns = true_ns
+            self._time.schedule(true_ns, self._ring, true_ns)
+
+    def _ring(self, true_ns: int) -> None:
+        if true_ns == self._due_true_ns:
+            self._action(*self._arguments)
+
+
+PLAIN_RECEIVER = Receiver()
+_GROUP = Group("239.255.47.10", 47011)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSpec:
+    """One camera node of a virtual rig."""
+
+    name: str
+    profile: SensorProfile
+    clock: NodeClock
+    link: Link = PAPER_LINK
+    tolerance_ns: int = 60_000
+    start_true_ns: int = 0
+    injection_profile: InjectionProfile | None = None
+    cell: RadioCell | None = None
+    """The radio cell in which it receives broadcasts; None for none."""
+    receiver: Receiver = PLAIN_RECEIVER
+    schedule: Callable[[], PollSchedule] = SteadySchedule
+    """Makes the schedule by which it asks for the time."""
+    any_clock: bool = False
+    """Whether its clock is good enough once its schedule calls it synchronized, however well it is known."""
+    on_sample: Callable[[ClockSample], None] | None = None
+    """Called with each of its exchanges with the leader."""
+
+
+@dataclass(slots=True)
+class VirtualNode:
+    """A running node: its engine, its device, and the events so far."""
+
+    spec: NodeSpec
+    sensor: Sensor
+    client: Client[SensorFrame]
+    channel: Channel
+    timer: Timer = field(init=False)
+    alive: bool = True
+    events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
+    bursts: dict[int, BurstPicked[SensorFrame]] = field(default_factory=dict)
+    """All that was picked of each burst, by its number."""
+
+
+class VirtualRig:
+    """One leader and its clients; the leader's clock is the true time."""
+
+    def __init__(
+        self,
+        specs: Sequence[NodeSpec],
+        *,
+        seed: int,
+        period_ns: int | None = None,
+        align_row: float | None = None,
+        max_delay_ns: int = 0,
+        beacons: bool = False,
+    ) -> None:
+        """`period_ns`, `align_row`, `max_delay_ns` and `beacons` are the leader's, see `LeaderConfig`."""
+        self.nodes: dict[str, VirtualNode] = {}
+        self.leader_events: list[LeaderEvent] = []
+        self._rng = random.Random(seed)
+        self._time = VirtualTime()
+        self._media: dict[SharedMedium, MediumQueue] = {}
+        self._leader_timer = Timer(self._time, self._pump_leader)
+        group = _GROUP if beacons else None
+        self._config = LeaderConfig(0, 0, period_ns, align_row, max_delay_ns, beacons=group)
+        self.leader = self._new_leader()
+        for spec in specs:
+            self._time.schedule(spec.start_true_ns, self.start, spec)
+
+    @property
+    def now_true_ns(self) -> int:
+        """The true time, which is the leader's, in ns."""
+        return self._time.now_true_ns
+
+    def _new_leader(self) -> Leader:
+        config = replace(self._config, instance=self._rng.getrandbits(32))
+        return Leader(config, random.Random(self._rng.getrandbits(64)))
+
+    # What a test or an experiment does to it
+
+    def start(self, spec: NodeSpec) -> VirtualNode:
+        """Start a node, or start it again after `kill`."""
+        rng = random.Random(self._rng.getrandbits(64))
+        config = ClientConfig(
+            spec.name,
+            rng.getrandbits(32),
+            facts_of(spec.profile, width=spec.profile.image_width, height=spec.profile.image_rows),
+            spec.tolerance_ns,
+            ring_ns=60 * spec.profile.period_ns,
+            injection_profile=spec.injection_profile,
+        )
+        client: Client[SensorFrame] = Client(config, rng, spec.schedule(), on_sample=spec.on_sample)
+        if spec.any_clock:
+            client.time.timekeeper.goal = AccuracyGoal()
+        node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
+        node.timer = Timer(self._time, self._pump, node)
+        self.nodes[spec.name] = node
+        self._start_stream(node)
+        self._pump(node)
+        return node
+
+    def kill(self, name: str) -> None:
+        """Let a node fall silent."""
+        self.nodes[name].alive = False
+
+    def restart_leader(self) -> None:
+        """Let the leader fall silent; another takes its place at the same address."""
+        self.leader = self._new_leader()
+
+    def trigger(
+        self,
+        *,
+        frames: int,
+        spacing: int = 1,
+        spare: int = 0,
+        at_leader_ns: int | None = None,
+        streamed: bool = False,
+    ) -> Burst:
+        """Order a burst as `Leader.trigger` does."""
+        burst = self.leader.trigger(
+            self.now_true_ns,
+            frames=frames,
+            spacing=spacing,
+            spare=spare,
+            at_leader_ns=at_leader_ns,
+            streamed=streamed,
+        )
+        self._pump_leader()
+        return burst
+
+    def end(self, burst: Burst, frames: int) -> Burst:
+        """Let a burst end after so many frames."""
+        ended = self.leader.end(burst, frames, self.now_true_ns)
+        self._pump_leader()
+        return ended
+
+    def cancel(self, burst: Burst) -> None:
+        """Take a burst back."""
+        self.leader.cancel(burst, self.now_true_ns)
+        self._pump_leader()
+
+    def run_for(self, duration_ns: int) -> None:
+        """Let that much time pass."""
+        self._time.run_until(self.now_true_ns + duration_ns)
+
+    def run_until(self, done: Callable[[], bool], *, limit_ns: int) -> bool:
+        """Let time pass until `done()`, at most `limit_ns`; return whether it came true."""
+        return self._time.run_until(self.now_true_ns + limit_ns, done)
+
+    def all_ready(self) -> bool:
+        """Whether the leader sees every node as ready."""
+        return self._all_in(NodeState.READY)
+
+    def all_usable(self) -> bool:
+        """Whether it sees every node as ready, or as coarse where it gets no better."""
+        return self._all_in(NodeState.READY, NodeState.COARSE)
+
+    def _all_in(self, *states: NodeState) -> bool:
+        clients = self.leader.clients(self.now_true_ns)
+        return len(clients) == len(self.nodes) and all(c.report.state in states for c in clients)
+
+    # The world
+
+    def _channel(self, link: Link) -> Channel:
+        """Open a link; all who name the same medium share its queue."""
+        if link.medium is None:
+            return Channel(link)
+        return Channel(link, self._media.setdefault(link.medium, MediumQueue(link.medium)))
+
+    def _start_stream(self, node: VirtualNode) -> None:
+        if not node.alive:
+            return
+        node.sensor.restart(self.now_true_ns)
+        node.client.stream_started(self._local(node))
+        self._expect_frame(node)
+
+    def _expect_frame(self, node: VirtualNode) -> None:
+        frame = node.sensor.next_frame()
+        self._time.schedule(frame.readout_end_true_ns + DELIVERY_NS, self._deliver_frame, node, frame)
+
+    def _deliver_frame(self, node: VirtualNode, frame: SensorFrame) -> None:
+        if not node.alive or not node.sensor.streaming or node.sensor.stream != frame.stream:
+            return
+        self._expect_frame(node)
+        if not frame.dropped:
+            timestamp_ns = node.spec.clock.local_from_true(frame.timestamp_true_ns)
+            stamp = FrameStamp(frame.sequence, frame.stream, timestamp_ns)
+            node.client.frame_arrived(stamp, frame, self._local(node))
+        self._pump(node)
+
+    def _pump(self, node: VirtualNode) -> None:
+        client = node.client
+        if not node.alive:
+            return
+        if self._local(node) >= client.next_timer():
+            client.handle_timer(self._local(node))
+        for data in client.datagrams_to_send(self._local(node)):
+            for delay_ns in node.channel.deliveries("to_leader", self.now_true_ns, self._rng):
+                self._time.schedule(self.now_true_ns + delay_ns, self._to_leader, data, node)
+        while (command := client.next_command()) is not None:
+            match command:
+                case InjectFrame(exposure_ns):
+                    node.sensor.inject(exposure_ns, self.now_true_ns)
+                case SetFrameDuration(duration_ns):
+                    node.sensor.set_frame_duration(duration_ns, self.now_true_ns)
+                case RestartStream(delay_ns):
+                    node.sensor.stop()
+                    self._time.schedule(self.now_true_ns + delay_ns, self._start_stream, node)
+        while (event := client.next_event()) is not None:
+            node.events.append(event)
+            if isinstance(event, BurstPicked):
+                known = node.bursts.get(event.burst)
+                if event.further and known is not None:
+                    newest = known if event.trigger is None else event
+                    event = replace(
+                        newest, picks=(*known.picks, *event.picks), gaps=(*known.gaps, *event.gaps)
+                    )
+                node.bursts[event.burst] = event
+        node.timer.set(node.spec.clock.true_from_local(client.next_timer()) + 1)
+
+    def _to_leader(self, data: bytes, node: VirtualNode) -> None:
+        self.leader.receive_datagram(data, (node.spec.name, 0), self.now_true_ns)
+        self._pump_leader()
+
+    def _to_client(self, data: bytes, node: VirtualNode) -> None:
+        if node.alive:
+            node.client.receive_datagram(data, self._local(node))
+            self._pump(node)
+
+    def _broadcast(self, data: bytes) -> None:
+        nodes = ((name, node.spec) for name, node in self.nodes.items())
+        receivers = {name: (spec.cell, spec.receiver) for name, spec in nodes if spec.cell is not None}
+        for name, delay_ns in deliver_broadcast(receivers, self.now_true_ns, self._rng):
+            self._time.schedule(self.now_true_ns + delay_ns, self._hear, data, self.nodes[name])
+
+    def _hear(self, data: bytes, node: VirtualNode) -> None:
+        if node.alive:
+            node.client.receive_broadcast(data, self._local(node))
+            self._pump(node)
+
+    def _pump_leader(self) -> None:
+        due_ns = self.leader.next_timer()
+        if due_ns is not None and self.now_true_ns >= due_ns:
+            self.leader.handle_timer(self.now_true_ns)
+        for data, (name, _) in self.leader.datagrams_to_send(self.now_true_ns):
+            node = self.nodes[name]
+            for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
+                self._time.schedule(self.now_true_ns + delay_ns, self._to_client, data, node)
+        beacon = self.leader.beacon_to_send()
+        if beacon is not None:
+            self._broadcast(beacon)
+        while (event := self.leader.next_event()) is not None:
+            self.leader_events.append(event)
+        if (due_ns := self.leader.next_timer()) is not None:
+            self._leader_timer.set(due_ns)
+
+    def _local(self, node: VirtualNode) -> int:
+        return node.spec.clock.local_from_true(self.now_true_ns)

@@ -1,0 +1,171 @@
+"""A rolling-shutter image sensor in virtual time: whole rows, injected long frames, latency, noise, drops.
+
+Pure: true times in ns go in and come out, all randomness comes from the generator passed in.
+"""
+
+import random
+from dataclasses import dataclass, replace
+
+from capture_app.errors import CameraError
+from capture_app.simulation.profiles import SensorProfile
+
+DELIVERY_NS = 5_000_000
+"""From a frame's last row to the driver's callback, where nothing else is asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFrame:
+    """One frame: its true times, and the timestamp that the driver would give it; ns of true time."""
+
+    sequence: int
+    """Number since the stream started; dropped frames count."""
+    stream: int
+    """Counts the starts from 0."""
+    start_true_ns: int
+    """Start of the first row's exposure."""
+    timestamp_true_ns: int
+    """The start as stamped: with noise, sometimes an outlier, and late by the device's bias."""
+    readout_end_true_ns: int
+    """The last row is read out: no driver can deliver the frame earlier."""
+    exposure_ns: int
+    dropped: bool
+    """The driver never delivers it; only the gap in the sequence shows."""
+
+
+class Sensor:
+    """One device: frames come from `next_frame` in order, commands change those that were not asked for yet.
+
+    The same generator state and the same calls give the same frames. `period_error_ppm` fixes this device's
+    crystal, else it is drawn from the profile's range.
+    """
+
+    def __init__(
+        self, profile: SensorProfile, rng: random.Random, *, period_error_ppm: float | None = None
+    ) -> None:
+        self.profile = profile
+        # Apart, so that a command changes neither the noise nor the drops of the frames that follow.
+        self._frame_rng = random.Random(rng.getrandbits(64))
+        self._command_rng = random.Random(rng.getrandbits(64))
+        self._start_rng = random.Random(rng.getrandbits(64))
+        drawn_ppm = rng.uniform(-profile.period_error_ppm, profile.period_error_ppm)
+        self.period_error_ppm = drawn_ppm if period_error_ppm is None else period_error_ppm
+        self._error_ppb = round(self.period_error_ppm * 1000)
+        self.streaming = False
+        """Whether frames come."""
+        self.stream = -1
+        """Number of the stream under way or just ended; -1 before the first."""
+        self._stream_start_true_ns = 0
+        self._rows = 0
+        self._late_ns = 0
+        """By how much injections moved the stream beyond whole rows."""
+        self._sequence = 0
+        self._lateness_ns: dict[int, int] = {}
+        self._exposure_rows: dict[int, int] = {}
+        self._length_rows: dict[int, int] = {}
+
+    @property
+    def true_period_ns(self) -> float:
+        """Period of this device's stream in true time, its crystal's error included."""
+        return self.profile.period_ns * (1.0 + self._error_ppb * 1e-9)
+
+    def start(self, true_ns: int) -> None:
+        """Start a stream; its first frame comes after the start latency. Raises CameraError if it runs."""
+        if self.streaming:
+            raise CameraError("the simulated sensor streams already")
+        mean_ns, sd_ns = self.profile.start_latency_ns
+        self._stream_start_true_ns = true_ns + max(0, round(self._start_rng.gauss(mean_ns, sd_ns)))
+        self.stream += 1
+        self.streaming = True
+        self._rows = self._sequence = self._late_ns = 0
+        self._lateness_ns.clear()
+        self._exposure_rows.clear()
+        self._length_rows.clear()
+
+    def stop(self) -> None:
+        """End the stream and forget the commands under way. Calling it twice is harmless."""
+        self.streaming = False
+
+    def restart(self, true_ns: int) -> None:
+        """Stop, and start again at that time: a new stream, sequence numbers from 0."""
+        self.stop()
+        self.start(true_ns)
+
+    def set_exposure(self, exposure_ns: int) -> None:
+        """Expose the frames to come for so long. Raises BadInputError where that does not fit a frame."""
+        self.profile = replace(self.profile, exposure_ns=exposure_ns)
+
+    def inject(self, exposure_ns: int, true_ns: int) -> None:
+        """Give one coming frame this longer exposure; the command arrives at `true_ns`.
+
+        The exposure is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
+        one frame each. Raises CameraError where the sensor cannot inject or does not stream.
+        """
+        if self.profile.phase_control != "injection":
+            raise CameraError(
+                f"a simulated {self.profile.name} cannot inject frames", hint="restart its stream"
+            )
+        if not self.streaming:
+            raise CameraError("the simulated sensor does not stream")
+        obeying = self._obeying(true_ns)
+        rows = self.profile.whole_rows(exposure_ns)
+        self._exposure_rows[obeying] = rows
+        usual = self.profile.frame_length_rows
+        if self.profile.injection_jitter_ns:
+            self._lateness_ns[obeying] = round(self._command_rng.gauss(0.0, self.profile.injection_jitter_ns))
+        for sequence, stretch in enumerate(self.profile.stretches_rows(exposure_ns), obeying):
+            self._length_rows[sequence] = max(usual + stretch, self._length_rows.get(sequence, usual))
+
+    def set_frame_duration(self, duration_ns: int, true_ns: int) -> None:
+        """Let one coming frame last this long; the command arrives at `true_ns`.
+
+        The duration is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
+        one frame each. Raises CameraError where the sensor cannot do that or does not stream.
+        """
+        least_ns, most_ns = self.profile.min_frame_duration_ns, self.profile.max_frame_duration_ns
+        if least_ns is None or most_ns is None:
+            raise CameraError(f"the frame duration of a simulated {self.profile.name} cannot be set")
+        if not self.streaming:
+            raise CameraError("the simulated sensor does not stream")
+        rows = min(max(duration_ns, least_ns), most_ns) // self.profile.row_time_ns
+        exposed = self.profile.exposure_ns // self.profile.row_time_ns + self.profile.margin_rows
+        self._length_rows[self._obeying(true_ns)] = max(rows, exposed)
+
+    def _obeying(self, true_ns: int) -> int:
+        """Sequence number of the frame that obeys a command which arrives at a true time in ns."""
+        latency = self._command_rng.randint(*self.profile.command_latency_frames)
+        after_last = max(self._exposure_rows or self._length_rows, default=-1) + 1
+        since_last_ns = true_ns - self._start_of(self._rows)
+        exposed = self._sequence + since_last_ns // self.profile.period_ns
+        return max(exposed + latency, self._sequence, after_last)
+
+    def next_frame(self) -> SensorFrame:
+        """The stream's next frame, dropped or not. Raises CameraError if there is no stream."""
+        if not self.streaming:
+            raise CameraError("the simulated sensor does not stream")
+        profile, rng, sequence = self.profile, self._frame_rng, self._sequence
+        # The same number of draws for every frame, whatever the shares: one frame's fate moves no other's.
+        noise_ns = rng.gauss(0.0, 1.0) * profile.timestamp_noise_ns
+        late_ns = rng.random() * profile.outlier_ns
+        outlier, dropped = rng.random() < profile.outlier_share, rng.random() < profile.drop_share
+        start_true_ns = self._start_of(self._rows)
+        rows = self._exposure_rows.pop(sequence, profile.exposure_ns // profile.row_time_ns)
+        self._sequence += 1
+        self._rows += self._length_rows.pop(sequence, profile.frame_length_rows)
+        self._late_ns += self._lateness_ns.pop(sequence, 0)
+        exposure_ns = rows * profile.row_time_ns
+        late_ns = (profile.stamp_bias_ns or 0) + (late_ns if outlier else 0.0)
+        return SensorFrame(
+            sequence=sequence,
+            stream=self.stream,
+            start_true_ns=start_true_ns,
+            timestamp_true_ns=profile.stamp(start_true_ns + round(noise_ns + late_ns)),
+            readout_end_true_ns=start_true_ns + exposure_ns + profile.readout_ns,
+            exposure_ns=exposure_ns,
+            dropped=dropped,
+        )
+
+    def _start_of(self, rows: int) -> int:
+        """True start in ns of the frame that many rows into the stream; integers, so that nothing adds up."""
+        nominal_ns = rows * self.profile.row_time_ns
+        stretched_ns = nominal_ns + nominal_ns * self._error_ppb // 10**9
+        return self._stream_start_true_ns + stretched_ns + self._late_ns

@@ -1,0 +1,383 @@
+"""Period and phase of a stream of frames from many timestamps, and the frames that were dropped.
+
+Frames are counted along one line time = height + period * index. A restart or an injected frame gives the
+line a new height (a new run) but keeps the period, which belongs to the camera's crystal.
+
+Moves of the phase that were commanded, and which of them are in effect at a frame.
+"""
+
+from bisect import bisect_right
+from collections import deque
+from math import sqrt
+from statistics import median
+
+from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, Point
+from capture_app.sync.phase.stamps import FrameStamp, StampError, StampQuantum
+
+LATENCY_FRAMES = (2, 13)
+"""A command takes effect so many frames after the newest one, at the earliest and at the latest."""
+USUAL_LATENCY_FRAMES = 4
+REMEMBERED_LATENCIES = 15
+REMEMBERED_FRAMES = 20_000
+"""Of so many frames it is known what was in effect: those that a ring buffer may hold."""
+
+
+class PendingShifts:
+    """Shifts of the phase that are in effect, and those still to come; times in ns, frames by their index."""
+
+    def __init__(self) -> None:
+        self.done_ns = 0
+        self._waiting: deque[tuple[int, int]] = deque()
+        self._latencies: deque[int] = deque([USUAL_LATENCY_FRAMES], maxlen=REMEMBERED_LATENCIES)
+        self._newest = -LATENCY_FRAMES[1]
+        self._felt = 0
+        """How many of those waiting the newest frame has shown to be in effect."""
+        self._seen: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_FRAMES)
+        """Each frame and what was in effect at it, where that is more or less than at the one before."""
+
+    @property
+    def latency_frames(self) -> float:
+        """Frames from a command until it is in effect, in the middle of those seen."""
+        return median(self._latencies)
+
+    @property
+    def total_ns(self) -> int:
+        """Sum of all shifts, once the last one on its way has arrived."""
+        return self.done_ns + sum(shift_ns for _, shift_ns in self._waiting)
+
+    def clear(self) -> None:
+        """Forget all: the stream starts anew."""
+        self.done_ns = self._felt = 0
+        self._newest = -LATENCY_FRAMES[1]
+        self._waiting.clear()
+        self._seen.clear()
+
+    def expect(self, index: int, shift_ns: int) -> None:
+        """A shift was commanded when `index` was the newest frame."""
+        self._waiting.append((index, shift_ns))
+        self._newest = index
+
+    def all_in_effect(self, index: int) -> bool:
+        """Whether each shift so far is in effect for certain at the frame of an index."""
+        return index >= self._newest + LATENCY_FRAMES[1]
+
+    def effective_at(self, index: int, seen_ns: float) -> int:
+        """Sum of the shifts in effect at a frame that comes `seen_ns` later than without any of them."""
+        earliest, latest = LATENCY_FRAMES
+        while self._waiting and index >= self._waiting[0][0] + latest:
+            self.done_ns += self._waiting.popleft()[1]
+            self._felt = max(0, self._felt - 1)
+        best_ns = sum_ns = self.done_ns
+        felt = 0
+        for count, (commanded, shift_ns) in enumerate(self._waiting, 1):
+            if index < commanded + earliest:
+                break
+            sum_ns += shift_ns
+            if abs(seen_ns - sum_ns) < abs(seen_ns - best_ns):
+                best_ns, felt = sum_ns, count
+        if self._waiting and abs(seen_ns - best_ns) < abs(self._waiting[0][1]):
+            self._latencies.extend(index - self._waiting[i][0] for i in range(self._felt, felt))
+            self._felt = felt
+        if not self._seen or self._seen[-1][1] != best_ns:
+            self._seen.append((index, best_ns))
+        return best_ns
+
+    def seen_at(self, index: int) -> int:
+        """Sum of the shifts that were in effect at a frame that has come, as far as it showed."""
+        place = bisect_right(self._seen, index, key=lambda change: change[0])
+        return self._seen[max(0, place - 1)][1] if self._seen else 0
+
+    def certain_at(self, index: int) -> int:
+        """Sum of the shifts that are in effect for certain at the frame of an index: felt, or overdue."""
+        return self.done_ns + sum(
+            shift_ns
+            for count, (commanded, shift_ns) in enumerate(self._waiting)
+            if count < self._felt or index >= commanded + LATENCY_FRAMES[1]
+        )
+
+
+FIRST_INTERVALS = 8
+"""Intervals whose median gives the first period."""
+RATE_FRAMES = 15
+CALM_FRAMES = 5
+TIMEOUT_FRAMES = 30
+"""A shift that has not come by then never will: devices obey after 2 to 12 frames."""
+UNMISTAKABLE = 4.0
+"""One frame tells that an expected shift has come if it is over so many times what noise explains."""
+WINDOW_FRAMES = 300
+
+
+class PhaseEstimator:
+    """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
+
+    def __init__(self, *, period_ns: int) -> None:
+        self._line = FrameLine(period_ns=float(period_ns), window_frames=WINDOW_FRAMES)
+        self.frames = 0
+        self.drops = 0
+        self.last_shift_ns: int | None = None
+        """How far the last disturbance moved the phase, unwrapped, in ns; None if it is not known."""
+        self._stream: int | None = None
+        self._sequence = self._time_ns = self._origin_ns = self._index = 0
+        self._quantum = StampQuantum()
+        self._first_intervals: list[float] | None = []
+        self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
+        self.shifts = PendingShifts()
+        self._disturbed = False
+        self._pending: list[Point] = []
+        """Frames since a disturbance was expected."""
+        self._height_before_ns, self._begun_index = 0.0, 0
+        self._expected_ns: float | None = None
+        self.last_latency_frames: int | None = None
+        """Frames from the last disturbance's beginning until the phase had moved; None if it is not known."""
+        self.as_expected = False
+        """Whether the last disturbance moved the phase to where it was expected."""
+
+    @property
+    def period_ns(self) -> float:
+        """Period in ns of local time."""
+        return self._line.period_ns
+
+    @property
+    def period_sigma_ns(self) -> float:
+        """One standard deviation of the period, in ns; infinite before the first fit."""
+        return self._line.period_sigma_ns
+
+    @property
+    def noise_ns(self) -> float:
+        """Standard deviation of one timestamp, in ns."""
+        return self._line.noise_ns
+
+    @property
+    def quantum_ns(self) -> float:
+        """Step that the timestamps come in, in ns; 0 where none was found."""
+        return self._quantum.ns
+
+    @property
+    def quantum_error_ns(self) -> float:
+        """What that step may hide of the phase, either way."""
+        return self._line.quantum_error_ns
+
+    @property
+    def known(self) -> bool:
+        """Whether the period has been fitted to this stream's own frames."""
+        return self._line.known
+
+    @property
+    def run_frames(self) -> int:
+        """Frames since the phase last moved."""
+        return 0 if self._disturbed else len(self._line.run)
+
+    @property
+    def last_ns(self) -> int:
+        """Timestamp of the newest frame, in ns of local time."""
+        return self._time_ns
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether the phase is on the move, or expected to."""
+        return self._disturbed
+
+    @property
+    def unmoved(self) -> bool:
+        """Whether the newest frame of a disturbance still lies where it would without."""
+        if not self._disturbed or not self._pending:
+            return False
+        off_ns = self._line.heights_of(self._pending[-1:])[0] - self._height_before_ns
+        return abs(off_ns) < self._line.tolerance_ns / 2
+
+    def add(self, stamp: FrameStamp) -> int:
+        """Add a frame and return how many were dropped just before it.
+
+        Frames of older streams, repeated ones and ones that go back in time are ignored.
+        """
+        if self._stream is None or stamp.stream > self._stream:
+            self._start_stream(stamp)
+            self.frames += 1
+            return 0
+        steps = stamp.sequence - self._sequence
+        interval = stamp.timestamp_ns - self._time_ns
+        if stamp.stream < self._stream or steps <= 0 or interval <= 0:
+            return 0
+        by_time = max(1, round(interval / self._line.period_ns))
+        # Only a disturbance explains a long interval without a jump in the numbers.
+        advance = steps if self._disturbed or self._first_intervals is not None else by_time
+        dropped = steps - 1 if steps > 1 or self._disturbed else advance - 1
+        self._sequence, self._time_ns = stamp.sequence, stamp.timestamp_ns
+        self._index += advance
+        self.frames += 1
+        self.drops += dropped
+        self._intervals.append(interval / steps)
+        if not self._disturbed:
+            self._quantum.add(interval)
+            self._line.quantum_ns = self._quantum.ns
+        if self._first_intervals is not None:
+            self._measure_first_period(interval / steps)
+        elif self._runs_at_another_rate():
+            return dropped
+        self._add_point()
+        return dropped
+
+    def time_of(self, sequence: int) -> int:
+        """Local time in ns of the frame of that number in the current stream, past or to come."""
+        return round(self._time_at(self._index + sequence - self._sequence))
+
+    def nearest_frame_ns(self, local_ns: int) -> int:
+        """Local time in ns of the frame nearest to a local time."""
+        return round(self._time_at(self.index_near(local_ns)))
+
+    def index_near(self, local_ns: int) -> int:
+        """Index of the frame nearest to a local time in ns."""
+        return self._index + round((local_ns - self._time_at(self._index)) / self._line.period_ns)
+
+    def stamp_error(self, stamp_ns: int) -> StampError:
+        """How far a timestamp lies off its stream's line, 0 within the noise; what noise and step hide.
+
+        A stamp in coarse steps is off by whatever the line shows, if the line hides less than a step. Frames
+        from before the phase last moved are not judged by the line: theirs is not kept.
+        """
+        step_ns, run = self.quantum_ns, self._line.run
+        as_told = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
+        if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
+            return as_told
+        if stamp_ns < self._origin_ns + run[0][1]:
+            return as_told
+        off_ns, sigma_ns = stamp_ns - self.nearest_frame_ns(stamp_ns), self.sigma_at(stamp_ns)
+        line_ns = self.quantum_error_ns + 2.0 * sigma_ns
+        if line_ns < step_ns and self.shifts.all_in_effect(self.index_near(stamp_ns)):
+            return StampError(off_ns, line_ns, step_ns)
+        outlier = abs(off_ns) > self._line.tolerance_ns + 3.0 * sigma_ns
+        return StampError(off_ns, step_ns, step_ns) if outlier else as_told
+
+    def sigma_at(self, local_ns: int) -> float:
+        """One standard deviation in ns of a predicted frame time near a local time."""
+        used = min(self._line.phase_frames, max(1, self.run_frames))
+        ahead = (local_ns - self._time_ns) / self._line.period_ns + used / 2
+        drift = self.period_sigma_ns * abs(ahead) if self.period_sigma_ns < self.period_ns else 0.0
+        return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
+
+    def first_off_ns(self) -> float:
+        """How far in ns the first frame since the phase last moved lies off the line of those after it."""
+        index, first_ns = self._line.run[0]
+        return abs(self._line.heights_of([(index, first_ns)])[0] - self._line.height_ns)
+
+    def shift_to_come(self, local_ns: int) -> int:
+        """Expected shifts in ns that may not be in effect yet at the frame near a local time."""
+        return self.shifts.total_ns - self.shifts.certain_at(self.index_near(local_ns))
+
+    def expect_shift(self, shift_ns: int) -> None:
+        """Expect the coming frames to be later by exactly so much, from one of the next few on."""
+        self.shifts.expect(self._index, shift_ns)
+
+    def mark_disturbance(self, expected_ns: float | None = None) -> None:
+        """Expect the phase to move within TIMEOUT_FRAMES; `last_shift_ns` is then how far it did.
+
+        `expected_ns` is by how much, where that is known for sure.
+        """
+        if self._stream is None:
+            return
+        self._disturbed, self._expected_ns = True, expected_ns
+        self.last_shift_ns, self.last_latency_frames, self.as_expected = None, None, False
+        self._pending.clear()
+        self._begun_index, self._height_before_ns = self._index, self._line.height_ns
+
+    def _start_stream(self, stamp: FrameStamp) -> None:
+        self._stream, self._sequence, self._time_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
+        self.last_shift_ns, self.as_expected = None, False
+        self._disturbed = False
+        self._line.begin_run()
+        self.shifts.clear()
+        self._index, self._origin_ns = 0, stamp.timestamp_ns
+        self._add_point()
+
+    def _measure_first_period(self, period: float) -> None:
+        """Measure the first period: the camera's may differ from the one it was asked for."""
+        assert self._first_intervals is not None
+        self._first_intervals.append(period)
+        if len(self._first_intervals) < FIRST_INTERVALS:
+            return
+        self._line.period_ns = median(self._first_intervals)
+        self._first_intervals = None
+        # Now that a period is known, drops that the numbers did not tell show in the times.
+        for run in self._line.runs:
+            index = 0
+            for i, (_, time_ns) in enumerate(run):
+                index += max(1, round((time_ns - run[i - 1][1]) / self._line.period_ns)) if i else 0
+                run[i] = (index, time_ns)
+        run = self._line.run
+        self._index = run[-1][0] + max(
+            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self._line.period_ns)
+        )
+
+    def _runs_at_another_rate(self) -> bool:
+        """Measure the period anew where all frames come at another rate (a webcam in the dark halves it)."""
+        if self._disturbed or len(self._intervals) < RATE_FRAMES:
+            return False
+        period = median(self._intervals)
+        if abs(period - self._line.period_ns) <= max(0.02 * self._line.period_ns, 2.0 * self.noise_ns):
+            return False
+        self._line.begin_at_rate(period)
+        self._index, self._origin_ns = 0, self._time_ns
+        self.shifts.clear()
+        return True
+
+    def _add_point(self) -> None:
+        elapsed_ns = self._time_ns - self._origin_ns
+        seen_ns = self._line.heights_of([(self._index, elapsed_ns)])[0] - self._line.height_ns
+        point = (self._index, elapsed_ns - self.shifts.effective_at(self._index, seen_ns))
+        if self._disturbed:
+            self._pending.append(point)
+            self._end_disturbance()
+            return
+        self._line.add(point, fit=self._first_intervals is None)
+        if self._first_intervals is None:
+            self._notice_jump()
+
+    def _time_at(self, index: int) -> float:
+        line = self._line
+        # What was shifted since a frame that is over was not yet in effect at it.
+        shifted_ns = self.shifts.seen_at(index) if index < self._index else self.shifts.certain_at(index)
+        return self._origin_ns + line.height_ns + line.period_ns * index + shifted_ns
+
+    def _end_disturbance(self) -> None:
+        """End a disturbance once the last few frames lie on a line again, moved, or unmoved for too long."""
+        heights = self._line.heights_of(self._pending)
+        count = self._frames_as_expected(heights)
+        if not count:
+            count, last = CALM_FRAMES, heights[-CALM_FRAMES:]
+            if len(last) < CALM_FRAMES:
+                return
+            calm = max(last) - min(last) < self._line.tolerance_ns
+            shift_ns = median(last) - self._height_before_ns
+            moved = abs(shift_ns) > max(4.0 * self.noise_ns, 2_000.0)
+            if self._expected_ns is not None:
+                moved = moved and abs(shift_ns - self._expected_ns) < abs(shift_ns)
+            if not (calm and moved) and len(self._pending) < TIMEOUT_FRAMES:
+                return
+            if not calm and len(self._pending) < 2 * TIMEOUT_FRAMES:
+                return
+        last_points = self._pending[-count:]
+        self._disturbed = False
+        self._line.begin_run(last_points)
+        self.last_shift_ns = round(self._line.height_ns - self._height_before_ns)
+        self.last_latency_frames = last_points[0][0] - self._begun_index
+
+    def _frames_as_expected(self, heights: list[float]) -> int:
+        """How many of the newest frames show that the phase has moved as expected; 0 while that is open."""
+        if self._expected_ns is None:
+            return 0
+        needed = 1 if abs(self._expected_ns) > UNMISTAKABLE * self._line.tolerance_ns else CALM_FRAMES
+        off_ns = [height - self._height_before_ns - self._expected_ns for height in heights[-needed:]]
+        self.as_expected = len(off_ns) == needed and max(map(abs, off_ns)) < self._line.tolerance_ns / 2
+        return needed if self.as_expected else 0
+
+    def _notice_jump(self) -> None:
+        """Start a new run where the last frames all left the line: the camera moved by itself."""
+        run = self._line.run
+        if len(run) < 2 * CALM_FRAMES:
+            return
+        before = median(self._line.heights_of(run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]))
+        off = [height - before for height in self._line.heights_of(run[-CALM_FRAMES:])]
+        limit = max(8.0 * self.noise_ns, 20_000.0)
+        if min(off) > limit or max(off) < -limit:
+            self._line.split_off(CALM_FRAMES)
+            self.last_shift_ns = None

@@ -1,0 +1,159 @@
+"""One session: words, sheet, pictures.
+
+One session: what it is good for in words, and its contact sheet.
+
+One session on the whole screen: words, contact sheet, and each picture full size.
+"""
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.content import Content
+
+from capture_app.session.library.listing import SessionState
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.verdict import judge
+from capture_app.text import count, printable
+from capture_app.tui.library.session_rows import STATES, Entry
+from capture_app.tui.question import Dialog
+from capture_app.tui.signs import GRADES
+from capture_app.tui.widgets.contact_sheet import ContactSheet
+from capture_app.tui.widgets.footer import KeyFooter
+from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.look import LookScreen, Motion
+
+LOW = 30
+"""Below this height pictures need the room more than words."""
+
+
+class TakePane(Vertical):
+    """Shows a session; the sheet is loaded by whoever shows it."""
+
+    DEFAULT_CSS = """
+    TakePane #take-words { height: auto; padding: 0 1; margin-bottom: 1; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._entry: Entry | None = None
+        self.sheet = ContactSheet()
+        self._words = Lines(id="take-words")
+
+    def compose(self) -> ComposeResult:
+        """The words above the sheet."""
+        yield self._words
+        yield self.sheet
+
+    @property
+    def entry(self) -> Entry | None:
+        """What is shown."""
+        return self._entry
+
+    def show(self, entry: Entry | None, sheet: TakeSheet | None) -> None:
+        """Show a session; None: its sheet is not there, or not yet."""
+        self._entry = entry
+        if sheet is not self.sheet.sheet:
+            self.sheet.show(sheet)
+        self._show_words()
+
+    def on_resize(self) -> None:
+        """Wrap anew."""
+        self._show_words()
+
+    def _show_words(self) -> None:
+        width = max(20, self.size.width - 2)
+        entry, sheet = self._entry, self.sheet.sheet
+        if entry is None:
+            self._words.show([])
+            return
+        card, low = entry.card, self.size.height < LOW
+        lines: list[Content] = []
+        if card.state is not SessionState.COMPLETE:
+            sign = STATES[card.state]
+            lines += Content.styled(f"{sign}: {printable(card.problem)}", sign.style).wrap(width)
+            lines += Content(f"→ {printable(card.remedy)}").wrap(width)
+        elif sheet is not None and sheet.session.folder == card.folder:
+            verdict = judge(sheet.session.manifest)
+            sign = GRADES[verdict.grade]
+            lines += Content.assemble(
+                (f"{sign.glyph} ", f"bold {sign.style}"), (printable(verdict.headline), "bold")
+            ).wrap(width)
+            if not low:
+                sentence = f"{verdict.spread} apart: {printable(verdict.sentence)}"
+                lines += Content.styled(sentence, "$foreground-muted").wrap(width)
+                if verdict.stamps:
+                    lines += Content.styled(printable(verdict.stamps), "$warning").wrap(width)
+        if card.note:
+            note = Content.assemble(("note  ", "$foreground-muted"), printable(card.note))
+            lines += [note.truncate(width, ellipsis=True)] if low else note.wrap(width)
+        self._words.show(lines)
+
+
+class TakeScreen(Dialog[None]):
+    """Shows a session; Escape closes it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding(
+            "b", "look('CAMERAS')", "Blink cameras", id="take.blink", tooltip="one camera after the other"
+        ),
+        Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
+        Binding("escape,backspace", "close", "Back", id="take.back", key_display="esc"),
+    ]
+    DEFAULT_CSS = """
+    TakeScreen { background: $background; }
+    TakeScreen #take-title { dock: top; height: 1; background: $panel; }
+    """
+
+    def __init__(self, entry: Entry, sheet: TakeSheet) -> None:
+        super().__init__()
+        self._entry, self._sheet = entry, sheet
+        self._title = Lines(id="take-title")
+        self._pane = TakePane()
+
+    def compose(self) -> ComposeResult:
+        """Title, words and sheet, keys."""
+        yield self._title
+        yield self._pane
+        yield KeyFooter()
+
+    def on_mount(self) -> None:
+        """Show it."""
+        self._pane.show(self._entry, self._sheet)
+        self._pane.sheet.focus()
+
+    def on_resize(self) -> None:
+        """Show as much of the title as fits."""
+        card = self._entry.card
+        what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
+        self._title.show(
+            [
+                Content.assemble(
+                    (f" {printable(card.name)} ", "reverse bold $primary"),
+                    (f"  {what}", "$foreground"),
+                    (f"   {printable(str(card.folder))}", "$foreground-muted"),
+                ).truncate(self.size.width, ellipsis=True)
+            ]
+        )
+
+    def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
+        """Look at one picture."""
+        self._look(message.camera, message.instant)
+
+    def action_look(self, motion: str) -> None:
+        """Look at the picture under the cursor, in motion."""
+        place = self._pane.sheet.place
+        if place is not None:
+            self._look(place.camera, place.instant, Motion[motion])
+
+    def action_close(self) -> None:
+        """Go back."""
+        self.dismiss(None)
+
+    def _look(self, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
+        def come_back(seen: tuple[str, int] | None) -> None:
+            if seen is not None:
+                self._pane.sheet.go_to(*seen)
+
+        self.app.push_screen(LookScreen(self._sheet, camera, instant, motion), come_back)

@@ -1,0 +1,238 @@
+"""One camera closely, over the mode from which it was opened."""
+
+import asyncio
+import textwrap
+from typing import ClassVar
+
+from textual import events, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Container, Vertical
+from textual.content import Content
+from textual.notifications import SeverityLevel
+
+from capture_app.camera_facts import Control, describe
+from capture_app.errors import SimulshotError
+from capture_app.node.rig_link import RigSource
+from capture_app.node.wire.status import NodeDetail, NodeStatus
+from capture_app.session.reading.stamp_words import describe_stamp
+from capture_app.sync.wire.messages import WITHOUT_CAMERA
+from capture_app.text import NO_VALUE, clock_offset, count, duration, printable
+from capture_app.tui.question import Dialog
+from capture_app.tui.rig_record import Mishap, PreviewReceived, RigRecord, StatusChanged
+from capture_app.tui.signs import SIGNS
+from capture_app.tui.widgets.footer import KeyFooter
+from capture_app.tui.widgets.lines import Lines, news_lines
+from capture_app.tui.widgets.picture import Picture
+from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
+
+ASK_S = 0.7
+"""Between two questions for the details of a camera."""
+PREVIEW_FPS, PREVIEW_WIDTH = 2.0, 320
+USUAL_TOLERANCE_NS = 100_000
+
+
+class CameraScreen(Dialog[None]):
+    """Asks the camera for its details as long as it is shown."""
+
+    AUTO_FOCUS: ClassVar[str | None] = ""
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,backspace,enter", "leave", "Back", key_display="esc", id="camera.back"),
+        Binding("left,up,k", "move(-1)", "Previous", id="camera.previous"),
+        Binding("right,down,j", "move(1)", "Next", id="camera.next"),
+        Binding(
+            "m",
+            "match",
+            "Set all like this",
+            id="camera.match",
+            tooltip="its exposure, gain, white balance, focus",
+        ),
+    ]
+
+    def __init__(self, name: str, source: RigSource, record: RigRecord) -> None:
+        super().__init__()
+        self._camera = name
+        self._source = source
+        self._record = record
+        self._detail = NodeDetail(camera=name)
+        self._problem = ""
+        """Why the camera's details are not known."""
+        self._facts = Lines(id="camera-facts")
+        self._wedge, self._histogram, self._log = Lines(), Lines(), Lines()
+        self._picture = Picture(words="waiting for a picture", id="camera-picture")
+
+    def compose(self) -> ComposeResult:
+        """Facts above two plots, a picture and a log."""
+        yield self._facts
+        with Container(id="camera-grid"):
+            for name, content in (
+                ("camera-wedge", self._wedge),
+                ("camera-view", self._picture),
+                ("camera-histogram", self._histogram),
+                ("camera-log", self._log),
+            ):
+                yield Vertical(content, id=name, classes="panel")
+        yield KeyFooter()
+
+    def on_mount(self) -> None:
+        """Begin to ask."""
+        self.query_one("#camera-view").border_title = "picture"
+        self._ask()
+
+    def on_screen_resume(self, _: events.ScreenResume) -> None:
+        """See pictures again."""
+        self._watch((self._camera,))
+
+    def on_screen_suspend(self, _: events.ScreenSuspend) -> None:
+        """See no pictures; another mode asks for those that it wants."""
+        if self.app.current_mode == "rig":
+            self._watch(None)
+
+    def on_resize(self) -> None:
+        """Draw for the room there is."""
+        self.call_after_refresh(self._draw)
+
+    def on_status_changed(self, message: StatusChanged) -> None:
+        """Show the camera's facts as they are now."""
+        self._draw_facts()
+
+    def on_preview_received(self, message: PreviewReceived) -> None:
+        """Show what it sees."""
+        if message.preview.camera == self._camera:
+            self._picture.show(message.preview.jpeg)
+
+    # Doing
+
+    def action_leave(self) -> None:
+        """Go back to all cameras."""
+        self._watch(None)
+        self.dismiss(None)
+
+    def action_move(self, step: int) -> None:
+        """Look at the next camera instead."""
+        names = [node.name for node in self._record.status.nodes] if self._record.status else []
+        if names:
+            at = names.index(self._camera) if self._camera in names else 0
+            self._camera = names[(at + step) % len(names)]
+            self._detail = NodeDetail(camera=self._camera)
+            self._picture.show(None)
+            self._watch((self._camera,))
+            self._draw()
+            self._ask()
+
+    @work(exclusive=True, group="match")
+    async def action_match(self) -> None:
+        """Set all cameras like this one: exposure, gain, white balance, focus; say what cannot be."""
+        try:
+            found = await self._source.match_cameras(self._camera)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+            return
+        problems = [
+            f"{one.camera}: {why}" for one in found for why in dict.fromkeys(one.state.problems.values())
+        ]
+        words = f"{count(len(found), 'camera')} set like {self._camera}"
+        if problems:
+            words += ", but for:\n" + "\n".join(problems)
+        severity: SeverityLevel = "warning" if problems else "information"
+        self.notify(printable(words), severity=severity, markup=False, timeout=20)
+
+    @work(exclusive=True, group="detail")
+    async def _ask(self) -> None:
+        while True:
+            if self.is_current:
+                try:
+                    self._detail = await self._source.detail(self._camera)
+                    self._problem = ""
+                except SimulshotError as error:
+                    self._problem = printable(str(error))
+                self._draw()
+            await asyncio.sleep(ASK_S)
+
+    @work(group="previews")
+    async def _watch(self, cameras: tuple[str, ...] | None) -> None:
+        fps = 0.0 if cameras is None else PREVIEW_FPS
+        await self._source.want_previews(cameras=cameras, width=PREVIEW_WIDTH, fps=fps)
+
+    # Drawing
+
+    @property
+    def _node(self) -> NodeStatus | None:
+        nodes = self._record.status.nodes if self._record.status else ()
+        return next((node for node in nodes if node.name == self._camera), None)
+
+    def _draw(self) -> None:
+        self._draw_facts()
+        node, detail = self._node, self._detail
+        tolerance = (node and node.tolerance_ns) or USUAL_TOLERANCE_NS
+        wedge, histogram, log = (
+            self.query_one(f"#camera-{name}", Vertical) for name in ("wedge", "histogram", "log")
+        )
+        _set_title(wedge, wedge_title(detail.samples))
+        _set_title(histogram, histogram_title(detail.phase_errors_ns, tolerance))
+        _set_title(log, "log")
+        self._wedge.show(wedge_rows(detail.samples, *wedge.size))
+        self._histogram.show(histogram_rows(detail.phase_errors_ns, tolerance, *histogram.size))
+        lines = news_lines(detail.log, log.size.width)[-max(log.size.height, 1) :]
+        if self._problem:
+            lines = [
+                Content.styled(line, "$warning") for line in textwrap.wrap(self._problem, log.size.width or 1)
+            ]
+        self._log.show(lines or [Content.styled("It has said nothing yet.", "$foreground-muted")])
+
+    def _draw_facts(self) -> None:
+        node, detail = self._node, self._detail
+        if node is None:
+            words = f"{printable(self._camera)} has left the rig."
+            self._facts.show([Content.styled(words, "bold"), Content(""), Content("")])
+            return
+        sign = SIGNS[node.state]
+        first = [(f"{printable(node.name)}  ", "bold $primary"), (str(sign), f"bold {sign.style}")]
+        if node.message:
+            first.append((f"  {printable(node.message)}", sign.style))
+        clock = f"clock ±{duration(node.uncertainty_ns)}" if node.uncertainty_ns is not None else "clock –"
+        if node.hard_bound_ns is not None:
+            clock += f", at most ±{duration(node.hard_bound_ns)}"
+        second = [
+            f"phase {duration(node.phase_error_ns, signed=True).replace('-', '−')}",
+            clock,
+            f"{NO_VALUE if node.fps is None else f'{node.fps:.3g}'} fps",
+            count(node.drops, "drop"),
+            f"{clock_offset(node.offset_ns)} from the leader",
+        ]
+        facts = node.camera
+        third = [f"{printable(facts.model)} {facts.width}x{facts.height}"]
+        if facts.kind not in WITHOUT_CAMERA and not facts.stamp_accuracy.is_exact:
+            third.append(f"stamps {describe_stamp(facts.stamp_accuracy)}")
+        told = {state.control: f"{state.control} {describe(state)}" for state in detail.controls}
+        if Control.EXPOSURE not in told and node.exposure_ns:
+            third.append(f"exposure {duration(node.exposure_ns)}")
+        if Control.GAIN not in told and node.gain is not None:
+            third.append(f"gain {node.gain:.1f}")
+        third += map(printable, told.values())
+        if node.disk_free_bytes is not None:
+            third.append(f"{node.disk_free_bytes / 1e9:.0f} GB free")
+        if detail.spool:
+            third.append(f"spool {printable(detail.spool)}")
+        self._facts.show(
+            [
+                Content.assemble(*first),
+                Content(_fitting(second, self._facts.size.width)),
+                Content.styled(_fitting(third, self._facts.size.width), "$foreground-muted"),
+            ]
+        )
+
+
+def _set_title(panel: Vertical, title: str) -> None:
+    if panel.border_title != title:  # setting it redraws the panel
+        panel.border_title = title
+
+
+def _fitting(parts: list[str], width: int) -> str:
+    """As many of the parts as fit in a line, the first of them first."""
+    line = ""
+    for part in parts:
+        longer = f"{line}   {part}" if line else part
+        if len(longer) <= width:
+            line = longer
+    return line

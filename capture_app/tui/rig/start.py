@@ -1,0 +1,357 @@
+"""The choices of the start.
+
+What this machine has to offer at the start: its cameras, its sessions, the samples.
+
+The choices of the start, and what each of them means, on one screen.
+"""
+
+import textwrap
+from collections.abc import Awaitable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from textual import events, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.content import Content
+from textual.widgets import OptionList
+from textual.widgets.option_list import Option
+
+from capture_app.camera_facts import SIMULATED
+from capture_app.cameras.base import CameraListing
+from capture_app.cameras.specs import DRIVERS
+from capture_app.errors import SimulshotError
+from capture_app.net.address import DEFAULT_PORT
+from capture_app.node.leader.local_nodes import VIEWS
+from capture_app.node.rig_link import RigSource
+from capture_app.text import count, printable
+from capture_app.tui.rig.joining import NOT_INVITED, PhonesScreen, invitation, joining_line, qr_lines
+from capture_app.tui.rig_record import Mishap, SessionsRequested
+from capture_app.tui.settings import Settings
+from capture_app.tui.widgets.lines import Lines
+
+SAMPLES = "sample_sessions"
+SCENES = {scene: len(views) for scene, views in VIEWS.items()}
+"""What simulated cameras can look at, and how many of them at once."""
+
+
+TITLE_WIDTH = 26
+"""Leaves room for the code beside the list in a narrow terminal."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offers:
+    """What was found."""
+
+    cameras: tuple[CameraListing, ...]
+    sessions: int
+    """How many sessions are in the folder."""
+    samples: Path | None
+    """The folder of sample sessions, where there is one."""
+
+
+def find_offers(sessions: Path, *, local: bool) -> Offers:
+    """Look around; opens camera devices, so it may take a second. `local`: cameras here can be the rig's."""
+    cameras: list[CameraListing] = []
+    if local:
+        for kind, driver in DRIVERS.items():
+            if kind != SIMULATED:
+                cameras += driver.load().list_cameras()
+    places = (Path(SAMPLES), Path(__file__).resolve().parents[3] / SAMPLES)
+    samples = next((place for place in places if _count(place)), None)
+    return Offers(tuple(cameras), _count(sessions), samples)
+
+
+def _count(folder: Path) -> int:
+    try:
+        return sum((place / "session.json").is_file() for place in folder.iterdir())
+    except OSError:
+        return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A line of the list of what can be chosen."""
+
+    id: str
+    key: str
+    title: str
+    usable: bool = True
+
+    def option(self, *, again: bool) -> Option:
+        """Draw it; `again`: it was chosen last time."""
+        words = Content.assemble(
+            (f" {self.key} ", "bold $primary"),
+            f" {_cut(printable(self.title))}",
+            ("  last time" if again else "", "italic $secondary"),
+        )
+        return Option(words, id=self.id, disabled=not self.usable)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= TITLE_WIDTH else text[: TITLE_WIDTH - 1] + "…"
+
+
+CAMERA_KEYS = "cefglmpuvwxyz"
+"""One for each camera that is found; the others are taken by what is always there."""
+MAX_WIDTH, MARGIN = 96, 8
+"""Of the panel in a wide terminal, in cells; what is left free beside its words."""
+CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"
+"""The names under which choices are remembered."""
+
+
+class StartPanel(Vertical):
+    """Offers cameras found here, other machines, a simulated rig, and sessions; remembers what was chosen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("i", "invite", "Invite", id="start.invite", tooltip="how other machines join"),
+        Binding(
+            "h", "phones", "Phones", show=False, id="start.phones", tooltip="phones as cameras, by a QR code"
+        ),
+        Binding("s", "simulate", "Simulate", id="start.simulate", tooltip="start cameras of a scene"),
+        Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
+        Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
+        Binding("t", "scene", "Scene", id="start.scene", tooltip="what simulated cameras see"),
+        Binding("o", "sessions", "Sessions", id="start.sessions", tooltip="takes that are on disk"),
+        Binding("b", "samples", "Samples", show=False, id="start.samples", tooltip="takes that came with it"),
+        Binding("r", "rescan", "Look again", id="start.rescan", tooltip="for cameras of this machine"),
+    ]
+
+    def __init__(self, source: RigSource, settings: Settings, sessions: Path, *, local: bool) -> None:
+        super().__init__(id="start")
+        self._source = source
+        self._settings = settings
+        self._sessions = sessions
+        self._local = local
+        self._offers = Offers((), 0, None)
+        self._leader = ""
+        self._busy = ""
+        self._invitation = NOT_INVITED
+        self._title = Lines(id="start-title")
+        self._list = OptionList(id="start-list")
+        self._meaning = Lines(id="start-meaning")
+        self._code = Lines(id="start-code")
+        self._line = Lines(id="start-line")
+
+    def compose(self) -> ComposeResult:
+        """The list, what the chosen line means, the QR code beside both, and the line to type below."""
+        left = Vertical(self._title, self._list, self._meaning, id="start-left")
+        yield Vertical(Horizontal(left, self._code, id="start-middle"), self._line, id="start-box")
+
+    def on_mount(self) -> None:
+        """Look around."""
+        self._offer()
+        self.action_rescan()
+
+    def focus_first(self) -> None:
+        """The list is what the keys are for."""
+        self._list.focus()
+
+    def show_leader(self, leader: str) -> None:
+        """Tell by which address other machines reach the leader."""
+        if leader != self._leader:
+            self._leader = printable(leader)
+            self._explain()
+
+    def on_resize(self) -> None:
+        """Wrap anew."""
+        self._explain()
+
+    # What is offered
+
+    def _offer(self) -> None:
+        """Fill the list, what was chosen last time first."""
+        last = self._settings.recall(CHOICE, "")
+        offers = sorted(
+            (*self._camera_offers(), *self._standing_offers()), key=lambda offer: offer.id != last
+        )
+        kept = self._chosen if self._list.highlighted else None  # not where nobody has moved
+        self._list.set_options(offer.option(again=offer.id == last) for offer in offers)
+        ids = [offer.id for offer in offers]
+        self._list.highlighted = ids.index(kept) if kept in ids else 0
+
+    def _camera_offers(self) -> list[Offer]:
+        return [
+            Offer(camera.spec, key, f"{camera.model or camera.kind} {Path(camera.spec).name}", camera.usable)
+            for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False)
+        ]
+
+    def _standing_offers(self) -> list[Offer]:
+        offers = [
+            Offer("invite", "i", "Invite other machines"),
+            Offer("phones", "h", "Phones by a QR code"),
+            Offer("simulated", "s", f"Simulate {count(self._cameras, 'camera')}"),
+        ]
+        if self._offers.sessions:
+            many = count(self._offers.sessions, "session")
+            offers.append(Offer("sessions", "o", f"Look at {many}"))
+        if self._offers.samples:
+            offers.append(Offer("samples", "b", "Browse the samples"))
+        return offers
+
+    @property
+    def _chosen(self) -> str | None:
+        option = self._list.highlighted_option
+        return None if option is None else option.id
+
+    @property
+    def _cameras(self) -> int:
+        return min(max(self._settings.recall(CAMERAS, 5), 1), SCENES[self._scene])
+
+    @property
+    def _scene(self) -> str:
+        scene = self._settings.recall(SCENE, "")
+        return scene if scene in SCENES else next(iter(SCENES))
+
+    def _explain(self) -> None:
+        if not self.is_attached:
+            return
+        inviting = self._chosen == "invite"
+        self._code.display = inviting and bool(self._leader)
+        line = joining_line(self._leader) if self._leader else "…"
+        self._code.show(qr_lines(line) if self._code.display else [])
+        self._title.show([Content.styled("What shall take pictures?", "bold $primary")])
+        self._meaning.show([Content.styled(self._busy, "$warning")] if self._busy else self._meanings())
+        join = "To join from another machine, type there:"
+        if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
+            join = f"This rig's port is not the usual {DEFAULT_PORT}. {join}"
+        self._line.show(
+            [
+                Content.styled(join, "$foreground-muted"),
+                Content.styled(f"  {line}", "bold $secondary"),
+            ]
+        )
+
+    def _words_width(self) -> int:
+        code = max((len(line) for line in self._code.plain), default=0)
+        return min(self.size.width, MAX_WIDTH) - MARGIN - code
+
+    def _meanings(self) -> list[Content]:
+        match self._chosen:
+            case "invite":
+                words = f"The code beside holds the line below. {self._invitation}"
+            case "phones":
+                words = "Any phone with a browser is a camera: it scans a code, and keeps a page open."
+            case "simulated":
+                words = (
+                    f"Each is a process with a clock of its own, hours off. They look at the scene "
+                    f"“{self._scene}”. Press + or - for more or fewer of them, t for another scene."
+                )
+            case "sessions":
+                words = f"The takes in {self._sessions}: to look at, verify, compare and export."
+            case "samples":
+                words = f"Takes of simulated cameras, in {self._offers.samples}."
+            case spec:
+                found = next((camera for camera in self._offers.cameras if camera.spec == spec), None)
+                words = "" if found is None else f"{found.spec}: {found.detail}"
+        lines = textwrap.wrap(printable(words), max(self._words_width(), 20))
+        return [Content.styled(line, "$foreground-muted") for line in lines]
+
+    # Doing
+
+    def on_option_list_option_highlighted(self) -> None:
+        """Say what the line means."""
+        self._explain()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Do what the line says."""
+        match event.option_id:
+            case "invite":
+                self.action_invite()
+            case "phones":
+                self.action_phones()
+            case "simulated":
+                self.action_simulate()
+            case "sessions":
+                self.action_sessions()
+            case "samples":
+                self.action_samples()
+            case str(spec):
+                self._start(spec, self._source.add_camera(spec), f"Starting {spec} …")
+
+    def on_key(self, event: events.Key) -> None:
+        """Start the camera of a key."""
+        for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
+            if event.character == key and camera.usable:
+                event.stop()
+                self._start(camera.spec, self._source.add_camera(camera.spec), f"Starting {camera.spec} …")
+
+    def action_invite(self) -> None:
+        """Show how other machines join."""
+        self._settings.remember(CHOICE, "invite")
+        self._highlight("invite")
+        self._invite()
+
+    def action_phones(self) -> None:
+        """Show how phones become cameras."""
+        self._settings.remember(CHOICE, "phones")
+        self._highlight("phones")
+        self.app.push_screen(PhonesScreen(self._source))
+
+    def action_simulate(self) -> None:
+        """Start simulated cameras."""
+        words = f"Starting {count(self._cameras, 'simulated camera')} …"
+        self._start("simulated", self._source.add_simulated(self._cameras, self._scene), words)
+
+    def action_more(self, step: int) -> None:
+        """Change how many cameras are simulated."""
+        self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), SCENES[self._scene]))
+        self._offer()
+        self._highlight("simulated")
+
+    def action_scene(self) -> None:
+        """Change what simulated cameras look at."""
+        scenes = list(SCENES)
+        self._settings.remember(SCENE, scenes[(scenes.index(self._scene) + 1) % len(scenes)])
+        self._offer()
+        self._highlight("simulated")
+
+    def action_sessions(self) -> None:
+        """Go to the sessions that are there."""
+        self._settings.remember(CHOICE, "sessions")
+        self.post_message(SessionsRequested(self._sessions))
+
+    def action_samples(self) -> None:
+        """Go to the sample sessions."""
+        if self._offers.samples is not None:
+            self._settings.remember(CHOICE, "samples")
+            self.post_message(SessionsRequested(self._offers.samples))
+
+    @work(thread=True, exclusive=True, group="offers")
+    def action_rescan(self) -> None:
+        """Look for cameras and sessions again."""
+        try:
+            offers = find_offers(self._sessions, local=self._local)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+            return
+        self.app.call_from_thread(self._take_offers, offers)
+
+    def _take_offers(self, offers: Offers) -> None:
+        if offers != self._offers:
+            self._offers = offers
+            self._offer()
+
+    def _highlight(self, choice: str) -> None:
+        self._list.highlighted = self._list.get_option_index(choice)
+        self._explain()
+
+    @work(exclusive=True, group="invite")
+    async def _invite(self) -> None:
+        self._invitation = await invitation(self._source)
+        self._explain()
+
+    @work(group="start")
+    async def _start(self, choice: str, order: Awaitable[None], words: str) -> None:
+        self._settings.remember(CHOICE, choice)
+        self._busy = words
+        self._explain()
+        try:
+            await order
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+        finally:
+            self._busy = ""
+            self._explain()

@@ -1,0 +1,270 @@
+"""Of what two cameras see, the two pictures that were taken nearest to the same instant.
+
+One camera full size, with aids for focus and exposure; or two cameras blinked at the same instant.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.content import Content
+from textual.timer import Timer
+
+from capture_app.errors import SimulshotError
+from capture_app.node.rig_link import RigSource
+from capture_app.node.wire.status import NodeStatus, Preview
+from capture_app.session.reading.decoding import decode_image
+from capture_app.text import duration, printable
+from capture_app.tui.question import Dialog
+from capture_app.tui.rig_record import Mishap, PreviewReceived, StatusChanged
+from capture_app.tui.signs import SIGNS, cameras_of
+from capture_app.tui.widgets.cells import Image
+from capture_app.tui.widgets.focus_aids import (
+    Aid,
+    Exposure,
+    FocusMeter,
+    exposure_line,
+    exposure_of,
+    focus_line,
+    histogram_lines,
+    peaking,
+    sharpness,
+    zebra,
+)
+from capture_app.tui.widgets.footer import KeyFooter
+from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.picture import NOISE, Picture
+
+KEPT = 12
+"""Previews of each camera: some seconds."""
+
+
+class InstantPairs:
+    """Keeps the last previews of two cameras whose times are known."""
+
+    def __init__(self, first: str, second: str) -> None:
+        self._previews: dict[str, deque[Preview]] = {camera: deque(maxlen=KEPT) for camera in (first, second)}
+        self._cameras = first, second
+
+    def add(self, preview: Preview) -> None:
+        """Keep a preview, if it is of one of them and its time is known."""
+        if preview.leader_ns is not None and preview.camera in self._previews:
+            self._previews[preview.camera].append(preview)
+
+    def nearest(self) -> tuple[Preview, Preview] | None:
+        """The two of least distance in time, the newest of equals; None where one has no preview yet."""
+        first, second = (self._previews[camera] for camera in self._cameras)
+        pairs = [(one, other) for one in first for other in second]
+        return min(pairs, key=lambda pair: (abs(distance_ns(*pair)), -_time(pair[0])), default=None)
+
+
+def distance_ns(first: Preview, second: Preview) -> int:
+    """By how much the second was taken after the first."""
+    return _time(second) - _time(first)
+
+
+def _time(preview: Preview) -> int:
+    assert preview.leader_ns is not None
+    return preview.leader_ns
+
+
+FULL_FPS, PAIR_FPS = 8.0, 4.0
+LEAST_PX, MOST_PX = 640, 1280
+"""Width of the previews: focus is judged on more pixels than a terminal shows."""
+BLINK_S = 0.5
+HISTOGRAM_ROWS = 3
+
+
+class CameraScreen(Dialog[str]):
+    """What a camera sees now; Escape closes it and gives the camera that was last seen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "close", "Back", id="finder.back"),
+        Binding("left,up", "move(-1)", "Camera before", id="finder.before", show=False),
+        Binding("right,down", "move(1)", "Next camera", id="finder.after"),
+        Binding("f", "aid('focus')", "Focus peaking", id="finder.focus", tooltip="marks what is sharp"),
+        Binding("z", "aid('zebra')", "Zebra", id="finder.zebra", tooltip="marks what is too bright"),
+        Binding("m", "meters", "Meters", id="finder.meters"),
+        Binding("b", "blink", "Blink with next", id="finder.blink", tooltip="this camera and the next"),
+    ]
+    DEFAULT_CSS = """
+    CameraScreen { background: $background; }
+    CameraScreen > #finder-title { height: 1; background: $panel; padding: 0 1; }
+    CameraScreen > #finder-meters { height: auto; padding: 0 1; }
+    """
+
+    def __init__(
+        self, rig: RigSource, cameras: Sequence[str], camera: str, *, clock: Callable[[], float]
+    ) -> None:
+        """`clock`: seconds that only grow."""
+        super().__init__()
+        self._rig, self._clock = rig, clock
+        self._cameras = tuple(cameras)
+        self._at = self._cameras.index(camera)
+        self._status_of: dict[str, NodeStatus] = {}
+        self._aids: dict[str, bool] = {"focus": False, "zebra": False}
+        self._focus = FocusMeter()
+        self._exposure: Exposure | None = None
+        self._pairs: InstantPairs | None = None
+        self._timer: Timer | None = None
+        self._shows_second = False
+        self._title = Lines(id="finder-title")
+        self._picture = Picture(words="no picture yet", noise=NOISE)
+        self._meters = Lines(id="finder-meters")
+
+    def compose(self) -> ComposeResult:
+        """Who it is, the picture, the meters and the keys."""
+        yield self._title
+        yield self._picture
+        yield self._meters
+        yield KeyFooter()
+
+    def on_mount(self) -> None:
+        """Ask for its pictures."""
+        self._begin()
+
+    @property
+    def camera(self) -> str:
+        """The camera that is looked at."""
+        return self._cameras[self._at]
+
+    @property
+    def partner(self) -> str:
+        """The camera that it is blinked with."""
+        return self._cameras[(self._at + 1) % len(self._cameras)]
+
+    @property
+    def focus_meter(self) -> FocusMeter:
+        """How sharp it is, and was."""
+        return self._focus
+
+    async def action_close(self) -> None:
+        """Go back; whoever is seen then asks for the pictures that it needs."""
+        await self._ask(0.0)
+        self.dismiss(self.camera)
+
+    def action_move(self, by: int) -> None:
+        """Look at another camera."""
+        self._at = (self._at + by) % len(self._cameras)
+        self._begin()
+
+    def action_aid(self, aid: str) -> None:
+        """Mark what is sharp, or what is clipped; or mark it no more."""
+        self._aids[aid] = not self._aids[aid]
+        aids: dict[str, Aid] = {"focus": peaking, "zebra": zebra}
+        self._picture.show_aids([aids[name] for name, on in self._aids.items() if on])
+        self._show_title()
+
+    def action_meters(self) -> None:
+        """Show the numbers below the picture, or leave the picture their room."""
+        self._meters.display = not self._meters.display
+
+    def action_blink(self) -> None:
+        """Blink with the next camera at the same instant, or stop it."""
+        if self._pairs is None and len(self._cameras) > 1:
+            self._pairs = InstantPairs(self.camera, self.partner)
+        else:
+            self._pairs = None
+        self._begin(keep_pairs=True)
+
+    def on_status_changed(self, message: StatusChanged) -> None:
+        """Show how the camera is."""
+        self._status_of = {node.name: node for node in cameras_of(message.status)}
+        self._show_title()
+
+    def on_preview_received(self, message: PreviewReceived) -> None:
+        """Show what it sees."""
+        preview = message.preview
+        if self._pairs is not None:
+            self._pairs.add(preview)
+        elif preview.camera == self.camera:
+            self._measure(preview)
+
+    def _begin(self, *, keep_pairs: bool = False) -> None:
+        if not keep_pairs and self._pairs is not None:
+            self._pairs = InstantPairs(self.camera, self.partner)
+        if self._timer is not None:
+            self._timer.stop()
+        self._timer = self.set_interval(BLINK_S, self._blink) if self._pairs is not None else None
+        self._shows_second = False
+        self._focus, self._exposure = FocusMeter(), None
+        self._picture.show(None)
+        self._show_title()
+        self._show_meters()
+        self._ask_previews(PAIR_FPS if self._pairs is not None else FULL_FPS)
+
+    def _blink(self) -> None:
+        pair = None if self._pairs is None else self._pairs.nearest()
+        if pair is not None:
+            self._shows_second = not self._shows_second
+            self._picture.show(pair[self._shows_second].jpeg)
+        self._show_title()
+
+    @work(exclusive=True, group="measuring")
+    async def _measure(self, preview: Preview) -> None:
+        """Decode and measure in a thread; a newer picture takes the place of one that is not done."""
+        measured = await asyncio.to_thread(_decode_and_measure, preview.jpeg)
+        if measured is None or preview.camera != self.camera:
+            return
+        image, focus, self._exposure = measured
+        self._focus.add(self._clock(), focus)
+        self._picture.show(image)
+        self._show_meters()
+
+    def _show_title(self) -> None:
+        shown = self.partner if self._pairs is not None and self._shows_second else self.camera
+        node = self._status_of.get(shown)
+        parts = [Content.styled(printable(shown), "bold $primary")]
+        if node is not None:
+            sign = SIGNS[node.state]
+            parts.append(Content.styled(f"{sign.glyph} {sign.word}", sign.style))
+            parts += [Content(text) for text in _about(node)]
+        pair = None if self._pairs is None else self._pairs.nearest()
+        if self._pairs is not None:
+            apart = "waiting for both" if pair is None else f"{duration(abs(distance_ns(*pair)))} apart"
+            names = f"blinking {printable(self.camera)} ↔ {printable(self.partner)}"
+            parts.insert(1, Content.styled(f"{names}, {apart}", "bold"))
+        parts += [Content.styled(f"{aid} on", "$warning") for aid, on in self._aids.items() if on]
+        self._title.show([Content(" · ").join(parts)])
+
+    def _show_meters(self) -> None:
+        if self._pairs is not None:
+            self._meters.show([])
+            return
+        lines = [focus_line(self._focus)]
+        if self._exposure is not None:
+            width = max(min(self.size.width - 2, len(self._exposure.histogram)), 1)
+            lines += [exposure_line(self._exposure), *histogram_lines(self._exposure, width, HISTOGRAM_ROWS)]
+        self._meters.show(lines)
+
+    @work(exclusive=True, group="previews")
+    async def _ask_previews(self, fps: float) -> None:
+        await self._ask(fps)
+
+    async def _ask(self, fps: float) -> None:
+        cameras = (self.camera,) if self._pairs is None else (self.camera, self.partner)
+        width = min(max(2 * self.app.size.width, LEAST_PX), MOST_PX)
+        try:
+            await self._rig.want_previews(cameras=cameras, width=width, fps=fps)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+
+
+def _about(node: NodeStatus) -> list[str]:
+    about = []
+    if node.fps is not None:
+        about.append(f"{node.fps:.1f} fps")
+    if node.exposure_ns is not None:
+        about.append(f"exposure {duration(node.exposure_ns)}")
+    if node.gain is not None:
+        about.append(f"gain {node.gain:.1f}")
+    return about
+
+
+def _decode_and_measure(jpeg: bytes) -> tuple[Image, float, Exposure] | None:
+    image = decode_image(jpeg, colour=True)
+    return None if image is None else (image, sharpness(image), exposure_of(image))

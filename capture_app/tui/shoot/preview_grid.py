@@ -1,0 +1,220 @@
+"""Previews of all cameras side by side, each as large as the room allows."""
+
+import math
+from typing import ClassVar
+
+from textual import events
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Container, Vertical
+from textual.content import Content
+from textual.message import Message
+
+from capture_app.node.wire.status import NodeStatus, Preview, RigStatus
+from capture_app.text import printable
+from capture_app.tui.signs import SIGNS, cameras_of
+from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.picture import NOISE, Picture
+
+ASPECT = 0.75
+"""Height over width of the pictures that the layout expects."""
+GRID_FPS, MANY_FPS = 2.0, 1.0
+MANY = 8
+"""With more cameras than this each is shown less often."""
+LEAST_PX, MOST_PX = 64, 640
+
+
+def grid_columns(cameras: int, width: int, height: int) -> int:
+    """In how many columns that many pictures become largest; a cell is twice as high as wide."""
+
+    def picture_width(columns: int) -> float:
+        rows = math.ceil(cameras / columns)
+        return min(width / columns, (height / rows - 1) * 2 / ASPECT)
+
+    return max(range(1, max(cameras, 1) + 1), key=lambda columns: (picture_width(columns), -columns))
+
+
+class PreviewTile(Vertical):
+    """One camera: name, state and rate above its picture."""
+
+    DEFAULT_CSS = """
+    PreviewTile { width: 1fr; height: 1fr; }
+    PreviewTile > Lines { height: 1; width: 1fr; }
+    PreviewTile.chosen > Lines { background: $primary 30%; }
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self.camera = name
+        self._title = Lines()
+        self._picture = Picture(words="no picture yet", noise=NOISE)
+        self._marked = False
+        self._node: NodeStatus | None = None
+
+    def compose(self) -> ComposeResult:
+        """The title above the picture."""
+        yield self._title
+        yield self._picture
+
+    @property
+    def title(self) -> str:
+        """What stands above the picture."""
+        return self._title.plain[0] if self._title.plain else ""
+
+    @property
+    def picture(self) -> Picture:
+        """The picture itself."""
+        return self._picture
+
+    def on_resize(self) -> None:
+        """Say as much as there is room for."""
+        self._show()
+
+    def show_node(self, node: NodeStatus) -> None:
+        """Show how the camera is."""
+        self._node = node
+        self._show()
+
+    def show_preview(self, preview: Preview) -> None:
+        """Show what it sees."""
+        self._picture.show(preview.jpeg)
+
+    def mark(self, *, chosen: bool) -> None:
+        """Show whether the cursor is here."""
+        if chosen != self._marked:
+            self._marked = chosen
+            self.set_class(chosen, "chosen")
+            self._show()
+
+    def _show(self) -> None:
+        node = self._node
+        if node is None:
+            return
+        sign = SIGNS[node.state]
+        title = Content.assemble(
+            ("▸" if self._marked else " ", "bold $primary"),
+            (f"{sign.glyph} ", sign.style),
+            (printable(node.name), "bold"),
+        )
+        rate = "" if node.fps is None else f" {node.fps:.1f} fps"
+        for more in (Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")):
+            # What does not fit is left out rather than cut.
+            if title.cell_length + more.cell_length <= self.size.width:
+                title += more
+        self._title.show([title])
+
+
+class PreviewGrid(Container, can_focus=True):
+    """Shows all cameras; the cursor chooses one, Enter opens it full size."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "move(-1,0)", "Camera before", id="previews.left", show=False),
+        Binding("right", "move(1,0)", "Camera after", id="previews.right", show=False),
+        Binding("up", "move(0,-1)", "Camera above", id="previews.up", show=False),
+        Binding("down", "move(0,1)", "Camera below", id="previews.down", show=False),
+        Binding("enter", "choose", "Full size", id="previews.open"),
+    ]
+    DEFAULT_CSS = """
+    PreviewGrid { layout: grid; grid-gutter: 0 1; width: 1fr; height: 1fr; }
+    """
+
+    class Chosen(Message):
+        """The user opened a camera."""
+
+        def __init__(self, camera: str) -> None:
+            super().__init__()
+            self.camera = camera
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._tiles: dict[str, PreviewTile] = {}
+        self._columns = 1
+        self._at = 0
+
+    @property
+    def tiles(self) -> tuple[PreviewTile, ...]:
+        """The cameras' tiles, in their order."""
+        return tuple(self._tiles.values())
+
+    @property
+    def wanted(self) -> tuple[int, float]:
+        """Width in pixels and rate of the previews that it can show."""
+        pixels = 2 * self.size.width // max(self._columns, 1)
+        fps = MANY_FPS if len(self._tiles) > MANY else GRID_FPS
+        # In steps, so that nodes need not be asked anew for each column of a window being resized.
+        return min(max(pixels + -pixels % 64, LEAST_PX), MOST_PX), fps
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras' names, in their order."""
+        return tuple(self._tiles)
+
+    def go_to(self, camera: str) -> None:
+        """Put the cursor on a camera."""
+        if camera in self._tiles:
+            self._choose(self.cameras.index(camera))
+
+    def show_status(self, status: RigStatus) -> None:
+        """Show these cameras."""
+        nodes = {node.name: node for node in cameras_of(status)}
+        if list(nodes) != list(self._tiles):
+            kept = self._tiles
+            self._tiles = {name: kept.get(name) or PreviewTile(name) for name in nodes}
+            self._rebuild(kept)
+        for name, node in nodes.items():
+            self._tiles[name].show_node(node)
+
+    def show_preview(self, preview: Preview) -> None:
+        """Show what a camera sees."""
+        if tile := self._tiles.get(preview.camera):
+            tile.show_preview(preview)
+
+    def action_move(self, x: int, y: int) -> None:
+        """Move the cursor."""
+        self._choose(self._at + x + y * self._columns)
+
+    def action_choose(self) -> None:
+        """Open the camera under the cursor."""
+        if self.tiles:
+            self.post_message(self.Chosen(self.tiles[self._at].camera))
+
+    def watch_has_focus(self, has_focus: bool) -> None:
+        """Show the cursor, or hide it."""
+        super().watch_has_focus(has_focus)
+        self._choose(self._at)
+
+    def on_click(self, event: events.Click) -> None:
+        """Open the camera that was clicked."""
+        for at, tile in enumerate(self.tiles):
+            if tile.region.contains(*event.screen_offset):
+                self._choose(at)
+                self.action_choose()
+
+    def on_resize(self) -> None:
+        """Lay the pictures out again."""
+        self._lay_out()
+
+    def _rebuild(self, before: dict[str, PreviewTile]) -> None:
+        with self.app.batch_update():
+            for name, tile in before.items():
+                if name not in self._tiles:
+                    tile.remove()
+            new = [tile for tile in self.tiles if not tile.is_attached]
+            self.mount(*new)
+            order = {tile: at for at, tile in enumerate(self.tiles)}
+            self.sort_children(key=lambda child: order.get(child, len(order)))  # type: ignore[call-overload]
+        self._at = min(self._at, max(len(self._tiles) - 1, 0))
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        if self.size and self._tiles:
+            self._columns = grid_columns(len(self._tiles), self.size.width, self.size.height)
+            self.styles.grid_size_columns = self._columns
+            self.styles.grid_size_rows = math.ceil(len(self._tiles) / self._columns)
+
+    def _choose(self, at: int) -> None:
+        if not 0 <= at < len(self._tiles):
+            return
+        self._at = at
+        for place, tile in enumerate(self.tiles):
+            tile.mark(chosen=place == at and self.has_focus)

@@ -1,0 +1,303 @@
+"""What became of the takes.
+
+A take as the screen follows it: ordered, on its way, saved, judged.
+
+The takes that the screen has heard of, whoever ordered them.
+
+The line below the mode Shoot: what is under way, else why nothing came of it, else how good things are.
+
+What became of the last takes: transfer by camera, spread with its error bar, and the verdict.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from textual.app import ComposeResult
+from textual.containers import VerticalScroll
+from textual.content import Content
+from textual.widgets import Static
+
+from capture_app.errors import SimulshotError
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import BurstStatus, CameraTransfer
+from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict, judge
+from capture_app.text import printable
+from capture_app.tui.signs import GRADES
+from capture_app.tui.widgets.lines import Lines
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedTake:
+    """A take on this machine's disk, with its verdict."""
+
+    sheet: TakeSheet
+    verdict: Verdict
+
+
+@dataclass(slots=True)
+class Take:
+    """One take: what was asked for, where it was asked from here, how far it is, and what it is worth."""
+
+    status: BurstStatus
+    request: BurstRequest | None = None
+    judged: JudgedTake | None = None
+    problem: str = ""
+    """Why it could not be judged."""
+    trashed: bool = False
+    is_new: bool = True
+    """It was taken while the screen was open."""
+    begun_s: float = 0.0
+    """When the screen heard of it first."""
+    retake_of: str = ""
+    """The take that it was taken again for."""
+
+    @property
+    def name(self) -> str:
+        """The name of its session."""
+        return self.status.name
+
+    @property
+    def key_instant(self) -> int:
+        """The instant of the key, which is what the photographer meant."""
+        return 0 if self.request is None else self.request.before
+
+
+def judge_take(status: BurstStatus) -> JudgedTake | None:
+    """Open the session of a burst that is done; None where it is not on this machine. Blocks on the disk.
+
+    Raises SimulshotError where the session cannot be read.
+    """
+    if status.session is None or not (Path(status.session) / MANIFEST).is_file():
+        return None
+    sheet = TakeSheet.open(Path(status.session))
+    if sheet.session.manifest.name != status.name:
+        # A leader elsewhere has a folder of the same path.
+        return None
+    return JudgedTake(sheet, judge(sheet.session.manifest))
+
+
+def describe_failure(error: SimulshotError) -> str:
+    """A sentence for a take that could not be judged."""
+    return f"it cannot be looked at: {error}"
+
+
+MOST_TAKES = 100
+
+
+class TakeLog:
+    """Takes by the name of their session, the newest last."""
+
+    def __init__(self) -> None:
+        self.takes: list[Take] = []
+
+    @property
+    def newest(self) -> Take | None:
+        """The take that was ordered last."""
+        return self.takes[-1] if self.takes else None
+
+    @property
+    def latest_ordered(self) -> Take | None:
+        """The last take that was ordered on this screen."""
+        return next((take for take in reversed(self.takes) if take.request is not None), None)
+
+    def of_sheet(self, sheet: TakeSheet | None) -> Take | None:
+        """The take that a sheet shows."""
+        return next((take for take in self.takes if take.judged and take.judged.sheet is sheet), None)
+
+    def is_newer(self, take: Take, than: Take | None) -> bool:
+        """Whether a take was ordered after another, or there is no other."""
+        return than is None or self.takes.index(take) > self.takes.index(than)
+
+    def note(
+        self, status: BurstStatus, request: BurstRequest | None, now_s: float, retake_of: str = ""
+    ) -> Take | None:
+        """Note how far a burst is at `now_s`; return its take where that is news.
+
+        It is told twice: by the answer to the request, which is known then, and by the rig's status.
+        """
+        take = next((take for take in self.takes if take.name == status.name), None)
+        if take is None:
+            take = Take(
+                status,
+                request,
+                is_new=not status.done or request is not None,
+                begun_s=now_s,
+                retake_of=retake_of,
+            )
+            self.takes = [*self.takes, take][-MOST_TAKES:]
+            return take
+        take.request, take.retake_of = request or take.request, retake_of or take.retake_of
+        if take.status.done or status == take.status:
+            return None
+        take.status = status
+        return take
+
+
+SAID_AFTER_S = 2
+"""A take without news for so long says for how long."""
+
+
+class StatusLine(Lines):
+    """Keeps on the screen whatever the user waits for until it is there or has failed."""
+
+    DEFAULT_CSS = "StatusLine { height: 1; padding: 0 1; }"
+
+    def __init__(self) -> None:
+        super().__init__(id="shoot-advice")
+        self.moment = ""
+        """The countdown, or the take that is just ordered."""
+        self.waiting = ""
+        """What keeps an order from being a take."""
+        self.failure = ""
+        """Why the last order came to nothing."""
+
+    def show_course(self, take: Take | None, now_s: float, otherwise: Content) -> None:
+        """Show what is under way, of the newest take too; where nothing is, what else there is to say."""
+        line = otherwise
+        if self.waiting:
+            line = Content.styled(f"◔ esc cancels; {printable(self.waiting)}", "bold $primary")
+        elif self.moment:
+            line = Content.styled(f"◉ {printable(self.moment)}", "bold $primary")
+        elif take is not None and not take.status.done:
+            text = f"◔ {printable(take.name)}: {progress_words(take.status, now_s - take.begun_s)}"
+            line = Content.styled(text, "bold $primary")
+        elif self.failure:
+            line = Content.styled(f"! no take: {printable(self.failure)}", "bold $warning")
+        self.show([line.truncate(max(self.size.width, 1), ellipsis=True)])
+
+
+def progress_words(status: BurstStatus, seconds: float) -> str:
+    """How far a burst is that was ordered so many seconds ago."""
+    if status.recording and not status.done:
+        lacking = f", {status.expected - status.received} on their way" if status.expected else ""
+        return f"recording: {status.received} frames{lacking}; Space ends it"
+    after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
+    if status.received:
+        return f"{status.received} of {status.expected} images"
+    if status.message or not status.expected:
+        return f"{printable(status.message) or 'ordered'}{after}"
+    return f"taken; cameras are saving{after}"
+
+
+EARLIER = 8
+BAR = 10
+WIDE = 34
+"""From so many columns on there is room for what the times mean."""
+
+
+class TakePanel(VerticalScroll, can_focus=False):
+    """The newest take in full, a line for each of those before it."""
+
+    DEFAULT_CSS = """
+    TakePanel { height: 1fr; border: round $border; padding: 0 1; scrollbar-size: 1 1; }
+    TakePanel > Static { width: 1fr; height: auto; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__(id="takes")
+        self.border_title = "Takes"
+        self._text = Static(id="takes-text")
+        self._shown: Content | None = None
+
+    def compose(self) -> ComposeResult:
+        """All of it is one text, which wraps."""
+        yield self._text
+
+    @property
+    def plain(self) -> str:
+        """What it says."""
+        return "" if self._shown is None else self._shown.plain
+
+    def show(self, takes: Sequence[Take], now_s: float = 0.0) -> None:
+        """Show these, the newest last."""
+        lines = [Content.styled("No take yet: press Space.", "$foreground-muted")]
+        if takes:
+            lines = [*_in_full(takes[-1], now_s, wide=self.size.width >= WIDE)]
+            if len(takes) > 1:
+                lines += [Content(""), *(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])]
+        text = Content("\n").join(lines)
+        if self._shown is None or text.markup != self._shown.markup:
+            self._shown = text
+            self._text.update(text)
+
+
+def verdict_line(take: Take) -> Content:
+    """The verdict of a judged take in one line."""
+    assert take.judged is not None
+    verdict = take.judged.verdict
+    sign = GRADES[verdict.grade]
+    return Content.assemble(
+        (f"{sign.glyph} ", sign.style),
+        (verdict.spread, "bold"),
+        (" · ", "$foreground-muted"),
+        (verdict.headline, sign.style),
+    )
+
+
+def transfer_line(transfer: CameraTransfer, width: int = BAR) -> Content:
+    """How much a camera has brought: name, bar, numbers, and why no more will come."""
+    done = transfer.received >= transfer.expected
+    filled = width if done else width * transfer.received // max(1, transfer.expected)
+    style = "$success" if done else "$error" if transfer.problem else "$primary"
+    sign = " ✔" if done else " ✖" if transfer.problem else ""
+    return Content.assemble(
+        (f"{printable(transfer.camera):<8.12} ", "$foreground"),
+        ("█" * filled, style),
+        ("░" * (width - filled), "$foreground-muted"),
+        f" {transfer.received}/{transfer.expected}{sign}",
+        (f" {printable(transfer.problem)}" if transfer.problem else "", "$error"),
+    )
+
+
+def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
+    status = take.status
+    lines = [Content.styled(printable(take.name) or "the take", "bold")]
+    if take.retake_of:
+        lines.append(Content.styled(f"retake of {printable(take.retake_of)}", "$foreground-muted"))
+    if take.trashed:
+        return [*lines, Content.styled("in the trash", "$foreground-muted")]
+    if take.judged is not None:
+        verdict = take.judged.verdict
+        sign = GRADES[verdict.grade]
+        lines.append(Content.styled(f"{sign.glyph} {verdict.headline}", sign.style))
+        lines.append(Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold")))
+        if verdict.stamps:
+            lines.append(Content.styled(printable(verdict.stamps), "$warning"))
+        if wide:
+            lines.append(Content.styled(verdict.sentence, "$foreground-muted"))
+            lines.append(Content.styled(GRADE_LIMITS, "$foreground-muted"))
+    elif take.problem:
+        lines.append(Content.styled(f"✖ {printable(take.problem)}", "$error"))
+    elif not status.done:
+        lines.append(Content.styled(f"◔ {progress_words(status, now_s - take.begun_s)}", "$primary"))
+    elif status.session is not None:
+        lines.append(Content.styled("✔ saved where the leader runs:", "$success"))
+        lines.append(Content(printable(status.session)))
+        lines.append(Content(f"{status.received} of {status.expected} images"))
+    else:
+        lines.append(Content.styled("✖ no session", "$error"))
+    if status.message and take.judged is None and (status.done or status.received):
+        lines.append(Content.styled(printable(status.message), "$warning"))
+    whole = status.done and all(one.received >= one.expected for one in status.transfer)
+    begun = status.done or any(one.received or one.problem for one in status.transfer)
+    if begun and not (whole and take.judged is not None):
+        lines += [Content(""), *(transfer_line(one) for one in status.transfer)]
+    return lines
+
+
+def _in_short(take: Take, now_s: float) -> Content:
+    name = f"{printable(take.name):<10} "
+    if take.trashed:
+        return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
+    if take.judged is None:
+        status = take.status
+        state = progress_words(status, now_s - take.begun_s)
+        if status.done:
+            state = "saved" if status.session else "no session"
+        return Content.assemble(name, (state, "$foreground-muted"))
+    verdict = take.judged.verdict
+    sign = GRADES[verdict.grade]
+    return Content.assemble(name, (f"{sign} ", sign.style), verdict.spread)

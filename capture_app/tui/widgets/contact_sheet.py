@@ -1,0 +1,315 @@
+"""The contact sheet of a take: cameras across, instants down, as large as the room allows.
+
+Where the pictures of a contact sheet lie: their size, their regions, and those in sight; all in cells.
+"""
+
+import asyncio
+from collections.abc import Iterator
+from typing import ClassVar
+
+from rich.segment import Segment
+from rich.style import Style
+from textual import events, work
+from textual.binding import Binding, BindingType
+from textual.geometry import Offset, Region, Size
+from textual.message import Message
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
+
+from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
+from capture_app.text import duration, printable
+from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of, strip_of_middle
+
+GUTTER = 9
+"""Columns for the time of an instant."""
+LEAST, MOST = 10, 60
+"""Columns of a picture."""
+
+
+def thumb_size_of(sheet: TakeSheet, room: Size, zoom: float) -> Size:
+    """Columns and rows of a picture, where the whole sheet has that room."""
+    wide = (room.width - GUTTER) // max(1, len(sheet.cameras)) - 1
+    # Where there are few instants, large pictures must leave room for another row.
+    high = int((room.height - 1) * 2 / max(2, min(sheet.instants, 3)) / sheet.aspect)
+    width = round(min(max(min(wide, high, MOST), LEAST) * zoom, 4 * MOST, room.width - GUTTER))
+    rows = max(2, round(width * sheet.aspect / 2))
+    return Size(max(4, min(width, round(2 * rows / sheet.aspect))), rows)
+
+
+def region_of(x: int, y: int, thumb: Size) -> Region:
+    """A picture's region in the whole sheet, by the places of its camera and instant."""
+    return Region(GUTTER + x * (thumb.width + 1), 1 + y * (thumb.height + 1), thumb.width, thumb.height)
+
+
+def places_in_sight(sheet: TakeSheet, thumb: Size, scrolled: Offset, room: Size) -> Iterator[tuple[int, int]]:
+    """Camera and instant of each picture that is seen, by their places."""
+    left, top = scrolled
+    for y in range(top // (thumb.height + 1), sheet.instants):
+        if y * (thumb.height + 1) - top >= room.height:
+            break
+        for x in range(left // (thumb.width + 1), len(sheet.cameras)):
+            if x * (thumb.width + 1) - left >= room.width - GUTTER:
+                break
+            yield x, y
+
+
+class ContactSheet(ScrollView, can_focus=True):
+    """Shows all pictures of a take; the cursor chooses one, Enter opens it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "move(-1,0)", "Camera before", id="sheet.left", show=False),
+        Binding("right", "move(1,0)", "Camera after", id="sheet.right", show=False),
+        Binding("up", "move(0,-1)", "Instant before", id="sheet.up", show=False),
+        Binding("down", "move(0,1)", "Instant after", id="sheet.down", show=False),
+        Binding("pageup", "move(0,-4)", "Four instants before", id="sheet.page-up", show=False),
+        Binding("pagedown", "move(0,4)", "Four instants after", id="sheet.page-down", show=False),
+        Binding("enter", "choose", "Open picture", id="sheet.open"),
+        Binding("plus,equals_sign", "zoom(1.3)", "Larger", id="sheet.larger", show=False, key_display="+"),
+        Binding("minus", "zoom(0.77)", "Smaller", id="sheet.smaller", show=False, key_display="-"),
+    ]
+    COMPONENT_CLASSES: ClassVar[set[str]] = {
+        "sheet--label",
+        "sheet--cursor",
+        "sheet--frame",
+        "sheet--remark",
+        "sheet--empty",
+    }
+    DEFAULT_CSS = """
+    ContactSheet {
+        height: 1fr; width: 1fr; scrollbar-size: 1 1;
+        & > .sheet--label { color: $text-muted; }
+        & > .sheet--cursor { color: $primary; text-style: bold reverse; }
+        & > .sheet--frame { color: $primary; }
+        & > .sheet--remark { color: $warning; }
+        & > .sheet--empty { color: $text-muted; background: $surface; }
+    }
+    """
+
+    class Chosen(Message):
+        """The user opened a picture."""
+
+        def __init__(self, sheet: TakeSheet, camera: str, instant: int) -> None:
+            super().__init__()
+            self.sheet, self.camera, self.instant = sheet, camera, instant
+
+    def __init__(self, sheet: TakeSheet | None = None, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.sheet = sheet
+        self.cursor = Offset(0, 0)
+        """Camera and instant, by their places in the sheet."""
+        self._thumbs: dict[tuple[int, int], CellPicture | None] = {}
+        self._zoom = 1.0
+
+    def show(self, sheet: TakeSheet | None) -> None:
+        """Show another take, from its first picture on."""
+        self.sheet, self.cursor = sheet, Offset(0, 0)
+        self._zoom = 1.0
+        self.scroll_to(0, 0, animate=False)
+        self._lay_out()
+
+    @property
+    def place(self) -> SheetPlace | None:
+        """What is under the cursor."""
+        if self.sheet is None or not self.sheet.cameras or not self.sheet.instants:
+            return None
+        return self.sheet.place(self.sheet.cameras[self.cursor.x], self.cursor.y)
+
+    @property
+    def thumb_size(self) -> Size:
+        """Columns and rows of a picture."""
+        if self.sheet is None:
+            return Size(0, 0)
+        return thumb_size_of(self.sheet, self.size, self._zoom)
+
+    def go_to(self, camera: str, instant: int) -> None:
+        """Put the cursor on a picture."""
+        if self.sheet is not None and camera in self.sheet.cameras:
+            self._put_cursor(self.sheet.cameras.index(camera), instant)
+
+    def action_move(self, cameras: int, instants: int) -> None:
+        """Move the cursor."""
+        self._put_cursor(self.cursor.x + cameras, self.cursor.y + instants)
+
+    def action_choose(self) -> None:
+        """Open the picture under the cursor."""
+        if self.sheet is not None and self.place is not None:
+            self.post_message(self.Chosen(self.sheet, self.place.camera, self.place.instant))
+
+    def action_zoom(self, factor: float) -> None:
+        """Show larger or smaller pictures."""
+        self._zoom = min(max(self._zoom * factor, 0.3), 6.0)
+        self._lay_out()
+        self._scroll_to_cursor()
+
+    def on_resize(self) -> None:
+        """Fit the pictures again."""
+        self._lay_out()
+
+    def on_click(self, event: events.Click) -> None:
+        """Put the cursor on a picture; a second click opens it."""
+        if self.sheet is None or event.y < 1 or event.x < GUTTER:
+            return
+        size = self.thumb_size
+        at = Offset(
+            int(event.x - GUTTER + self.scroll_offset.x) // (size.width + 1),
+            int(event.y - 1 + self.scroll_offset.y) // (size.height + 1),
+        )
+        if at.x < len(self.sheet.cameras) and at.y < self.sheet.instants:
+            opens = at == self.cursor
+            self._put_cursor(at.x, at.y)
+            if opens:
+                self.action_choose()
+
+    def watch_scroll_x(self, old_value: float, new_value: float) -> None:
+        """Load what comes into sight."""
+        super().watch_scroll_x(old_value, new_value)
+        self._load_visible()
+
+    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
+        """Load what comes into sight."""
+        super().watch_scroll_y(old_value, new_value)
+        self._load_visible()
+
+    def render_line(self, y: int) -> Strip:
+        """One line: the cameras' names, then pictures and what is said below each."""
+        width, plain = self.size.width, self.rich_style
+        if self.sheet is None:
+            return Strip.blank(width, plain)
+        left = self.scroll_offset.x
+        if y == 0:
+            gutter, content = self._words(" instant", GUTTER, "sheet--label"), self._names()
+        else:
+            instant, line = divmod(y - 1 + self.scroll_offset.y, self.thumb_size.height + 1)
+            if instant >= self.sheet.instants:
+                return Strip.blank(width, plain)
+            gutter, content = self._gutter(instant, line), self._row(instant, line)
+        return Strip.join([gutter, content.crop(left, left + width - GUTTER)]).adjust_cell_length(
+            width, plain
+        )
+
+    def _lay_out(self) -> None:
+        self._thumbs.clear()
+        if self.sheet is not None:
+            size = self.thumb_size
+            self.virtual_size = Size(
+                GUTTER + len(self.sheet.cameras) * (size.width + 1),
+                1 + self.sheet.instants * (size.height + 1),
+            )
+        self.refresh()
+        self._load_visible()
+
+    def _names(self) -> Strip:
+        assert self.sheet is not None
+        width = self.thumb_size.width
+        return Strip.join(
+            self._words(name, width + 1, "sheet--cursor" if at == self.cursor.x else "sheet--label", gap=1)
+            for at, name in enumerate(self.sheet.cameras)
+        )
+
+    def _gutter(self, instant: int, line: int) -> Strip:
+        assert self.sheet is not None
+        if line == 0:
+            style = "sheet--cursor" if instant == self.cursor.y else "sheet--label"
+            text = duration(self.sheet.since_start_ns(instant), signed=True) if instant else "first"
+            gutter = self._words(text.rjust(GUTTER - 1), GUTTER, style, gap=1)
+        elif line == 1 and (spread := self.sheet.spread_ns(instant)) is not None:
+            gutter = self._words(f"↔{duration(spread)}".rjust(GUTTER - 1), GUTTER, "sheet--label", gap=1)
+        else:
+            gutter = Strip.blank(GUTTER, self.rich_style)
+        if self._is_framed(-1, instant, line):
+            gutter = Strip.join([gutter.crop(0, GUTTER - 1), self._words("▐", 1, "sheet--frame")])
+        return gutter
+
+    def _row(self, instant: int, line: int) -> Strip:
+        assert self.sheet is not None
+        size, parts = self.thumb_size, []
+        for at, camera in enumerate(self.sheet.cameras):
+            here = self.cursor == (at, instant)
+            if line < size.height:
+                parts.append(self._thumb_line(at, instant, line))
+            else:
+                remark = self.sheet.place(camera, instant).remark
+                style = "sheet--remark" if remark else "sheet--frame" if here else "sheet--label"
+                mark = "! " if remark else ""
+                text = mark + printable(remark) if remark else "▀" * size.width if here else ""
+                parts.append(self._words(text, size.width, style))
+            edge = "▌" if here else "▐" if self.cursor == (at + 1, instant) else " "
+            parts.append(self._words(edge if line < size.height else " ", 1, "sheet--frame"))
+        return Strip.join(parts)
+
+    def _is_framed(self, at: int, instant: int, line: int) -> bool:
+        return self.cursor == (at + 1, instant) and line < self.thumb_size.height
+
+    def _thumb_line(self, at: int, instant: int, line: int) -> Strip:
+        size = self.thumb_size
+        thumb = self._thumbs.get((at, instant))
+        if thumb is None:
+            known = (at, instant) in self._thumbs
+            text = "no picture" if known and line == size.height // 2 else ""
+            return self._words(text.center(size.width), size.width, "sheet--empty")
+        empty = self.get_component_rich_style("sheet--empty")
+        return strip_of_middle(thumb, line, size, self.rich_style, empty)
+
+    def _words(self, text: str, width: int, style: str, *, gap: int = 0) -> Strip:
+        look: Style = self.get_component_rich_style(style)
+        room = width - gap
+        cut = Strip([Segment(text if len(text) <= room else text[: room - 1] + "…", look)])
+        return Strip.join([cut, Strip.blank(gap, self.rich_style)]).adjust_cell_length(width, self.rich_style)
+
+    def _put_cursor(self, x: int, y: int) -> None:
+        if self.sheet is None or not self.sheet.cameras or not self.sheet.instants:
+            return
+        at = Offset(min(max(x, 0), len(self.sheet.cameras) - 1), min(max(y, 0), self.sheet.instants - 1))
+        if at != self.cursor:
+            before, self.cursor = self.cursor, at
+            for place in (before, at):
+                region = self._region(place.x, place.y)
+                self._refresh_region(Region(region.x - 1, region.y, region.width + 2, region.height + 1))
+                self._refresh_region(Region(0, region.y, GUTTER, 1), scrolls_sideways=False)
+            self.refresh(Region(0, 0, self.size.width, 1))
+            self._scroll_to_cursor()
+
+    def _scroll_to_cursor(self) -> None:
+        size = self.thumb_size
+        x, y = self.cursor.x * (size.width + 1), self.cursor.y * (size.height + 1)
+        room = Size(self.size.width - GUTTER, self.size.height - 1)
+        left, top = self.scroll_offset
+        left = min(x, max(left, x + size.width + 1 - room.width))
+        top = min(y, max(top, y + size.height + 1 - room.height))
+        self.scroll_to(left, top, animate=False)
+
+    def _region(self, x: int, y: int) -> Region:
+        """A picture's region in the whole sheet."""
+        return region_of(x, y, self.thumb_size)
+
+    def _refresh_region(self, region: Region, *, scrolls_sideways: bool = True) -> None:
+        left = self.scroll_offset.x if scrolls_sideways else 0
+        seen = region.translate((-left, -self.scroll_offset.y)).intersection(self.size.region)
+        if seen:
+            self.refresh(seen)
+
+    def _load_visible(self) -> None:
+        if self.sheet is not None and self.is_mounted and self.size.width > GUTTER and self.size.height > 1:
+            self._load()
+
+    @work(exclusive=True, group="thumbs")
+    async def _load(self) -> None:
+        """Draw the pictures in sight that are not drawn yet, one after the other, in a thread."""
+        sheet, size = self.sheet, self.thumb_size
+        palette, light = palette_of(self.app), not self.app.current_theme.dark
+        if sheet is None:
+            return
+        for x, y in list(places_in_sight(sheet, size, self.scroll_offset, self.size)):
+            if sheet is not self.sheet or size != self.thumb_size:
+                return
+            if (x, y) not in self._thumbs:
+                drawn = await asyncio.to_thread(_draw, sheet, sheet.cameras[x], y, size, palette, light)
+                self._thumbs[x, y] = drawn
+                self._refresh_region(self._region(x, y))
+
+
+def _draw(
+    sheet: TakeSheet, camera: str, instant: int, size: Size, palette: Palette, light: bool
+) -> CellPicture | None:
+    image = sheet.load(camera, instant, size.width * palette.pixels[0])
+    return None if image is None else draw_fitted(image, *size, palette, light=light)

@@ -1,0 +1,197 @@
+"""Focus and exposure as marks and numbers.
+
+Aids for focus and exposure: what is sharp, what is clipped, and how bright a picture is.
+
+Numbers about what a camera sees, for people: focus against its recent best, light, histogram.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from textual.content import Content
+
+from capture_app.tui.widgets.cells import Image, grey_of
+
+Bgr: TypeAlias = tuple[int, int, int]
+
+SHARP_EDGE = 24.0
+"""Second derivative, of 255, from which on an edge counts as sharp."""
+BLACK, WHITE = 4, 251
+"""Darker and brighter than these nothing can be told apart: clipped."""
+PEAK_COLOUR: Bgr = (60, 60, 255)
+HIGHLIGHT_COLOUR: Bgr = (0, 200, 255)
+SHADOW_COLOUR: Bgr = (255, 120, 0)
+SHOWN_FROM = 0.12
+"""A pixel of the screen is marked where this part of what it covers is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Pixels of an image to be painted over, in stripes or whole."""
+
+    mask: NDArray[np.bool_]
+    colour: Bgr
+    striped: bool = False
+
+
+Aid: TypeAlias = Callable[[Image], Sequence[Mark]]
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """How bright a picture is: `histogram` holds the share of the pixels in each of its bins, dark first."""
+
+    histogram: tuple[float, ...]
+    mean: float
+    """Of 255."""
+    shadows: float
+    """Share of the pixels that are clipped to black in all channels."""
+    highlights: float
+    """Share of the pixels that are clipped to white in any channel."""
+
+
+def sharpness(image: Image) -> float:
+    """A number that is greatest in focus: the mean squared Laplacian (Subbarao et al. 1993) over the mean's.
+
+    In percent. Brightness is taken out, so that it compares over time under changing light.
+    """
+    grey = cv2.GaussianBlur(grey_of(image).astype(np.float32), (3, 3), 0)
+    mean = float(grey.mean())
+    return 100.0 * float((cv2.Laplacian(grey, cv2.CV_32F) ** 2).mean()) / mean**2 if mean >= 1.0 else 0.0
+
+
+def peaking(image: Image) -> Sequence[Mark]:
+    """Mark sharp edges."""
+    second = np.abs(cv2.Laplacian(cv2.GaussianBlur(grey_of(image), (3, 3), 0), cv2.CV_32F))
+    return (Mark(second >= SHARP_EDGE, PEAK_COLOUR),)
+
+
+def zebra(image: Image) -> Sequence[Mark]:
+    """Mark clipped highlights and shadows with stripes."""
+    shadows, highlights = _clipped(image)
+    return (
+        Mark(highlights, HIGHLIGHT_COLOUR, striped=True),
+        Mark(shadows, SHADOW_COLOUR, striped=True),
+    )
+
+
+def exposure_of(image: Image, bins: int = 64) -> Exposure:
+    """Measure how a picture is exposed."""
+    grey = grey_of(image)
+    counts = np.bincount((grey.astype(np.uint16) * bins >> 8).ravel(), minlength=bins)
+    shadows, highlights = _clipped(image)
+    return Exposure(
+        histogram=tuple((counts / grey.size).tolist()),
+        mean=float(grey.mean()),
+        shadows=float(shadows.mean()),
+        highlights=float(highlights.mean()),
+    )
+
+
+def paint_marks(scaled: Image, image: Image, aids: Sequence[Aid]) -> Image:
+    """Paint what the aids find in `image` onto it as it is `scaled`."""
+    marks = [mark for aid in aids for mark in aid(image)]
+    if not marks:
+        return scaled
+    painted = cv2.cvtColor(scaled, cv2.COLOR_GRAY2BGR) if scaled.ndim == 2 else scaled.copy()
+    height, width = scaled.shape[:2]
+    for mark in marks:
+        cover = cv2.resize(mark.mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+        where = cover >= SHOWN_FROM
+        if mark.striped:
+            where &= np.add.outer(np.arange(height), np.arange(width)) % 4 < 2
+        painted[where] = mark.colour
+    return np.asarray(painted, np.uint8)
+
+
+def _clipped(image: Image) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    channels = image if image.ndim == 3 else image[..., None]
+    shadows, highlights = channels.max(axis=2) <= BLACK, channels.max(axis=2) >= WHITE
+    return np.asarray(shadows, np.bool_), np.asarray(highlights, np.bool_)
+
+
+BEST_OVER_S = 10.0
+"""A focus number is compared with the best of so many seconds: turning a ring there and back takes that."""
+IN_FOCUS = 0.95
+"""Of the best, from which on it is called in focus."""
+CLIPPED = 0.01
+"""Share of the pixels from which on clipping is worth a warning."""
+_EIGHTHS = " ▁▂▃▄▅▆▇█"
+
+
+class FocusMeter:
+    """Focus numbers over time."""
+
+    def __init__(self) -> None:
+        self._values: deque[tuple[float, float]] = deque()
+
+    def add(self, now: float, value: float) -> None:
+        """Note a focus number, at a time in seconds."""
+        self._values.append((now, value))
+        while self._values[0][0] < now - BEST_OVER_S:
+            self._values.popleft()
+
+    @property
+    def value(self) -> float | None:
+        """The newest number."""
+        return self._values[-1][1] if self._values else None
+
+    @property
+    def share(self) -> float | None:
+        """The newest number over the best one lately."""
+        best = max((value for _, value in self._values), default=0.0)
+        return self._values[-1][1] / best if best > 0 else None
+
+
+def focus_line(meter: FocusMeter, width: int = 24) -> Content:
+    """The focus number, and how near it is to its best lately."""
+    share = meter.share
+    if share is None:
+        return Content.styled("focus   no picture yet", "$foreground-muted")
+    filled = round(share * width)
+    style = "$success" if share >= IN_FOCUS else "$warning"
+    return Content.assemble(
+        ("focus   ", "$foreground-muted"),
+        (f"{meter.value:7.3f}  ", "bold"),
+        ("█" * filled, style),
+        ("░" * (width - filled), "$foreground-muted"),
+        (f" {share:4.0%} of the best in {BEST_OVER_S:g} s", style),
+    )
+
+
+def exposure_line(exposure: Exposure) -> Content:
+    """How bright a picture is, and what of it is clipped."""
+
+    def clipped(share: float, name: str, glyph: str) -> tuple[str, str]:
+        warns = share >= CLIPPED
+        return f"  {glyph if warns else ' '} {name} {share:.1%}", "$warning" if warns else "$foreground-muted"
+
+    return Content.assemble(
+        ("light   ", "$foreground-muted"),
+        (f"{exposure.mean / 255:7.1%}", "bold"),
+        clipped(exposure.shadows, "clipped black", "▼"),
+        clipped(exposure.highlights, "clipped white", "▲"),
+    )
+
+
+def histogram_lines(exposure: Exposure, width: int, height: int) -> list[Content]:
+    """The histogram, dark at the left, of so many columns and rows; square roots, so that little is seen."""
+    shares = exposure.histogram
+    columns = []
+    for column in range(width):
+        first = column * len(shares) // width
+        last = max((column + 1) * len(shares) // width, first + 1)
+        columns.append(max(shares[first:last]))
+    most = max(columns, default=0.0) or 1.0
+    eighths = [round((share / most) ** 0.5 * 8 * height) for share in columns]
+    eighths = [max(value, 1) if share > 0 else 0 for value, share in zip(eighths, columns, strict=True)]
+    lines = []
+    for row in range(height - 1, -1, -1):
+        text = "".join(_EIGHTHS[min(max(value - 8 * row, 0), 8)] for value in eighths)
+        lines.append(Content.styled(text, "$primary"))
+    return lines

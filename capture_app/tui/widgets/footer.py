@@ -1,0 +1,66 @@
+"""The line at the bottom: the keys that do something here, as many as fit whole, and "…" for the rest."""
+
+from textual import events
+from textual.binding import Binding
+from textual.content import Content
+from textual.screen import Screen
+
+from capture_app.tui.widgets.lines import Lines
+
+ALWAYS = ("quit", "help")
+"""Actions that are always shown, at the right: the way out, and where all keys are."""
+
+
+class KeyFooter(Lines):
+    """One line of keys by context; a click does what the key does."""
+
+    DEFAULT_CSS = "KeyFooter { dock: bottom; height: 1; background: $panel; color: $foreground; }"
+
+    def __init__(self) -> None:
+        super().__init__(id="footer")
+        self._spans: list[tuple[int, int, str]] = []
+
+    def on_mount(self) -> None:
+        """Follow the keys of the screen."""
+        self.screen.bindings_updated_signal.subscribe(self, self._show)
+
+    def on_resize(self) -> None:
+        """Show as many as fit now."""
+        self._show(self.screen)
+
+    def on_click(self, event: events.Click) -> None:
+        """Press the key that was clicked."""
+        for begin, end, key in self._spans:
+            if begin <= event.x < end:
+                self.app.simulate_key(key)
+
+    def _show(self, screen: Screen[object]) -> None:
+        # With eager tasks (Python 3.12 on) a screen is there before the stack by which its keys are resolved.
+        if not self.is_attached or screen is not self.screen or not screen.is_current:
+            return
+        shown: dict[str, Binding] = {}
+        for _, binding, enabled, _ in screen.active_bindings.values():
+            if binding.show and enabled:
+                shown.setdefault(binding.action, binding)
+        last = [shown.pop(action) for action in ALWAYS if action in shown]
+        right = [self._item(binding) for binding in last]
+        room = self.size.width - sum(item.cell_length for item in right)
+        line, at, self._spans = Content(""), 0, []
+        for binding in shown.values():
+            item = self._item(binding)
+            if at + item.cell_length > room:
+                # The others are in the help, whose key is beside.
+                line, at = line + "…"[: room - at], min(at + 1, room)
+                break
+            self._spans.append((at, at + item.cell_length, binding.key))
+            line, at = line + item, at + item.cell_length
+        line = line + " " * (room - at)
+        at = room
+        for binding, item in zip(last, right, strict=True):
+            self._spans.append((at, at + item.cell_length, binding.key))
+            line, at = line + item, at + item.cell_length
+        self.show([line])
+
+    def _item(self, binding: Binding) -> Content:
+        key = self.app.get_key_display(binding)
+        return Content.assemble((f" {key}", "bold $primary"), (f" {binding.description} ", "$foreground"))

@@ -1,0 +1,158 @@
+"""Lines of text on the screen of which only the cells that differ are sent to the terminal.
+
+Parts of lines that several lists draw: two ends, the mark of what is chosen, a bar.
+
+Lines of news with the time of the clock and a mark for how bad they are.
+"""
+
+import textwrap
+import time
+from collections.abc import Iterable, Sequence
+
+from rich.segment import Segment
+from textual.content import Content
+from textual.geometry import Region, Size
+from textual.strip import Strip
+from textual.widget import Widget
+
+from capture_app.node.wire.status import NewsLine
+from capture_app.text import printable
+
+
+def strip_of_line(widget: Widget, line: Content) -> Strip:
+    """A styled line as a widget sends it to the terminal."""
+    parse = widget.app.stylesheet.parse_style
+    return Strip(
+        Segment(text, style.rich_style)
+        for text, style in line.render(
+            widget.visual_style, end="", parse_style=lambda style: parse(str(style))
+        )
+    )
+
+
+def justified(left: Content, right: Content, width: int) -> Content:
+    """A line of that width with `left` at its beginning, cut where it must be, and `right` at its end."""
+    room = width - right.cell_length - (1 if right.cell_length else 0)
+    left = left.truncate(max(0, room), ellipsis=True)
+    return Content.assemble(left, " " * max(0, width - left.cell_length - right.cell_length), right)
+
+
+def chosen_line(line: Content, width: int) -> Content:
+    """A line of what is under the cursor: its first cell is the mark, and all of the width has its colour."""
+    line = Content.assemble(("▌", "$primary"), line[1:])
+    return line.pad_right(max(width - line.cell_length, 0)).stylize_before("on $block-cursor-background")
+
+
+def filled_cells(share: float, width: int) -> str:
+    """So large a share of that many cells, to an eighth of one."""
+    eighths = round(8 * width * min(max(share, 0.0), 1.0))
+    return "█" * (eighths // 8) + ("▏▎▍▌▋▊▉"[eighths % 8 - 1] if eighths % 8 else "")
+
+
+class Lines(Widget):
+    """Shows styled lines, cut with an ellipsis at its width; as high as they are where its height is auto."""
+
+    DEFAULT_CSS = "Lines { height: auto; }"
+
+    def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
+        super().__init__(id=id, classes=classes)
+        self._lines: tuple[Content, ...] = ()
+        self._strips: list[Strip] = []
+
+    @property
+    def plain(self) -> tuple[str, ...]:
+        """The lines without their style."""
+        return tuple(line.plain for line in self._lines)
+
+    def show(self, lines: Sequence[Content]) -> None:
+        """Show these lines instead, and redraw the cells that differ."""
+        before = self._strips
+        self._lines = tuple(lines)
+        if not self.is_attached:
+            return
+        self._strips = [strip_of_line(self, line) for line in lines]
+        if len(before) != len(self._strips):
+            self.refresh(layout=True)
+            return
+        regions = [
+            Region(span[0], y, span[1] - span[0], 1)
+            for y, (old, new) in enumerate(zip(before, self._strips, strict=True))
+            if (span := _difference(old, new))
+        ]
+        if regions:
+            self.refresh(*regions)
+
+    def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
+        """As many as there are lines."""
+        return len(self._lines)
+
+    def get_content_width(self, container: Size, viewport: Size) -> int:
+        """As wide as the widest line."""
+        return max((line.cell_length for line in self._lines), default=0)
+
+    def render_line(self, y: int) -> Strip:
+        """The line as it was drawn when it was shown."""
+        if y >= len(self._strips):
+            return Strip.blank(self.size.width, self.rich_style)
+        strip, width = self._strips[y], self.size.width
+        if strip.cell_length > width > 1 and strip.text[width - 1 :].strip():
+            kept = strip.crop(0, width - 1)
+            strip = Strip([*kept, Segment("…", list(kept)[-1].style)])
+        return strip.adjust_cell_length(width, self.rich_style)
+
+    def on_mount(self) -> None:
+        """Draw what was shown before there was a place for it."""
+        self._draw_anew()
+
+    def notify_style_update(self) -> None:
+        """Draw anew: the colours have changed."""
+        super().notify_style_update()
+        self._draw_anew()
+
+    def _draw_anew(self) -> None:
+        if self.is_attached:
+            self._strips = [strip_of_line(self, line) for line in self._lines]
+            self.refresh(layout=True)
+
+
+def _difference(old: Strip, new: Strip) -> tuple[int, int] | None:
+    """The first cell that differs, and the one after the last; None where none does."""
+    if old == new:
+        return None
+    before, after = _cells(old), _cells(new)
+    if len(before) != len(after):
+        return 0, max(len(before), len(after), 1)
+    differing = [x for x, (one, other) in enumerate(zip(before, after, strict=True)) if one != other]
+    return (differing[0], differing[-1] + 1) if differing else None
+
+
+def _cells(strip: Strip) -> list[tuple[str, object]]:
+    cells: list[tuple[str, object]] = []
+    for text, style, _ in strip:
+        for character in text:
+            # A wide character is one entry for two cells: a strip with one is compared by its entries.
+            cells.append((character, style))
+    return cells if len(cells) == strip.cell_length else [(strip.text, tuple(strip))]
+
+
+MARKS = {"info": ("·", "$foreground-muted"), "warning": ("!", "$warning"), "error": ("✖", "$error")}
+TIME = "%H:%M:%S"
+INDENT = 11
+"""Cells of the time and the mark."""
+
+
+def news_lines(news: Iterable[NewsLine], width: int) -> list[Content]:
+    """The lines of some news, long ones wrapped."""
+    lines: list[Content] = []
+    for each in news:
+        mark, style = MARKS[each.level]
+        clock = time.strftime(TIME, time.localtime(each.unix_ns / 1e9))
+        text_style = "" if each.level == "info" else style
+        wrapped = textwrap.wrap(printable(each.text), max(width - INDENT, 10)) or [""]
+        lines.append(
+            Content.assemble(
+                (f"{clock} ", "$foreground-muted"), (f"{mark} ", f"bold {style}"), (wrapped[0], text_style)
+            )
+        )
+        lines += [Content.styled(" " * INDENT + line, text_style) for line in wrapped[1:]]
+    return lines

@@ -1,0 +1,206 @@
+"""One picture of a take on the whole screen: blinked with its neighbours, or a wiggle through all cameras."""
+
+from collections.abc import Callable, Sequence
+from enum import Enum
+from functools import lru_cache, partial
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.content import Content
+from textual.timer import Timer
+
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.text import duration, printable
+from capture_app.tui.question import Dialog
+from capture_app.tui.widgets.cells import Image
+from capture_app.tui.widgets.footer import KeyFooter
+from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.picture import Picture, Source, sharp_terminal_of
+
+SLOWEST, FASTEST = 1.0, 8.0
+"""Pictures a second: more would be too much for a slow link."""
+KEPT = 80
+"""Decoded pictures, each as large as the screen shows it."""
+
+
+class Motion(Enum):
+    """What changes by itself."""
+
+    STILL = "still"
+    CAMERAS = "blinking two cameras"
+    INSTANTS = "blinking two instants"
+    WIGGLE = "wiggle through the cameras"
+    PLAY = "all instants"
+
+
+_RATES = {Motion.CAMERAS: 2.0, Motion.INSTANTS: 2.0, Motion.WIGGLE: 6.0, Motion.PLAY: 6.0}
+
+
+def ping_pong(things: Sequence[int]) -> list[int]:
+    """There and back again, without showing either end twice."""
+    return [*things, *things[-2:0:-1]]
+
+
+class LookScreen(Dialog[tuple[str, int]]):
+    """Shows one picture; Escape closes it and gives the camera and instant that were last seen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "close", "Back", id="look.back"),
+        Binding("left", "move(-1,0)", "Camera before", id="look.left", show=False),
+        Binding("right", "move(1,0)", "Camera after", id="look.right", show=False),
+        Binding("up", "move(0,-1)", "Instant before", id="look.up", show=False),
+        Binding("down", "move(0,1)", "Instant after", id="look.down", show=False),
+        Binding(
+            "b",
+            "motion('CAMERAS')",
+            "Blink cameras",
+            id="look.blink-cameras",
+            tooltip="one camera after the other",
+        ),
+        Binding(
+            "i",
+            "motion('INSTANTS')",
+            "Blink instants",
+            id="look.blink-instants",
+            tooltip="one instant after the other",
+        ),
+        Binding("w", "motion('WIGGLE')", "Wiggle", id="look.wiggle", tooltip="to and fro between cameras"),
+        Binding("p", "motion('PLAY')", "Play", id="look.play"),
+        Binding("plus,equals_sign", "pace(1.5)", "Faster", id="look.faster", show=False, key_display="+"),
+        Binding("minus", "pace(0.67)", "Slower", id="look.slower", show=False, key_display="-"),
+    ]
+    DEFAULT_CSS = """
+    LookScreen { background: $background; }
+    LookScreen > #look-title { height: 1; background: $panel; padding: 0 1; }
+    """
+
+    def __init__(self, sheet: TakeSheet, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
+        super().__init__()
+        self._sheet = sheet
+        self._camera, self._instant = sheet.cameras.index(camera), instant
+        self.motion = motion
+        self._rate = _RATES.get(motion, 0.0)
+        self._step = 0
+        self._timer: Timer | None = None
+        self._title = Lines(id="look-title")
+        self._picture = Picture(words="no picture")
+        self._sources: dict[tuple[int, int], Source] = {}
+        self._sharp_sources: dict[tuple[int, int], Source] = {}
+        self._load: Callable[[str, int], Image | None] = lru_cache(maxsize=KEPT)(self._load_now)
+
+    def compose(self) -> ComposeResult:
+        """What it is, the picture, and the keys."""
+        yield self._title
+        yield self._picture
+        yield KeyFooter()
+
+    def on_mount(self) -> None:
+        """Begin to move, where it shall."""
+        self._start()
+
+    @property
+    def shown(self) -> tuple[str, int]:
+        """The camera and instant that are seen now."""
+        frames = self._frames()
+        camera, instant = frames[self._step % len(frames)]
+        return self._sheet.cameras[camera], instant
+
+    def action_close(self) -> None:
+        """Go back."""
+        self.dismiss((self._sheet.cameras[self._camera], self._instant))
+
+    def action_move(self, cameras: int, instants: int) -> None:
+        """Look at the next camera or instant."""
+        self._camera = min(max(self._camera + cameras, 0), len(self._sheet.cameras) - 1)
+        self._instant = min(max(self._instant + instants, 0), self._sheet.instants - 1)
+        self._step = 0
+        self._show()
+
+    def action_motion(self, motion: str) -> None:
+        """Begin to blink, to wiggle or to play; the same key again stops it where it is."""
+        wanted = Motion[motion]
+        if wanted is self.motion:
+            frames = self._frames()
+            self._camera, self._instant = frames[self._step % len(frames)]
+            wanted = Motion.STILL
+        self.motion, self._rate, self._step = wanted, _RATES.get(wanted, 0.0), 0
+        self._start()
+
+    def action_pace(self, factor: float) -> None:
+        """Move faster or slower."""
+        if self.motion is not Motion.STILL:
+            self._rate = min(max(self._rate * factor, SLOWEST), FASTEST)
+            self._start()
+
+    def _start(self) -> None:
+        if self._timer is not None:
+            self._timer.stop()
+            self._timer = None
+        if self.motion is not Motion.STILL and len(self._frames()) > 1:
+            self._timer = self.set_interval(1 / self._rate, self._advance)
+        self._show()
+
+    def _advance(self) -> None:
+        self._step += 1
+        self._show()
+
+    def _frames(self) -> list[tuple[int, int]]:
+        """The pictures that are shown in turn, as places of camera and instant."""
+        cameras, instants = len(self._sheet.cameras), self._sheet.instants
+        at, when = self._camera, self._instant
+        match self.motion:
+            case Motion.STILL:
+                return [(at, when)]
+            case Motion.CAMERAS:
+                return [(at, when), (at + 1 if at + 1 < cameras else max(at - 1, 0), when)]
+            case Motion.INSTANTS:
+                return [(at, when), (at, when + 1 if when + 1 < instants else max(when - 1, 0))]
+            case Motion.WIGGLE:
+                return [(camera, when) for camera in ping_pong(range(cameras))]
+            case Motion.PLAY:
+                return [(at, instant) for instant in range(instants)]
+
+    def _show(self) -> None:
+        camera, instant = self.shown
+        place = self._sheet.place(camera, instant)
+        key = (self._sheet.cameras.index(camera), instant)
+        source = self._sources.setdefault(key, partial(self._load, camera, instant))
+        words = printable(place.remark) if place.image is None else "no picture"
+        sharp = self._sharp_sources.setdefault(key, partial(self._load_sharp, camera, instant))
+        self._picture.show(source, words, sharp=sharp if self.motion is Motion.STILL else None)
+        self._title.show([self._describe(camera, instant)])
+
+    def _describe(self, camera: str, instant: int) -> Content:
+        place = self._sheet.place(camera, instant)
+        parts = [
+            Content.styled(printable(camera), "bold $primary"),
+            Content(f"instant {instant + 1} of {self._sheet.instants}"),
+            Content(duration(self._sheet.since_start_ns(instant), signed=True)),
+        ]
+        if place.image is not None:
+            error = place.image.uncertainty_ns
+            bar = "" if error is None else f" ±{duration(error)}"
+            parts.append(Content(f"{duration(place.image.residual_ns, signed=True)}{bar} from it"))
+        if place.remark:
+            parts.append(Content.styled(f"! {printable(place.remark)}", "$warning"))
+        if self.motion is Motion.CAMERAS and (apart := self._apart_ns()) is not None:
+            parts.append(Content.styled(f"{duration(apart)} apart", "bold"))
+        if self.motion is not Motion.STILL:
+            parts.append(Content.styled(f"{self.motion.value}, {self._rate:.1f}/s", "$foreground-muted"))
+        return Content(" · ").join(parts)
+
+    def _apart_ns(self) -> int | None:
+        """Time between the two pictures that are blinked."""
+        images = [self._sheet.place(self._sheet.cameras[at], when).image for at, when in self._frames()]
+        times = [image.leader_ns for image in images if image is not None]
+        return max(times) - min(times) if len(times) == 2 else None
+
+    def _load_sharp(self, camera: str, instant: int) -> Image | None:
+        """The same with as many pixels as the terminal shows; not kept, as these are large."""
+        terminal = sharp_terminal_of(self.app)
+        width = 0 if terminal is None else terminal.width_px(self.app.size.width)
+        return self._sheet.load(camera, instant, width) if width else None
+
+    def _load_now(self, camera: str, instant: int) -> Image | None:
+        return self._sheet.load(camera, instant, 2 * self.app.size.width)

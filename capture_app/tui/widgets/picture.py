@@ -1,0 +1,314 @@
+"""A widget that shows an image fitted into its cells.
+
+Pictures in a terminal's own pixels where it can and textual-image is installed, decided here once.
+
+Only by kitty's protocol with Unicode placeholders: its pictures are cells of text, which menus may cover, but
+sixels are painted over whatever is there. WezTerm and Konsole claim that protocol without its placeholders;
+they are told by the sixels that they have too.
+"""
+
+import asyncio
+import importlib
+import io
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.segment import Segment
+from rich.style import Style
+from textual import work
+from textual.app import App
+from textual.geometry import Region
+from textual.strip import Strip
+from textual.widget import Widget
+
+from capture_app.session.reading.decoding import decode_image
+from capture_app.text import printable
+from capture_app.tui.widgets.cells import (
+    CellPicture,
+    Image,
+    Palette,
+    changed_spans,
+    draw_cells,
+    fitted_cells,
+    keep_what_looks_alike,
+    palette_of,
+    resample,
+    strip_of,
+)
+from capture_app.tui.widgets.focus_aids import Aid, paint_marks
+
+MOST_CELLS = 297
+"""Columns and rows that a placeholder can count."""
+
+
+class SharpTerminal:
+    """Sends pictures to a terminal that has kitty's protocol."""
+
+    def __init__(self, picture: type[Any], cell: tuple[int, int]) -> None:
+        """`picture`: textual-image's renderable; `cell`: width and height of a cell in pixels."""
+        self._picture, self._cell = picture, cell
+
+    def width_px(self, columns: int) -> int:
+        """How many pixels so many columns are."""
+        return min(columns, MOST_CELLS) * self._cell[0]
+
+    def send(self, image: Image, columns: int, rows: int) -> "SharpPicture":
+        """Send an image, fitted into so many cells; takes a second, for a thread."""
+        height, width = image.shape[:2]
+        across, down = fitted_cells(width, height, min(columns, MOST_CELLS), min(rows, MOST_CELLS))
+        scaled = resample(np.ascontiguousarray(image), across * self._cell[0], down * self._cell[1])
+        rgb = cv2.cvtColor(scaled, cv2.COLOR_GRAY2RGB if scaled.ndim == 2 else cv2.COLOR_BGR2RGB)
+        pixels = importlib.import_module("PIL.Image").fromarray(rgb)
+        return SharpPicture(self._picture(pixels, across, down), across, down)
+
+
+class SharpPicture:
+    """A picture that the terminal has, and the cells that stand for it."""
+
+    def __init__(self, sent: Any, columns: int, rows: int) -> None:
+        console = Console(width=columns, height=rows, file=io.StringIO(), color_system="truecolor")
+        self._sent = sent
+        self._lines = [list(line) for line in Segment.split_lines(console.render(sent))]
+        self.columns, self.rows = columns, rows
+
+    def strip(self, row: int) -> Strip:
+        """A row of it."""
+        return Strip(self._lines[row], self.columns)
+
+    def forget(self) -> None:
+        """Let the terminal forget it."""
+        self._sent.cleanup()
+
+
+def find_sharp_terminal(choice: str, environment: Mapping[str, str] = os.environ) -> SharpTerminal | None:
+    """What draws in pixels here; None where glyphs have to do.
+
+    `choice`: "glyphs" never; "sharp" over ssh too, where a picture of megabytes may take long; else locally.
+
+    Importing textual-image asks the terminal what it can, on standard input: only before the screen is there.
+    """
+    remote = choice != "sharp" and bool(environment.keys() & {"SSH_CONNECTION", "SSH_TTY"})
+    terminals = (sys.__stdin__, sys.__stdout__)
+    if choice == "glyphs" or remote or not all(end is not None and end.isatty() for end in terminals):
+        return None
+    try:
+        found = importlib.import_module("textual_image.renderable")
+        if found.Image is not found.TGPImage:
+            return None
+        cell = importlib.import_module("textual_image._terminal").get_cell_size()
+    except Exception:  # noqa: BLE001 - whatever is wrong with an optional package, glyphs are there
+        return None
+    return SharpTerminal(found.TGPImage, (cell.width, cell.height))
+
+
+def sharp_terminal_of(app: App[Any]) -> SharpTerminal | None:
+    """What draws in pixels on an app's terminal; in full colour only, as colours tell which picture it is."""
+    found = getattr(app, "sharp_terminal", None)
+    usable = isinstance(found, SharpTerminal) and palette_of(app) is Palette.TRUECOLOR
+    return found if usable else None
+
+
+Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
+"""An image file's bytes, pixels (BGR or grey), or what loads one of these, called in a thread."""
+
+NOISE = 12
+"""Colours (of 255) by which a cell of a live picture may differ from what is shown and is not sent again.
+
+A sensor's noise would else have nearly all sent each time: a third of the bytes
+(`benchmarks/screen/previews.py`).
+"""
+
+REST_S = 0.2
+"""How long a picture rests before it is sent in pixels: who leafs through a take wants none."""
+
+
+class Picture(Widget):
+    """Shows an image as large as it fits, in its proportions; `words` stand where there is none."""
+
+    DEFAULT_CSS = """
+    Picture { width: 1fr; height: 1fr; }
+    """
+
+    def __init__(
+        self,
+        source: Source | None = None,
+        *,
+        words: str = "",
+        noise: int = 0,
+        id: str | None = None,
+        classes: str | None = None,
+    ) -> None:
+        """`noise`: cells that differ by no more are left as they are, see NOISE."""
+        super().__init__(id=id, classes=classes)
+        self._source = source
+        self._noise = noise
+        self._words = printable(words)
+        self._aids: tuple[Aid, ...] = ()
+        self._cells: CellPicture | None = None
+        self._sharp_source: Source | None = None
+        self._sharp: SharpPicture | None = None
+        self._sharpening = False
+        self._turn = 0
+        """Counts what was asked for, so that what is done too late is known."""
+        self._drawing = False
+        self._stale = source is not None
+
+    @property
+    def cells(self) -> CellPicture | None:
+        """What is drawn now."""
+        return self._cells
+
+    @property
+    def words(self) -> str:
+        """What stands in the middle where there is no picture."""
+        return self._words
+
+    def show(self, source: Source | None, words: str | None = None, *, sharp: Source | None = None) -> None:
+        """Show this image instead; nothing happens where it is the same.
+
+        `sharp`: the same with more pixels, which take the glyphs' place where the terminal can show them.
+        """
+        if words is not None and printable(words) != self._words:
+            self._words = printable(words)
+            self.refresh()
+        same = source is self._source or (isinstance(source, bytes) and source == self._source)
+        if same and sharp is self._sharp_source:
+            return
+        self._source, self._sharp_source = source, sharp
+        self._draw_again()
+
+    def show_aids(self, aids: Sequence[Aid]) -> None:
+        """Mark parts of the picture by these."""
+        if tuple(aids) != self._aids:
+            self._aids = tuple(aids)
+            self._draw_again()
+
+    def on_mount(self) -> None:
+        """Dots are dark on a light theme."""
+        self.app.theme_changed_signal.subscribe(self, lambda _: self._draw_again())
+
+    def on_resize(self) -> None:
+        """Draw it again in the new size."""
+        self._draw_again()
+
+    def on_unmount(self) -> None:
+        """Leave nothing in the terminal."""
+        self._put_sharp(None)
+
+    def render_line(self, y: int) -> Strip:
+        """One line of the picture."""
+        width, plain = self.size.width, self.rich_style
+        cells = self._sharp or self._cells
+        if cells is None:
+            words = self._words if y == self.size.height // 2 else ""
+            return Strip([Segment(words[:width].center(width), plain)], width)
+        row = y - (self.size.height - cells.rows) // 2
+        if not 0 <= row < cells.rows or cells.columns > width:
+            return Strip.blank(width, plain)
+        left = (width - cells.columns) // 2
+        strips = [Strip.blank(left, plain), _strip(cells, row, plain)]
+        return Strip.join([*strips, Strip.blank(width - left - cells.columns, plain)])
+
+    def _draw_again(self) -> None:
+        self._stale = True
+        self._turn += 1
+        if not self._drawing and self.is_mounted and self.size:
+            self._drawing = True
+            self._draw()
+
+    @work
+    async def _draw(self) -> None:
+        """Draw the newest image until no newer one is there; those between are never drawn."""
+        try:
+            while self._stale and self.size:
+                self._stale = False
+                size, palette = (self.size.width, self.size.height), palette_of(self.app)
+                light = not self.app.current_theme.dark
+                new = await asyncio.to_thread(_fit, self._source, *size, self._aids, palette, light=light)
+                self._put(new)
+        finally:
+            self._drawing = False
+        if not self._sharpening and self._sharp_source is not None:
+            self._sharpening = True
+            self._sharpen()
+
+    @work
+    async def _sharpen(self) -> None:
+        """Have pixels take the glyphs' place, unless another picture is wanted meanwhile."""
+        try:
+            while self._sharp is None and self.size:
+                terminal, source, turn = sharp_terminal_of(self.app), self._sharp_source, self._turn
+                if terminal is None or source is None:
+                    return
+                await asyncio.sleep(REST_S)
+                if turn != self._turn:
+                    continue
+                sent = await asyncio.to_thread(_send, terminal, source, self.size.width, self.size.height)
+                if sent is None:
+                    return
+                if turn == self._turn:
+                    self._put_sharp(sent)
+                else:
+                    sent.forget()
+        finally:
+            self._sharpening = False
+
+    def _put(self, new: CellPicture | None) -> None:
+        was_sharp = self._put_sharp(None)
+        shown = None if was_sharp else self._cells
+        if shown is not None and new is not None:
+            new = keep_what_looks_alike(shown, new, self._noise)
+        self._cells = new
+        spans = None if shown is None or new is None else changed_spans(shown, new)
+        if spans is None or new is None:
+            self.refresh()
+        elif spans:
+            left, top = (self.size.width - new.columns) // 2, (self.size.height - new.rows) // 2
+            self.refresh(*(Region(left + start, top + row, end - start, 1) for row, start, end in spans))
+
+    def _put_sharp(self, new: SharpPicture | None) -> bool:
+        """Show this instead of glyphs, or glyphs again; returns whether another had been there."""
+        old, self._sharp = self._sharp, new
+        if old is not None:
+            old.forget()
+        if new is not None:
+            self.refresh()
+        return old is not None
+
+
+def _strip(cells: CellPicture | SharpPicture, row: int, plain: Style) -> Strip:
+    return cells.strip(row) if isinstance(cells, SharpPicture) else strip_of(cells, row, plain)
+
+
+def _load(source: Source | None) -> Image | None:
+    loaded = source() if callable(source) else source
+    image = decode_image(loaded, colour=True) if isinstance(loaded, bytes) else loaded
+    return None if image is None or not image.size else image
+
+
+def _send(terminal: SharpTerminal, source: Source, columns: int, rows: int) -> SharpPicture | None:
+    image = _load(source)
+    return None if image is None else terminal.send(image, columns, rows)
+
+
+def _fit(
+    source: Source | None,
+    columns: int,
+    rows: int,
+    aids: Sequence[Aid],
+    palette: Palette,
+    *,
+    light: bool,
+) -> CellPicture | None:
+    image = _load(source)
+    if image is None:
+        return None
+    across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
+    width, height = across * palette.pixels[0], down * palette.pixels[1]
+    scaled = resample(np.ascontiguousarray(image), width, height)
+    return draw_cells(paint_marks(scaled, image, aids), palette, light=light)

@@ -1,0 +1,286 @@
+"""Phase strip, histogram, wedge, of block glyphs.
+
+Marks in the cells of a terminal, of block glyphs that every monospaced font has (braille many lack).
+
+From a value to a place on an axis: linear in a band around zero, logarithmic beyond it.
+
+How the phase errors of the latest frames are spread.
+
+Exchanges with the leader as points: the shorter their round trip, the less their offset can err.
+
+A camera's phase error over the last half minute, as a trace that is watched going into the band.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from textual.content import Content
+
+from capture_app.text import count, duration
+
+_QUARTERS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
+_LINES = {0: " ", 1: "▔", 2: "─", 4: "▁"}
+_STROKE = "│"
+
+
+class DotCanvas:
+    """A grid of dots, two across and two down in each cell; (0, 0) is at the top left."""
+
+    def __init__(self, width: int, height: int) -> None:
+        """`width` and `height` count cells."""
+        self.dots = 2 * width, 2 * height
+        """How many dots there are across and down."""
+        self._cells = [[0] * width for _ in range(height)]
+
+    def put(self, x: int, y: int) -> None:
+        """Put a dot; beyond the edge nothing happens."""
+        if 0 <= x < self.dots[0] and 0 <= y < self.dots[1]:
+            self._cells[y // 2][x // 2] |= 1 << (2 * (y % 2) + x % 2)
+
+    def row(self, y: int) -> str:
+        """A row of cells as text."""
+        return "".join(_QUARTERS[marks] for marks in self._cells[y])
+
+
+class TraceCanvas:
+    """A thin line over time: one value a cell, at one of three levels in each row of cells."""
+
+    def __init__(self, width: int, height: int) -> None:
+        """`width` and `height` count cells."""
+        self.levels = 3 * height
+        """How many levels there are; 0 is the highest."""
+        self._cells = [[0] * width for _ in range(height)]
+
+    def put(self, x: int, level: int, to_level: int) -> None:
+        """Draw column `x` from one level to another, both ends included."""
+        for each in range(min(level, to_level), max(level, to_level) + 1):
+            self._cells[each // 3][x] |= 1 << (each % 3)
+
+    def row(self, y: int, empty: str = " ") -> str:
+        """A row of cells as text, `empty` where the line is not."""
+        return "".join(_LINES.get(marks, _STROKE) if marks else empty for marks in self._cells[y])
+
+
+@dataclass(frozen=True, slots=True)
+class BandScale:
+    """An axis from -limit to +limit whose middle share, the band, is linear from -band to +band."""
+
+    band: float
+    """Values up to this, either side of zero, are in the band; > 0."""
+    limit: float
+    """The end of the axis; > band."""
+    share: float
+    """Of the axis that the band takes, 0 to 1."""
+
+    def place(self, value: float) -> float:
+        """Where a value is: 0 for -limit, 0.5 for zero, 1 for +limit; beyond the ends, the end."""
+        size = min(abs(value), self.limit)
+        half = self.share / 2
+        if size <= self.band:
+            away = half * size / self.band
+        else:
+            away = half + (0.5 - half) * math.log(size / self.band) / math.log(self.limit / self.band)
+        return 0.5 + math.copysign(away, value)
+
+
+SHOWN_SHARE = 0.98
+"""Of the frames; those farther off are counted at the ends."""
+BARS = " ▁▂▃▄▅▆▇█"
+
+
+def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, height: int) -> list[Content]:
+    """Bars of how many frames were how far off; what is within the tolerance in another colour."""
+    if not errors_ns or width < 12 or height < 3:
+        return [Content.styled("No frame on the grid yet.", "$foreground-muted")]
+    sizes = sorted(abs(error) for error in errors_ns)
+    reach = max(1.25 * tolerance_ns, sizes[int(SHOWN_SHARE * (len(sizes) - 1))], 1.0)
+    bins = [0] * width
+    for error in errors_ns:
+        bins[max(0, min(int((error / reach + 1) / 2 * width), width - 1))] += 1
+    tallest = max(bins)
+    rows: list[Content] = []
+    for y in range(height - 1, 0, -1):
+        parts: list[tuple[str, str]] = []
+        for x, size in enumerate(bins):
+            # Of a bar with anything in it, an eighth of a cell at least is seen.
+            eighths = 0 if not size else max(round(8 * (height - 1) * size / tallest), 1)
+            bar = BARS[min(max(eighths - 8 * (y - 1), 0), 8)]
+            inside = abs((x + 0.5) / width * 2 - 1) * reach <= tolerance_ns
+            parts.append((bar, "$success on $success 9%" if inside else "$warning"))
+        rows.append(Content.assemble(*parts))
+    left, right = f"−{duration(reach)}", duration(reach, signed=True)
+    gap = max(width - len(left) - len(right) - 1, 2)
+    axis = left + " " * (gap // 2) + "0" + " " * (gap - gap // 2) + right
+    return [*rows, Content.styled(axis[:width], "$foreground-muted")]
+
+
+def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
+    """What the bars are of, in a few words."""
+    if not errors_ns:
+        return "phase error"
+    inside = sum(abs(error) <= tolerance_ns for error in errors_ns)
+    share = 100 * inside / len(errors_ns)
+    return f"phase, {share:.0f} % of {len(errors_ns)} within ±{duration(tolerance_ns)}"
+
+
+LABEL_WIDTH = 8
+SHOWN_TRIPS_SHARE = 0.95
+"""Of the exchanges, the shortest: a few long ones would make the rest a line at the left."""
+MEASURABLE_NS = 1000
+"""Round trips below this are of the clock's reading, not of a network."""
+EDGE = "$foreground 30%"
+
+
+def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -> list[Content]:
+    """Draw offsets (less that of the shortest exchanges) over round trips, with the wedge they must lie in.
+
+    An exchange whose round trip is r longer than the shortest can be wrong by r/2 at most to either side.
+    """
+    if len(samples_ns) < 2 or width <= LABEL_WIDTH + 4 or height < 3:
+        return [Content.styled("No exchanges with the leader yet.", "$foreground-muted")]
+    by_trip = sorted(samples_ns, key=lambda sample: sample[1])
+    shown = by_trip[: max(2, round(SHOWN_TRIPS_SHARE * len(by_trip)))]
+    shortest, longest = shown[0][1], max(shown[-1][1], shown[0][1] + 1)
+    best = sorted(offset for offset, _ in by_trip[: max(1, len(by_trip) // 20)])
+    middle = best[len(best) // 2]
+    reach = max((longest - shortest) / 2, *(abs(offset - middle) for offset, _ in shown), 1.0)
+    points, edges = DotCanvas(width - LABEL_WIDTH, height - 1), DotCanvas(width - LABEL_WIDTH, height - 1)
+    across, down = points.dots
+
+    def row_of(offset: float) -> int:
+        return round((1 - offset / reach) / 2 * (down - 1))
+
+    for x in range(across):
+        half = (longest - shortest) * x / (across - 1) / 2
+        edges.put(x, row_of(half))
+        edges.put(x, row_of(-half))
+    for offset, trip in shown:
+        points.put(round((trip - shortest) / (longest - shortest) * (across - 1)), row_of(offset - middle))
+    labels = {0: duration(reach, signed=True), (height - 1) // 2: "0", height - 2: f"−{duration(reach)}"}
+    rows: list[Content] = []
+    for y in range(height - 1):
+        label = f"{labels.get(y, '')[: LABEL_WIDTH - 1]:>{LABEL_WIDTH - 1}} "
+        rows.append(Content.styled(label, "$foreground-muted") + _over(points.row(y), edges.row(y)))
+    left = duration(shortest) if shortest >= MEASURABLE_NS else "0"
+    right = duration(longest)
+    name = "round trip"
+    gap = max(width - LABEL_WIDTH - len(left) - len(right) - len(name), 2)
+    foot = " " * LABEL_WIDTH + left + " " * (gap // 2) + name + " " * (gap - gap // 2) + right
+    return [*rows, Content.styled(foot, "$foreground-muted")]
+
+
+def wedge_title(samples_ns: Sequence[tuple[int, int]]) -> str:
+    """What the plot is of, in a few words."""
+    if not samples_ns:
+        return "clock"
+    return f"clock offset, {count(len(samples_ns), 'exchange')}"
+
+
+def _over(upper: str, lower: str) -> Content:
+    """One row of dots where it has some, else the other."""
+    parts: list[tuple[str, str]] = []
+    for dot, edge in zip(upper, lower, strict=True):
+        character, style = (dot, "$primary") if dot != " " else (edge, EDGE)
+        if parts and parts[-1][1] == style:
+            parts[-1] = (parts[-1][0] + character, style)
+        else:
+            parts.append((character, style))
+    return Content.assemble(*parts)
+
+
+SPAN_S = 30.0
+USUAL_TOLERANCE_NS = 100_000
+USUAL_PERIOD_NS = 33_333_333
+EMPTY = " ┈"
+"""Where there is no trace: nothing, and the middle of the band."""
+AXIS_WIDTH = 7
+"""Cells that the labels of the axis take."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseAxis:
+    """The one axis of all cameras of a rig; in ns."""
+
+    tolerance_ns: int
+    limit_ns: int
+
+    @classmethod
+    def of(cls, tolerances_ns: Sequence[int], period_ns: int | None) -> "PhaseAxis":
+        """The axis for a rig: the widest tolerance is the band, half a period the end."""
+        tolerance = max((ns for ns in tolerances_ns if ns > 0), default=USUAL_TOLERANCE_NS)
+        return cls(tolerance, max((period_ns or USUAL_PERIOD_NS) // 2, 2 * tolerance))
+
+    def __str__(self) -> str:
+        """What a strip's band and ends are, in a line."""
+        return f"band ±{duration(self.tolerance_ns)} · ends ±{duration(self.limit_ns)}"
+
+    def scale(self, height: int) -> BandScale:
+        """The scale for a strip of so many rows: its band fills whole rows, or the middle of one."""
+        return BandScale(
+            self.tolerance_ns, self.limit_ns, band_rows(height) / height if height > 1 else 1 / 3
+        )
+
+    def labels(self, height: int) -> list[str]:
+        """The text beside each row of a strip."""
+        labels = [""] * height
+        if height > 1:
+            labels[0] = f"┐{duration(self.limit_ns, signed=True, gap='')}"
+            labels[height // 2] = f"┤±{duration(self.tolerance_ns, gap='')}"
+            labels[-1] = f"┘{duration(-self.limit_ns, gap='').replace('-', '−')}"
+        return labels
+
+
+def band_rows(height: int) -> int:
+    """How many rows of a strip are the band, in its middle."""
+    return 3 if height >= 7 else 1
+
+
+def times_of(width: int, now_s: float) -> list[float]:
+    """The moments that the cells of a strip stand for, on a grid that does not move."""
+    step = SPAN_S / width
+    last = int(now_s / step)
+    return [(last - width + 1 + n) * step for n in range(width)]
+
+
+def strip_rows(
+    errors_ns: Sequence[int | None], axis: PhaseAxis, *, width: int, height: int, dimmed: bool
+) -> list[Content]:
+    """Draw the errors, one for each cell across; `dimmed` for a camera that is gone."""
+    trace = TraceCanvas(width, height)
+    scale = axis.scale(height)
+    before: int | None = None
+    for x, error in enumerate(errors_ns):
+        y = None if error is None else min(int((1 - scale.place(error)) * trace.levels), trace.levels - 1)
+        if y is not None:
+            # A jump over half of the axis is a phase that went around, not one that passed all between.
+            joined = before is not None and abs(y - before) <= trace.levels // 2
+            begin = y if before is None or not joined else before + (y > before) - (y < before)
+            trace.put(x, begin, y)
+        before = y
+    if height == 1:
+        newest = next((error for error in reversed(errors_ns) if error is not None), None)
+        inside = newest is not None and abs(newest) <= axis.tolerance_ns
+        style = "$foreground-muted" if dimmed else "$success" if inside else "$warning"
+        return [_dimmable(trace.row(0, EMPTY[1]), style, "$foreground 25%")]
+    middle = height // 2
+    half = band_rows(height) // 2
+    rows: list[Content] = []
+    for y in range(height):
+        in_band = abs(y - middle) <= half
+        style = "$foreground-muted" if dimmed else "$success" if in_band else "$warning"
+        row = _dimmable(trace.row(y, EMPTY[1] if y == middle else EMPTY[0]), style, "$foreground 25%")
+        rows.append(row.stylize_before("on $success 9%") if in_band and not dimmed else row)
+    return rows
+
+
+def _dimmable(text: str, style: str, line_style: str) -> Content:
+    """The trace in one style, and what is drawn where it is not in another."""
+    parts: list[tuple[str, str]] = []
+    for character in text:
+        kind = line_style if character in EMPTY else style
+        if parts and parts[-1][1] == kind:
+            parts[-1] = (parts[-1][0] + character, kind)
+        else:
+            parts.append((character, kind))
+    return Content.assemble(*parts)

@@ -1,0 +1,185 @@
+"""A list of rows, one of them chosen; a row is drawn when it comes into sight, and again when it changes."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual import events
+from textual.binding import Binding, BindingType
+from textual.content import Content
+from textual.geometry import Region, Size
+from textual.message import Message
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
+
+from capture_app.tui.widgets.lines import strip_of_line
+
+
+class RowList(ScrollView, can_focus=True):
+    """Shows rows by their keys; subclasses say in `draw_row` what is in them, all of the same height."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up,k", "move(-1)", "Row above", show=False, id="list.up"),
+        Binding("down,j", "move(1)", "Row below", show=False, id="list.down"),
+        Binding("pageup", "page(-1)", "Page up", show=False, id="list.page-up"),
+        Binding("pagedown", "page(1)", "Page down", show=False, id="list.page-down"),
+        Binding("home", "move(-99999)", "First row", show=False, id="list.first"),
+        Binding("end", "move(99999)", "Last row", show=False, id="list.last"),
+    ]
+    DEFAULT_CSS = """
+    RowList { height: 1fr; width: 1fr; overflow-x: hidden; scrollbar-size-vertical: 1; }
+    """
+
+    class Chosen(Message):
+        """Another row is under the cursor; empty: there is none."""
+
+        def __init__(self, rows: "RowList", key: str) -> None:
+            super().__init__()
+            self.rows, self.key = rows, key
+
+        @property
+        def control(self) -> "RowList":
+            """The list."""
+            return self.rows
+
+    class Opened(Chosen):
+        """A row was clicked twice; what keys open it is the view's to say."""
+
+    def __init__(self, row_height: int, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.row_height = row_height
+        self._keys: tuple[str, ...] = ()
+        self._at = 0
+        self._drawn: dict[str, list[Strip]] = {}
+
+    # What subclasses give
+
+    def draw_row(self, key: str, width: int, *, chosen: bool) -> list[Content | Strip]:
+        """The lines of a row, `row_height` of them."""
+        raise NotImplementedError
+
+    # What the view does
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The rows' keys in their order."""
+        return self._keys
+
+    @property
+    def chosen(self) -> str:
+        """The key under the cursor; empty where there is no row."""
+        return self._keys[self._at] if self._keys else ""
+
+    def show_rows(self, keys: Sequence[str]) -> None:
+        """Show these rows; the cursor stays on its row, or where that was."""
+        before = self.chosen
+        if tuple(keys) != self._keys:
+            self._keys = tuple(keys)
+            self._at = self._keys.index(before) if before in self._keys else self._at
+            self._at = max(0, min(self._at, len(self._keys) - 1))
+            self._drawn = {key: lines for key, lines in self._drawn.items() if key in set(self._keys)}
+            self._drawn.pop(before, None)
+            self._drawn.pop(self.chosen, None)
+            self._fit()
+            self.refresh()
+        if self.chosen != before or not before:
+            self.post_message(self.Chosen(self, self.chosen))
+
+    def show_again(self, key: str) -> None:
+        """Draw a row again: something in it has changed."""
+        old = self._drawn.pop(key, None)
+        if old is None or key not in self._keys or not self.is_attached:
+            return
+        for line, (one, other) in enumerate(zip(old, self._lines(key), strict=True)):
+            if one != other:
+                self._refresh_line(self._keys.index(key) * self.row_height + line)
+
+    def choose(self, key: str) -> None:
+        """Put the cursor on a row."""
+        if key in self._keys:
+            self._go(self._keys.index(key))
+
+    # Keys and mouse
+
+    def action_move(self, rows: int) -> None:
+        """Move the cursor."""
+        self._go(self._at + rows)
+
+    def action_page(self, pages: int) -> None:
+        """Move the cursor by what is seen at once."""
+        self._go(self._at + pages * max(1, self.size.height // self.row_height))
+
+    def on_click(self, event: events.Click) -> None:
+        """Choose the row that was clicked; a second click opens it."""
+        at = (event.y + self.scroll_offset.y) // self.row_height
+        if 0 <= at < len(self._keys):
+            self._go(at)
+            if event.chain == 2:
+                self.post_message(self.Opened(self, self.chosen))
+
+    # Drawing
+
+    def on_resize(self) -> None:
+        """Draw in the new width."""
+        self._draw_anew()
+
+    def on_focus(self) -> None:
+        """The chosen row is drawn otherwise."""
+        self.show_again(self.chosen)
+
+    def on_blur(self) -> None:
+        """The chosen row is drawn otherwise."""
+        self.show_again(self.chosen)
+
+    def notify_style_update(self) -> None:
+        """Draw anew: the colours have changed."""
+        super().notify_style_update()
+        self._draw_anew()
+
+    def render_line(self, y: int) -> Strip:
+        """A line of a row."""
+        at, line = divmod(y + self.scroll_offset.y, self.row_height)
+        if not 0 <= at < len(self._keys):
+            return Strip.blank(self.size.width, self.rich_style)
+        return self._lines(self._keys[at])[line]
+
+    def _lines(self, key: str) -> list[Strip]:
+        lines = self._drawn.get(key)
+        if lines is None:
+            width = self.size.width
+            drawn = self.draw_row(key, width, chosen=key == self.chosen)
+            strips = [strip_of_line(self, line) if isinstance(line, Content) else line for line in drawn]
+            lines = [strip.adjust_cell_length(width, self.rich_style) for strip in strips]
+            self._drawn[key] = lines
+        return lines
+
+    def _go(self, at: int) -> None:
+        at = max(0, min(at, len(self._keys) - 1))
+        if not self._keys:
+            return
+        if at != self._at:
+            before, self._at = self.chosen, at
+            self.show_again(before)
+            self.show_again(self.chosen)
+            self.post_message(self.Chosen(self, self.chosen))
+        self._scroll_to_chosen()
+
+    def _scroll_to_chosen(self) -> None:
+        top = self._at * self.row_height
+        highest, lowest = top + self.row_height - self.size.height, top
+        y = min(max(self.scroll_offset.y, highest), lowest)
+        self.scroll_to(y=y, animate=False)
+
+    def _fit(self) -> None:
+        self.virtual_size = Size(self.size.width, len(self._keys) * self.row_height)
+
+    def _draw_anew(self) -> None:
+        if self.is_attached:
+            self._drawn.clear()
+            self._fit()
+            self.refresh()
+            self.call_after_refresh(self._scroll_to_chosen)
+
+    def _refresh_line(self, line: int) -> None:
+        seen = Region(0, line - self.scroll_offset.y, self.size.width, 1).intersection(self.size.region)
+        if seen:
+            self.refresh(seen)

@@ -1,0 +1,463 @@
+"""One moment from camera to camera.
+
+The burst as a grid of small pictures: cameras by instants, the paper's space-time volume.
+
+A small animation to share: two sequences side by side, there and back, as a GIF that plays anywhere.
+
+Views of one scene, rotated and zoomed so that a point of it stays in place from camera to camera.
+
+The order of a rig's cameras from left to right, along a row, an arc or a ring.
+
+The bullet-time sweep: one instant from camera to camera, and the same with cameras at other times.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from reconstruction.common.drawing import EMPTY, fit_canvas
+from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.common.image_files import save_picture
+from reconstruction.report import wording
+from reconstruction.scores.comparison_results import BulletTime, BurstGrid
+from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.motion import SceneMotion
+
+MAX_CAMERAS = 20
+MAX_INSTANTS = 8
+WIDTH_PX = 160
+
+
+def render_burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
+    """Write the thumbnails into out/pictures; of a long burst, instants spread evenly over it."""
+    count = len(dataset.instants_ns)
+    instants = evenly_spread(range(count), MAX_INSTANTS)
+    cameras = dataset.cameras[:MAX_CAMERAS]
+    rows = []
+    for camera in cameras:
+        row = []
+        for instant in instants:
+            if not dataset.has_image(camera, instant):
+                row.append("")
+                continue
+            image = dataset.image(camera, instant)
+            scale = WIDTH_PX / image.shape[1]
+            small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            row.append(save_picture(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small)))
+        rows.append(tuple(row))
+    first = dataset.instants_ns[0]
+    return BurstGrid(
+        cameras=tuple(cameras),
+        instants=tuple(instants),
+        times_ms=tuple((dataset.instants_ns[k] - first) / 1e6 for k in instants),
+        thumbnails=tuple(rows),
+    )
+
+
+PANEL_PX, MANY = 400, 8
+"""Longest side of each half; of more pictures than that, two thirds."""
+STRIP_PX = 34
+GAP_PX = 6
+STEP_MS, REST_MS = 160, 480
+PAPER, INK = (26, 22, 20), (226, 231, 233)
+TONES = ((255, 179, 109), (87, 156, 255))
+"""BGR of the marks of the first and the second sequence, those of the report in the dark."""
+
+
+def save_animation(
+    folder: Path,
+    name: str,
+    halves: tuple[Sequence[Array], Sequence[Array]],
+    titles: tuple[str, Sequence[str]],
+) -> str:
+    """Write folder/pictures/`name`.gif and return its path relative to the folder.
+
+    `halves` are pictures (BGR uint8) of equal number and size; `titles` are that of the first half and those
+    of each picture of the second.
+    """
+    side = PANEL_PX if len(halves[0]) <= MANY else PANEL_PX * 2 // 3
+    there = [
+        np.hstack(
+            [
+                left := _panel(first, titles[0], TONES[0], side),
+                _gap(left),
+                _panel(second, title, TONES[1], side),
+            ]
+        )
+        for first, second, title in zip(*halves, titles[1], strict=True)
+    ]
+    animation = cv2.Animation()
+    animation.frames = there + there[-2:0:-1]
+    animation.durations = [
+        REST_MS if k in (0, len(there) - 1) else STEP_MS for k in range(len(animation.frames))
+    ]
+    animation.loop_count = 0
+    target = folder / "pictures" / f"{name}.gif"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    # Smaller and smoother than the writer's defaults: error diffusion, eight bits of colour.
+    how = [cv2.IMWRITE_GIF_DITHER, 3, cv2.IMWRITE_GIF_QUALITY, 8]
+    if not cv2.imwriteanimation(str(target), animation, how):
+        raise OSError(f"cannot write {target}")
+    return f"pictures/{name}.gif"
+
+
+def _panel(picture: Array, title: str, tone: tuple[int, int, int], side: int) -> Array:
+    scale = side / max(picture.shape[:2])
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    strip = np.full((STRIP_PX, small.shape[1], 3), PAPER, np.uint8)
+    middle = STRIP_PX // 2
+    cv2.circle(strip, (middle, middle), 6, tone, cv2.FILLED, cv2.LINE_AA)
+    cv2.putText(strip, title, (middle + 15, middle + 6), INK, cv2.FontFace("sans"), 16, 500)
+    return np.vstack([strip, small])
+
+
+def _gap(panel: Array) -> Array:
+    return np.full((panel.shape[0], GAP_PX, 3), PAPER, np.uint8)
+
+
+MAX_MISS_SHARE = 0.12
+"""How far the point may be from where a camera saw it, as a share of the picture's width."""
+ZOOMS = np.geomspace(0.6, 1.7, 50)
+"""Tried in turn until every picture is filled; beyond, too little of the pictures would be left."""
+
+
+def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) -> tuple[Array, float] | None:
+    """The point (3,) of the rig's frame nearest to what each camera saw at a pixel (2,), or None.
+
+    Least squares over the distances from the rays (a pixel each). With it how far it is from those pixels at
+    most, px. None where fewer than two cameras saw something, or a camera would have the point behind it,
+    outside its picture or farther than `MAX_MISS_SHARE` from that pixel.
+    """
+    matrix, vector = np.zeros((3, 3)), np.zeros(3)
+    for name, pixel in seen.items():
+        view = views[name]
+        ray = view.rays(np.asarray(pixel, float).reshape(1, 2))[0] @ view.rotation
+        ray /= np.linalg.norm(ray)
+        across = np.eye(3) - np.outer(ray, ray)
+        matrix += across
+        vector += across @ view.centre
+    if len(seen) < 2 or np.linalg.cond(matrix) > 1e8:
+        return None
+    point = np.linalg.solve(matrix, vector)
+    miss = 0.0
+    for name, view in views.items():
+        found = project_point(view, point)
+        if found is None or not (0 <= found[0] < view.width and 0 <= found[1] < view.height):
+            return None
+        if name in seen:
+            away = float(np.linalg.norm(found - seen[name]))
+            if away > MAX_MISS_SHARE * view.width:
+                return None
+            miss = max(miss, away)
+    return point, miss
+
+
+def project_point(view: View, point: Array) -> Array | None:
+    """Where a view shows a point of the rig's frame, px (2,); None = behind it."""
+    at = view.rotation @ point + view.translation
+    if at[2] <= 1e-9:
+        return None
+    return np.asarray(view.project(at.reshape(1, 3))[0])
+
+
+def stabilize_views(
+    views: Mapping[str, View], point: Array, width: int, height: int
+) -> dict[str, View] | None:
+    """Undistorted views that all show the point at one place, upright and at one scale, width x height px.
+
+    Each stands where its camera stands and is only turned and zoomed, so that a picture of it needs nothing
+    that its camera did not see. The place is where the cameras themselves show the point on average. None
+    where no zoom fills them all.
+    """
+    down = np.mean([view.rotation[1] for view in views.values()], axis=0)
+    places = []
+    for view in views.values():
+        pixel = project_point(view, point)
+        assert pixel is not None
+        places.append((pixel + 0.5) / (view.width, view.height))
+    place = np.mean(places, axis=0) * (width, height) - 0.5
+    away = {name: float(np.linalg.norm(point - view.centre)) for name, view in views.items()}
+    scale = float(np.median([view.focal / view.width / away[name] for name, view in views.items()])) * width
+    turned = {}
+    for name, view in views.items():
+        ahead = (point - view.centre) / away[name]
+        right = np.cross(down, ahead)
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(ahead, right), ahead])
+        turned[name] = View(
+            width, height, np.eye(3), np.zeros(5), rotation, np.asarray(-rotation @ view.centre)
+        )
+    for zoom in ZOOMS:
+        held = {}
+        for name, view in turned.items():
+            focal = float(zoom) * scale * away[name]
+            held[name] = replace(
+                view, matrix=np.array([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1.0]])
+            )
+        if all(_filled(held[name], view) for name, view in views.items()):
+            return held
+    return None
+
+
+def _filled(held: View, view: View) -> bool:
+    """Whether the camera's own picture reaches every edge of the stabilized one."""
+    rays = held.rays(held.border(12)) @ held.rotation @ view.rotation.T
+    if float(rays[:, 2].min()) < 0.1:
+        return False
+    x, y = view.project(rays).T
+    return bool(
+        (x >= 0).all() and (y >= 0).all() and (x <= view.width - 1).all() and (y <= view.height - 1).all()
+    )
+
+
+def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int]) -> Array:
+    """A camera's picture as its stabilized view shows it (BGR); what it does not reach is `empty`."""
+    shrink = max(1.0, view.focal / held.focal)
+    if shrink > 1.5:
+        size = round(view.width / shrink), round(view.height / shrink)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        view = resize_view(view, *size)
+    turn = held.rotation @ view.rotation.T
+    maps = cv2.initUndistortRectifyMap(
+        view.matrix, view.distortion, turn, held.matrix, (held.width, held.height), cv2.CV_32FC1
+    )
+    return np.asarray(
+        cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=empty)
+    )
+
+
+def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
+    """The shortest path past all cameras, from left to right as they see it.
+
+    The distance between two cameras is that of their places, in
+    shares of the rig's size, together with that of their viewing directions. So the path follows a row or an
+    arc, a ring from its largest gap on, and the viewing directions of cameras that stand in one spot.
+    """
+    names = sorted(views)
+    if len(names) < 2:
+        return tuple(names)
+    centres = np.array([views[name].centre for name in names])
+    size = float(np.linalg.norm(centres[:, None] - centres[None], axis=2).max())
+    axes = np.array([views[name].axis for name in names])
+    places = np.hstack([centres / size, axes]) if size > 1e-9 else axes
+    distance = np.linalg.norm(places[:, None] - places[None], axis=2)
+    paths = [_uncrossed(_nearest_neighbour_path(distance, start), distance) for start in range(len(names))]
+    path = min(paths, key=lambda steps: (round(_path_length(steps, distance), 9), steps))
+    first, last = views[names[path[0]]], views[names[path[-1]]]
+    right = np.mean([view.rotation[0] for view in views.values()], axis=0)
+    # Where cameras stand in one spot, the one that looks farther left is the first.
+    across = (last.centre - first.centre) / size if size > 1e-9 else last.axis - first.axis
+    if float(across @ right) < 0:
+        path = path[::-1]
+    return tuple(names[i] for i in path)
+
+
+def _nearest_neighbour_path(distance: Array, start: int) -> list[int]:
+    path, left = [start], set(range(len(distance))) - {start}
+    while left:
+        here = path[-1]
+        path.append(min(left, key=lambda there: (distance[here, there], there)))
+        left.remove(path[-1])
+    return path
+
+
+def _uncrossed(path: list[int], distance: Array) -> list[int]:
+    """The path with stretches turned round for as long as that makes it shorter (2-opt)."""
+    shorter = True
+    while shorter:
+        shorter = False
+        for i in range(len(path) - 1):
+            for j in range(i + 1, len(path)):
+                turned = path[:i] + path[i : j + 1][::-1] + path[j + 1 :]
+                if _path_length(turned, distance) < _path_length(path, distance) - 1e-9:
+                    path, shorter = turned, True
+    return path
+
+
+def _path_length(path: Sequence[int], distance: Array) -> float:
+    return float(sum(distance[a, b] for a, b in pairwise(path)))
+
+
+LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)
+"""How late the cameras of the other condition are, in the sweep's order; neighbours are far apart in time."""
+LONG_SIDE_PX = 512
+SMALLER_PX, MANY_CAMERAS = 384, 8
+"""With more cameras than that their pictures are made smaller, so that a report stays a few megabytes."""
+QUALITY = 82
+MAX_CANDIDATES = 6
+"""Instants among which the one with the most motion is taken."""
+MIN_MOVING_PX = 40
+"""With fewer moving pixels in a picture the subject's place is unknown."""
+
+
+def render_camera_sweep(
+    dataset: Dataset,
+    motion: SceneMotion,
+    views: Mapping[str, View],
+    out: Path,
+    *,
+    together: Callable[[Sequence[str]], bool] = lambda cameras: False,
+) -> BulletTime | None:
+    """Write the sweep's pictures and an animation of it into out/pictures; None where there is no sweep.
+
+    The cameras come in the order of their places where they are calibrated, else by name. Pictures of
+    calibrated cameras are rotated and zoomed so that what moves stays where it is; no view is interpolated.
+    In the other condition each camera is late by one of `LATE_MS`, as far as the burst goes.
+    The animation says synchronized only where the pictures of the sweep's cameras are `together`: found to be
+    of one instant.
+    """
+    calibrated = {name: views[name] for name in dataset.cameras if name in views}
+    order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
+    order = order[:: -(-len(order) // MAX_CAMERAS)]
+    chosen = _choose_instant(dataset, motion, order)
+    if chosen is None:
+        return None
+    instant, late = chosen
+    order = tuple(late)
+    pictures = _SweepPictures(
+        dataset,
+        calibrated,
+        _stabilized_views(motion, calibrated, order, instant),
+        _canvas_size(dataset, order),
+    )
+    halves = (
+        [pictures.picture(name, instant) for name in order],
+        [pictures.picture(name, k) for name, k in late.items()],
+    )
+    synced, offset = (
+        tuple(
+            save_picture(out, f"sweep_{name}_{kind}.jpg", frame, quality=QUALITY)
+            for name, frame in zip(order, frames, strict=True)
+        )
+        for kind, frames in zip(("synced", "offset"), halves, strict=True)
+    )
+    offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
+    known = "synchronized" if together(order) else "as recorded"
+    titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, offsets_ms, strict=True)]
+    return BulletTime(
+        cameras=order,
+        instant=instant,
+        synced=synced,
+        offset=offset,
+        offsets_ms=offsets_ms,
+        stabilized=bool(pictures.stabilized),
+        ordered_by_position=len(calibrated) > 1,
+        file=save_animation(out, "sweep", halves, titles),
+        synced_step_px=_largest_step_px(pictures, motion, dict.fromkeys(order, instant)),
+        offset_step_px=_largest_step_px(pictures, motion, late),
+    )
+
+
+def _choose_instant(
+    dataset: Dataset, motion: SceneMotion, order: tuple[str, ...]
+) -> tuple[int, dict[str, int]] | None:
+    """The instant to stop at, and from which instant each camera's picture comes when it is late.
+
+    Of the instants at which most cameras have both pictures, most at distinct times, and these nearest to
+    `LATE_MS`, the one with the most motion.
+    """
+    wanted_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
+    times = dataset.instants_ns
+    there = {name: dataset.instants(name) for name in order}
+    found: dict[int, dict[str, int]] = {}
+    for k, time in enumerate(times):
+        found[k] = {
+            name: min(there[name], key=lambda j: (abs(times[j] - time - wanted_ns[name]), j))
+            for name in order
+            if k in there[name]
+        }
+    short_ns = {
+        k: sum(abs(times[j] - times[k] - wanted_ns[n]) for n, j in late.items()) for k, late in found.items()
+    }
+    frame_ns = max(1, dataset.period_ns)
+    ranks = {
+        k: (len(late), len(set(late.values())), -round(short_ns[k] / frame_ns)) for k, late in found.items()
+    }
+    best = max(ranks.values())
+    if min(best[:2]) < 2:
+        return None
+    likely = [k for k, rank in ranks.items() if rank == best]
+    likely = evenly_spread(likely, MAX_CANDIDATES)
+    instant = max(likely, key=lambda k: sum(int(motion.detected_movers(n, k).sum()) for n in found[k]))
+    return instant, found[instant]
+
+
+def _stabilized_views(
+    motion: SceneMotion, views: Mapping[str, View], order: tuple[str, ...], instant: int
+) -> dict[str, View]:
+    """Views that hold the subject in place; none where the cameras do not agree on where it is.
+
+    The subject is the largest moving thing, or the middle of all that moves: whichever fits better.
+    """
+    ours = {name: views[name] for name in order if name in views}
+    if len(ours) < len(order):
+        return {}
+    masks = {name: motion.detected_movers(name, instant) for name in order}
+    masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= MIN_MOVING_PX}
+    best: tuple[Array, float] | None = None
+    for middle in (_largest_centroid, _centroid):
+        found = triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})
+        if found is not None and (best is None or found[1] < best[1]):
+            best = found
+    if best is None:
+        return {}
+    return stabilize_views(ours, best[0], *_canvas_size(motion.dataset, order)) or {}
+
+
+def _centroid(mask: Array) -> Array:
+    """The middle of a mask, px (2,)."""
+    return np.asarray(np.argwhere(mask).mean(0)[::-1])
+
+
+def _largest_centroid(mask: Array) -> Array:
+    """The middle of the largest spot of a mask, px (2,)."""
+    _, _, stats, middles = cv2.connectedComponentsWithStats(np.asarray(mask, np.uint8))
+    return np.asarray(middles[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
+
+
+@dataclass(frozen=True)
+class _SweepPictures:
+    """The cameras' pictures as the sweep shows them: as the stabilized views see them, else fitted."""
+
+    dataset: Dataset
+    views: Mapping[str, View]
+    stabilized: Mapping[str, View]
+    canvas: tuple[int, int]
+
+    def picture(self, camera: str, instant: int) -> Array:
+        """A camera's picture (BGR)."""
+        image = self.dataset.image(camera, instant)
+        if camera in self.stabilized:
+            return render_view(self.stabilized[camera], self.views[camera], image, EMPTY)
+        return fit_canvas(image, *self.canvas)
+
+
+def _largest_step_px(pictures: _SweepPictures, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:
+    """The largest step of the largest moving thing's middle from one stabilized picture to the next, px."""
+    middles = []
+    for camera, instant in taken.items():
+        if camera not in pictures.stabilized:
+            return None
+        mask = motion.moving(camera, instant).astype(np.uint8)
+        seen = render_view(pictures.stabilized[camera], pictures.views[camera], mask, (0, 0, 0))
+        if not seen.any():
+            return None
+        middles.append(_largest_centroid(seen))
+    return float(np.linalg.norm(np.diff(middles, axis=0), axis=1).max())
+
+
+def _canvas_size(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:
+    """Width and height that the pictures are shown at, px, of the largest camera's shape."""
+    width, height = max((dataset.size(name) for name in order), key=lambda size: size[0] * size[1])
+    side = SMALLER_PX if len(order) > MANY_CAMERAS else LONG_SIDE_PX
+    scale = min(1.0, side / max(width, height))
+    return round(width * scale), round(height * scale)
+
+
+def _plain(late_ms: float) -> str:
+    return wording.timeliness(late_ms).replace(wording.GAP, " ")

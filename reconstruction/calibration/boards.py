@@ -1,0 +1,385 @@
+"""Each camera's lens from pictures of a board (Zhang 2000), which may be recordings of their own.
+
+Bundle adjustment of a rig that saw a board: lenses, cameras and boards together, by all corners at once.
+
+Pair by pair, errors add up along the rig, and each lens knows only its own pictures. By Levenberg and
+Marquardt's method on Huber's loss (Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000), with
+OpenCV's derivatives.
+
+OpenCV 5's `calibrateMultiview` was 3 to 100 times further off on the same simulated boards once corners were
+misread, which is why this is our own.
+
+Calibration by a board: detected in pictures, then each camera's intrinsics, then the rig.
+
+A board with markers may be printed light or dark, and seen from its front or its back.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from capture_app.board.boards import MIN_CORNERS, Checkerboard
+from capture_app.board.coverage import BoardCoverage, CoverageCount
+from capture_app.board.detector import Board, BoardDetector, Corners
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration
+from capture_app.text import count
+from reconstruction.common.geometry import Array, View
+from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.dataset import Dataset
+
+MIN_BOARDS = 4
+MAX_BOARDS = 40
+
+Lens = tuple[Array, Array]
+"""The camera matrix 3x3 in px and OpenCV's distortion (5,)."""
+
+
+def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequence[Corners]) -> Lens:
+    """The lens of a camera of this size (px) that saw the board so often.
+
+    Raises:
+        BadInputError: it saw the board too rarely.
+    """
+    if len(seen) < MIN_BOARDS:
+        raise BadInputError(
+            f"{name} shows the board in {count(len(seen), 'image')}; {MIN_BOARDS} are needed",
+            hint="record the board from more places; check --board, --square-mm and --dictionary",
+        )
+    seen = evenly_spread(list(seen), MAX_BOARDS)
+    points = [board.places[sorted(corners)] for corners in seen]
+    pixels = [np.array([corners[i] for i in sorted(corners)], np.float32) for corners in seen]
+    # Few boards, or boards at one angle, do not determine the higher terms of distortion.
+    flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+    _, matrix, distortion, _, _ = cv2.calibrateCamera(
+        points, pixels, size, np.eye(3), np.zeros(5), flags=flags
+    )
+    return np.asarray(matrix), np.asarray(distortion).ravel()[:5]
+
+
+def lenses_of_recordings(dataset: Dataset, board: Board, paths: Sequence[Path]) -> dict[str, Lens]:
+    """The lenses of a session's cameras from recordings in which some of them see the board, each for itself.
+
+    Raises:
+        BadInputError: a recording is of none of these cameras, of another size, or shows too little.
+    """
+    seen: dict[str, list[Corners]] = {}
+    for path in paths:
+        recording = Dataset.open(path)
+        shared = [name for name in recording.cameras if name in dataset.cameras]
+        if not shared:
+            raise BadInputError(
+                f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
+                hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
+            )
+        for name in shared:
+            if recording.size(name) != dataset.size(name):
+                sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
+                raise BadInputError(
+                    f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
+                    hint="record the board in the mode that is used later: another may show another part",
+                )
+            seen.setdefault(name, []).extend(_sightings(recording, name, board))
+    return {name: calibrate_lens(name, dataset.size(name), board, found) for name, found in seen.items()}
+
+
+def _sightings(recording: Dataset, name: str, board: Board) -> list[Corners]:
+    detector = BoardDetector(board)
+    found = (detector.detect(recording.grey(name, instant)) for instant in recording.instants(name))
+    return [corners for corners in found if corners]
+
+
+HUBER_PX = 1.0
+"""Corners that miss by more count less and less: they were misread."""
+MAX_STEPS = 30
+ENOUGH = 1e-5
+"""The share by which the loss falls in the last step."""
+LENS = 6
+"""fx, fy, cx, cy, k1, k2: few boards, or boards at one angle, do not determine the higher terms."""
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """Rotation vector and translation, (3,) each."""
+
+    turn: Array
+    move: Array
+
+    def stepped(self, step: Array) -> "_Pose":
+        return _Pose(self.turn + step[:3], self.move + step[3:])
+
+
+Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
+"""By camera and moment, the corners' places on the board (n, 3; m) and their pixels (n, 2)."""
+
+
+def adjust_bundle(
+    views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str] = frozenset()
+) -> dict[str, View]:
+    """The views as all corners together have them; the first one stays where it is, and so do some lenses."""
+    names = list(views)
+    cameras = {name: _Pose(cv2.Rodrigues(v.rotation)[0].ravel(), v.translation) for name, v in views.items()}
+    lenses = dict(views)
+    boards = _first_boards(views, seen)
+    column = {name: LENS * i for i, name in enumerate(names)}
+    first = LENS * len(names)
+    place = {name: first + 6 * (i - 1) for i, name in enumerate(names) if i}
+    first += 6 * (len(names) - 1)
+    held = {moment: first + 6 * i for i, moment in enumerate(boards)}
+    size = first + 6 * len(boards)
+    damping, loss = 1e-3, _loss(lenses, cameras, boards, seen)
+    for _ in range(MAX_STEPS):
+        normal, gradient = np.zeros((size, size)), np.zeros(size)
+        for (name, moment), (points, pixels) in seen.items():
+            error, parts = _linearized(lenses[name], cameras[name], boards[moment], points, pixels)
+            weight = np.sqrt(np.minimum(1, HUBER_PX / np.linalg.norm(error, axis=1).clip(1e-9)))
+            rows = np.repeat(weight, 2)[:, None]
+            of_lens = parts[0] * (name not in keep_lenses)
+            blocks = [(column[name], of_lens), (held[moment], parts[2])]
+            if name in place:
+                blocks.append((place[name], parts[1]))
+            where = np.concatenate([np.arange(at, at + part.shape[1]) for at, part in blocks])
+            jacobian = rows * np.hstack([part for _, part in blocks])
+            normal[np.ix_(where, where)] += jacobian.T @ jacobian
+            gradient[where] += jacobian.T @ (rows[:, 0] * error.ravel())
+        before = loss
+        while damping < 1e8:
+            scaled = normal + damping * np.diag(np.diag(normal).clip(1e-12))
+            step = -np.linalg.solve(scaled, gradient)
+            new_lenses = {n: _stepped_lens(lenses[n], step[column[n] : column[n] + LENS]) for n in names}
+            new_cameras = {
+                n: cameras[n].stepped(step[place[n] : place[n] + 6]) if n in place else cameras[n]
+                for n in names
+            }
+            new_boards = {m: boards[m].stepped(step[held[m] : held[m] + 6]) for m in boards}
+            if (new := _loss(new_lenses, new_cameras, new_boards, seen)) < loss:
+                lenses, cameras, boards, loss = new_lenses, new_cameras, new_boards, new
+                damping /= 5
+                break
+            damping *= 5
+        if before - loss < ENOUGH * before:
+            break
+    return {
+        name: replace(
+            lenses[name], rotation=cv2.Rodrigues(cameras[name].turn)[0], translation=cameras[name].move
+        )
+        for name in names
+    }
+
+
+def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, _Pose]:
+    """`rig_from_board` of each moment, by the camera that sees most of it."""
+    best: dict[int, tuple[int, str]] = {}
+    for (name, moment), (points, _) in seen.items():
+        best[moment] = max(best.get(moment, (0, "")), (len(points), name))
+    boards = {}
+    for moment, (_, name) in sorted(best.items()):
+        points, pixels = seen[name, moment]
+        view = views[name]
+        _, turn, move = cv2.solvePnP(points, pixels, view.matrix, view.distortion)
+        rotation = view.rotation.T @ cv2.Rodrigues(turn)[0]
+        translation = view.rotation.T @ (move.ravel() - view.translation)
+        boards[moment] = _Pose(cv2.Rodrigues(rotation)[0].ravel(), translation)
+    return boards
+
+
+def _linearized(
+    view: View, camera: _Pose, board: _Pose, points: Array, pixels: Array
+) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Errors (n, 2) in px, and their derivatives (2n, .) by lens, camera and board."""
+    turn, move, *rates = cv2.composeRT(board.turn, board.move, camera.turn, camera.move)
+    found, by = cv2.projectPoints(points, turn, move, view.matrix, view.distortion)
+    turn_by_board, _, turn_by_camera, _, move_by_board, move_by_board_move = rates[:6]
+    move_by_camera, move_by_camera_move = rates[6:8]
+    of_camera = np.hstack([by[:, :3] @ turn_by_camera + by[:, 3:6] @ move_by_camera,
+                           by[:, 3:6] @ move_by_camera_move])  # fmt: skip
+    of_board = np.hstack([by[:, :3] @ turn_by_board + by[:, 3:6] @ move_by_board,
+                          by[:, 3:6] @ move_by_board_move])  # fmt: skip
+    return found.reshape(-1, 2) - pixels, (by[:, 6 : 6 + LENS], of_camera, of_board)
+
+
+def _loss(
+    lenses: Mapping[str, View], cameras: Mapping[str, _Pose], boards: Mapping[int, _Pose], seen: Sightings
+) -> float:
+    total = 0.0
+    for (name, moment), (points, pixels) in seen.items():
+        camera, board, view = cameras[name], boards[moment], lenses[name]
+        turn, move = cv2.composeRT(board.turn, board.move, camera.turn, camera.move)[:2]
+        found, _ = cv2.projectPoints(points, turn, move, view.matrix, view.distortion)
+        size = np.linalg.norm(found.reshape(-1, 2) - pixels, axis=1)
+        total += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())
+    return total
+
+
+def _stepped_lens(view: View, step: Array) -> View:
+    matrix, distortion = view.matrix.copy(), view.distortion.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
+    distortion[:2] += step[4:6]
+    return replace(view, matrix=matrix, distortion=distortion)
+
+
+BoardCorners = dict[tuple[str, int], Corners]
+"""By camera and moment, pixels of the board's corners; moments are instants, counted over all recordings."""
+
+
+def detect_board(recordings: Sequence[Dataset], board: Board) -> BoardCorners:
+    """Detect the board in every image; images with fewer than MIN_CORNERS are left out."""
+    found: BoardCorners = {}
+    finders = {camera: BoardDetector(board) for camera in recordings[0].cameras}
+    before = 0
+    for recording in recordings:
+        for camera in recording.cameras:
+            for instant in recording.instants(camera):
+                corners = finders[camera].detect(recording.grey(camera, instant))
+                if corners:
+                    found[camera, before + instant] = corners
+        before += len(recording.instants_ns)
+    return found
+
+
+def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> BoardCoverage:
+    """What the board has covered in recordings of this dataset's cameras."""
+    counted = CoverageCount(board, {name: dataset.size(name) for name in dataset.cameras})
+    for seen in corners_by_moment(corners).values():
+        counted.add(seen)
+    return counted.coverage()
+
+
+def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
+    """What each camera saw of the board at each moment, in the moments' order."""
+    found: dict[int, dict[str, Corners]] = {}
+    for (camera, moment), seen in corners.items():
+        found.setdefault(moment, {})[camera] = seen
+    return dict(sorted(found.items()))
+
+
+def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
+    """For pairs of cameras, the pixels of corners that both see at the same instant."""
+    shared: dict[tuple[str, str], tuple[list[Array], list[Array]]] = {}
+    for seen in corners_by_moment(corners).values():
+        for a, b in combinations(sorted(seen), 2):
+            both = sorted(seen[a].keys() & seen[b].keys())
+            kept = shared.setdefault((a, b), ([], []))
+            kept[0].extend(seen[a][i] for i in both)
+            kept[1].extend(seen[b][i] for i in both)
+    return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
+
+
+BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
+"""Moments of each camera and pair, and in all, that are adjusted together: the time grows with their cube."""
+
+
+def calibrate_from_board(
+    dataset: Dataset, board: Board, corners: BoardCorners, known: Mapping[str, Lens] | None = None
+) -> Calibration:
+    """Intrinsics of every camera, each camera's place from boards it shares, then all together.
+
+    `known`: lenses that were calibrated before, and stay.
+
+    Raises:
+        BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
+    """
+    places, known = board.places, known or {}
+    lenses = {
+        camera: known[camera]
+        if camera in known
+        else calibrate_lens(camera, dataset.size(camera), board, _of_camera(corners, camera))
+        for camera in dataset.cameras
+    }
+    poses = _rig_poses(dataset, places, corners, lenses)
+    views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
+    used = _bundle_moments(corners)
+    sightings = {
+        (name, moment): (places[sorted(found)].astype(float), _pixels(found, sorted(found)).astype(float))
+        for (name, moment), found in corners.items()
+        if moment in used
+    }
+    views = adjust_bundle(views, sightings, frozenset(known))
+    return Calibration(
+        cameras={name: view.to_calibration() for name, view in views.items()},
+        unit="m",
+        source=_source(dataset, board, corners, known),
+    )
+
+
+def _source(dataset: Dataset, board: Board, corners: BoardCorners, known: Mapping[str, Lens]) -> str:
+    kind = "checkerboard" if isinstance(board, Checkerboard) else "ChArUco board"
+    lenses = f", lenses of {', '.join(known)} from recordings of their own" if known else ""
+    return f"{kind} in {len(corners)} images of {dataset.name}{lenses}"
+
+
+def _of_camera(corners: BoardCorners, camera: str) -> list[Corners]:
+    return [corners[key] for key in sorted(corners) if key[0] == camera]
+
+
+def _bundle_moments(corners: BoardCorners) -> set[int]:
+    """Moments for the bundle adjustment: some of each pair of cameras and of each camera, not too many."""
+    groups: dict[frozenset[str], list[int]] = {}
+    for moment, seen in corners_by_moment(corners).items():
+        for who in [*combinations(seen, 2), *((name,) for name in seen)]:
+            groups.setdefault(frozenset(who), []).append(moment)
+    chosen = {k for moments in groups.values() for k in evenly_spread(moments, BUNDLE_MOMENTS_EACH)}
+    return set(evenly_spread(sorted(chosen), BUNDLE_MOMENTS))
+
+
+def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:
+    return np.array([seen[i] for i in ids], np.float32)
+
+
+def _rig_poses(
+    dataset: Dataset, places: Array, corners: BoardCorners, lenses: dict[str, tuple[Array, Array]]
+) -> dict[str, tuple[Array, Array]]:
+    """`cam_from_rig`: the first camera is the rig; each other is joined to the one it shares most with."""
+    shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
+    for k, seen in corners_by_moment(corners).items():
+        for a, b in combinations(seen, 2):
+            ids = sorted(seen[a].keys() & seen[b].keys())
+            if len(ids) >= MIN_CORNERS:
+                shared.setdefault(frozenset((a, b)), []).append((k, ids))
+    first = dataset.cameras[0]
+    poses = {first: (np.eye(3), np.zeros(3))}
+    while len(poses) < len(dataset.cameras):
+        left = [b for b in dataset.cameras if b not in poses]
+        links = [(len(shared.get(frozenset((a, b)), ())), a, b) for a in poses for b in left]
+        most, a, b = max(links, key=lambda link: link[0])
+        if most < MIN_BOARDS:
+            raise BadInputError(
+                f"{b} and {a} show the board together at {count(most, 'instant')}; {MIN_BOARDS} are needed",
+                hint="hold the board where neighbouring cameras both see it",
+            )
+        together = shared[frozenset((a, b))][:MAX_BOARDS]
+        in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
+        points = [places[ids] for _, ids in together]
+        rotation, translation = _relative_pose(points, (in_a, in_b), (lenses[a], lenses[b]))
+        poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
+    return poses
+
+
+def _relative_pose(
+    points: list[Array], pixels: tuple[list[Array], list[Array]], lenses: tuple[Lens, Lens]
+) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) from one camera to the other: of the boards that agree, the mean.
+
+    OpenCV's stereoCalibrate begins with a median of rotation vectors, which fails where they are half a turn.
+    """
+    rotations, translations = [], []
+    for at, in_a, in_b in zip(points, *pixels, strict=True):
+        (of_a, move_a), (of_b, move_b) = (
+            _board_pose(at, seen, lens) for seen, lens in zip((in_a, in_b), lenses, strict=True)
+        )
+        rotations.append(of_b @ of_a.T)
+        translations.append(move_b - of_b @ of_a.T @ move_a)
+    every = np.array(rotations)
+    apart = np.linalg.norm(every[:, None] - every[None], axis=(2, 3))
+    agreeing = np.argsort(apart[int(apart.sum(0).argmin())])[: max(1, (len(every) + 1) // 2)]
+    left, _, right = np.linalg.svd(every[agreeing].sum(0))
+    return left @ right, np.array(translations)[agreeing].mean(0)
+
+
+def _board_pose(points: Array, pixels: Array, lens: Lens) -> tuple[Array, Array]:
+    _, turn, move = cv2.solvePnP(points, pixels, *lens)
+    return cv2.Rodrigues(turn)[0], np.asarray(move).ravel()

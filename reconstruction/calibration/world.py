@@ -1,0 +1,286 @@
+"""The scale of a calibration: from two points a known distance apart, or from a board in the scene.
+
+The ground and the upward direction of a calibration: from a board on the floor, or from two marked points.
+
+The world gets z upwards and its origin on the ground. By a board, x is to its right and y to its top; by two
+points one above the other, y is ahead of the first camera.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import msgspec
+import numpy as np
+
+from capture_app.board.boards import MIN_CORNERS
+from capture_app.board.detector import Board, Corners
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.boards import BoardCorners, corners_by_moment
+from reconstruction.calibration.consistency import reprojection_errors, triangulate
+from reconstruction.common.geometry import Array, View, angle_deg
+from reconstruction.pairs import size_above_features
+from reconstruction.session.conditions import evenly_spread
+
+MAX_MARK_ERROR_PX = 8.0
+"""In pictures MAX_SIDE_PX wide or narrower: marks are set by hand, on one thing in all pictures."""
+MIN_ANGLE_DEG = 1.0
+MAX_BOARD_ERROR_PX = 3.0
+
+
+Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
+"""Two points' pixels (x, y) in each of two cameras or more."""
+
+
+@dataclass(frozen=True)
+class KnownDistance:
+    """Two points that are marked, and how far apart they are in metres."""
+
+    marks: Marks
+    metres: float
+
+
+def scaled(calibration: Calibration, factor: float, how: str) -> Calibration:
+    """The calibration in metres: every translation times `factor`."""
+    cameras = {
+        name: msgspec.structs.replace(
+            camera, translation=tuple(factor * value for value in camera.translation)
+        )
+        for name, camera in calibration.cameras.items()
+    }
+    source = f"{calibration.source}; scale from {how}"
+    return msgspec.structs.replace(calibration, cameras=cameras, unit="m", source=source)
+
+
+def metres_per_unit(views: Mapping[str, View], known: KnownDistance) -> float:
+    """Metres in a unit of the views, from two points that are marked in their pictures.
+
+    Raises:
+        BadInputError: a camera is unknown, or its marks are not of the same things as the others'.
+    """
+    first, second = marked_points(views, known.marks)
+    return known.metres / float(np.linalg.norm(first - second))
+
+
+def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
+    """The two points (2, 3) of the rig that are marked in the views' pictures.
+
+    Raises:
+        BadInputError: a camera is unknown, or its marks are not of the same things as the others'.
+    """
+    for name in marks:
+        if name not in views:
+            raise BadInputError(
+                f"--mark {name}=... cannot be used: {name} is not among the calibrated cameras",
+                hint=f"mark the points in {' or '.join(views)}",
+            )
+    if len(marks) < 2:
+        raise BadInputError(
+            "a distance needs its two ends marked in two cameras", hint="--mark CAMERA=X1,Y1,X2,Y2 for each"
+        )
+    seen = [views[name] for name in marks]
+    pixels = np.array(list(marks.values()), float)
+    ends = triangulate(seen, pixels)
+    for name, view, at in zip(marks, seen, pixels, strict=True):
+        limit = MAX_MARK_ERROR_PX * size_above_features(view.width, view.height)
+        for which, error in zip(("first", "second"), reprojection_errors(view, ends, at), strict=True):
+            if error > limit:
+                raise BadInputError(
+                    f"the {which} mark in {name} is {error:.0f} px from where the others' marks have it",
+                    hint="mark the same two things, in the same order, in every camera",
+                )
+    for end in ends:
+        if max(angle_deg(end - a.centre, end - b.centre) for a, b in combinations(seen, 2)) < MIN_ANGLE_DEG:
+            raise BadInputError(
+                f"{' and '.join(marks)} see the marks from nearly the same place",
+                hint="mark them in cameras that stand further apart",
+            )
+    return ends
+
+
+def metres_per_unit_by_board(
+    views: Mapping[str, View], board: Board, corners: BoardCorners
+) -> tuple[float, int]:
+    """Metres in a unit of the views from a board that two cameras see, and at how many moments they do.
+
+    Raises:
+        BadInputError: no two cameras see enough of it at one moment.
+    """
+    factors = []
+    for seen in corners_by_moment(corners).values():
+        factors += [
+            factor
+            for a, b in combinations((name for name in seen if name in views), 2)
+            if (factor := _board_factor((views[a], views[b]), board, (seen[a], seen[b]))) is not None
+        ]
+    if not factors:
+        raise BadInputError(
+            "no two cameras see the board well enough at one instant to tell the scale from it",
+            hint="lay it where two cameras see it large; check --board and --square-mm",
+        )
+    return float(np.median(factors)), len(factors)
+
+
+def _board_factor(
+    views: tuple[View, View], board: Board, corners: tuple[dict[int, Array], dict[int, Array]]
+) -> float | None:
+    both = sorted(corners[0].keys() & corners[1].keys())
+    if len(both) < MIN_CORNERS:
+        return None
+    pixels = np.array([[found[number] for number in both] for found in corners], float)
+    points = triangulate(views, pixels)
+    if angle_deg(*(points.mean(0) - view.centre for view in views)) < MIN_ANGLE_DEG:
+        return None
+    worst = max(
+        float(np.median(reprojection_errors(v, points, at))) for v, at in zip(views, pixels, strict=True)
+    )
+    if worst > MAX_BOARD_ERROR_PX * size_above_features(views[0].width, views[0].height):
+        return None
+    places = board.places[both].astype(float)
+    spreads = (float(np.linalg.norm(of - of.mean(0))) for of in (places, points))
+    true, found = spreads
+    return true / found if found > 0 else None
+
+
+MAX_MOMENTS = 20
+MAX_TURN_DEG = 3.0
+"""Between two moments, of a board that lies still."""
+MAX_MISFIT_SHARE = 0.05
+"""Of the board's size, root mean square: more, and it is no flat board that these cameras see."""
+WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
+"""A board's x and y are right and down as one looks at it, its z into the floor."""
+
+
+@dataclass(frozen=True)
+class World:
+    """x_world = rotation @ (scale * x_rig) + translation; 3x3, (3,), metres in a unit of the rig."""
+
+    rotation: Array
+    translation: Array
+    scale: float = 1.0
+
+
+def in_world(calibration: Calibration, world: World, how: str) -> Calibration:
+    """The calibration in other coordinates; in metres, where these are scaled."""
+    cameras = {}
+    for name, camera in calibration.cameras.items():
+        rotation = np.array(camera.rotation) @ world.rotation.T
+        translation = world.scale * np.array(camera.translation) - rotation @ world.translation
+        cameras[name] = msgspec.structs.replace(
+            camera,
+            rotation=tuple(tuple(float(v) for v in row) for row in rotation),
+            translation=tuple(float(v) for v in translation),
+        )
+    unit = calibration.unit if world.scale == 1.0 else "m"
+    source = f"{calibration.source}; z up, ground by {how}"
+    return msgspec.structs.replace(calibration, cameras=cameras, unit=unit, source=source)
+
+
+def world_of_marks(views: Mapping[str, View], marks: Marks) -> World:
+    """The world whose origin is the first of two marked points, and whose z leads to the second.
+
+    Raises:
+        BadInputError: as `marked_points`.
+    """
+    foot, head = marked_points(views, marks)
+    up = (head - foot) / np.linalg.norm(head - foot)
+    first = next(iter(views.values()))
+    ahead = first.axis
+    if abs(up @ ahead) > 0.99:  # it looks straight up or down: the top of its picture is ahead
+        ahead = -first.rotation[1]
+    ahead = ahead - (up @ ahead) * up
+    ahead /= np.linalg.norm(ahead)
+    rotation = np.array([np.cross(ahead, up), ahead, up])
+    return World(rotation, -rotation @ foot)
+
+
+def world_of_board(
+    views: Mapping[str, View], board: Board, corners: BoardCorners, *, metric: bool
+) -> tuple[World, int]:
+    """The world of a board that lies on the ground, and the number of moments that it was seen at.
+
+    Points that two cameras or more see tell where it lies, and how long a unit is unless the views are
+    `metric`; a rig in metres also knows it from one camera.
+
+    Raises:
+        BadInputError: too little of it is seen, it does not lie still, or it is seen from below.
+    """
+    moments = evenly_spread(list(corners_by_moment(corners).values()), MAX_MOMENTS)
+    fits = [fit for seen in moments if (fit := _fit_shared(views, board, seen, metric)) is not None]
+    if not fits and metric:
+        fits = [fit for seen in moments if (fit := _fit_alone(views, board, seen)) is not None]
+    if not fits:
+        raise BadInputError(
+            "no two cameras see the board on the ground well enough at one instant",
+            hint="lay it where two cameras see it large; check --board and --square-mm",
+        )
+    normal = fits[0].rotation[2]
+    if any(angle_deg(fit.rotation[2], normal) > MAX_TURN_DEG for fit in fits):
+        raise BadInputError(
+            "the board on the ground does not lie still", hint="--ground takes a session in which it does"
+        )
+    world = fits[len(fits) // 2]
+    heights = [
+        float(world.rotation[2] @ (world.scale * v.centre) + world.translation[2]) for v in views.values()
+    ]
+    if np.median(heights) < 0:
+        raise BadInputError("the board on the ground is seen from below", hint="lay it face up")
+    return world, len(fits)
+
+
+def _fit_shared(
+    views: Mapping[str, View], board: Board, seen: Mapping[str, Corners], metric: bool
+) -> World | None:
+    by_number: dict[int, list[str]] = {}
+    for name, found in seen.items():
+        for number in found if name in views else ():
+            by_number.setdefault(number, []).append(name)
+    shared = {number: names for number, names in by_number.items() if len(names) > 1}
+    if len(shared) < MIN_CORNERS:
+        return None
+    points = np.array(
+        [
+            triangulate([views[name] for name in names], np.array([[seen[name][number]] for name in names]))[
+                0
+            ]
+            for number, names in shared.items()
+        ]
+    )
+    places = board.places[list(shared)].astype(float)
+    scale, rotation, translation = _similarity(places, points, rigid=metric)
+    misfit = np.sqrt(((scale * places @ rotation.T + translation - points) ** 2).sum(1).mean())
+    if misfit > MAX_MISFIT_SHARE * scale * float(np.linalg.norm(np.ptp(places, axis=0))):
+        return None
+    return _world_of(rotation, translation, scale)
+
+
+def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corners]) -> World | None:
+    known = {name: found for name, found in seen.items() if name in views and len(found) >= MIN_CORNERS}
+    if not known:
+        return None
+    name = max(known, key=lambda one: len(known[one]))
+    view, numbers = views[name], sorted(known[name])
+    pixels = np.array([known[name][number] for number in numbers], float)
+    good, turn, move = cv2.solvePnP(board.places[numbers].astype(float), pixels, view.matrix, view.distortion)
+    if not good:
+        return None
+    rotation = view.rotation.T @ cv2.Rodrigues(turn)[0]
+    return _world_of(rotation, view.rotation.T @ (move.ravel() - view.translation), 1.0)
+
+
+def _world_of(rotation: Array, translation: Array, scale: float) -> World:
+    """The world of a board that is at `scale * rotation @ place + translation` in the rig."""
+    into = WORLD_FROM_BOARD @ rotation.T
+    return World(into, -into @ translation / scale, 1 / scale)
+
+
+def _similarity(places: Array, points: Array, *, rigid: bool) -> tuple[float, Array, Array]:
+    """Scale, rotation and translation that bring places (n, 3) nearest to points (n, 3) (Umeyama 1991)."""
+    at, to = places - places.mean(0), points - points.mean(0)
+    left, values, right = np.linalg.svd(to.T @ at)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation = (left * signs) @ right
+    scale = 1.0 if rigid else float((values * signs).sum() / (at**2).sum())
+    return scale, rotation, points.mean(0) - scale * rotation @ places.mean(0)

@@ -1,0 +1,198 @@
+"""`reconstruct stereo`.
+
+`reconstruct multiview`.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from capture_app.terminal import Progress, json_option, print_json, print_line, talk
+from capture_app.text import count
+from capture_app.usage import examples
+from reconstruction.commands import options
+from reconstruction.commands.options import (
+    checksums_option,
+    instant_option,
+    memory_option,
+    out_option,
+    pair_option,
+    session_argument,
+    time_shift_option,
+)
+from reconstruction.session.conditions import SYNCED, Condition
+
+if TYPE_CHECKING:
+    from reconstruction.multiview.result import SequenceResult
+
+
+@click.command(epilog=examples("reconstruct stereo sessions/burst-001 --pair cam00,cam01 --out depth"))
+@session_argument
+@instant_option
+@click.option(
+    "--other-instant",
+    type=click.IntRange(min=0),
+    metavar="K",
+    show_default="the same",
+    help="Take the second camera's image from this instant.",
+)
+@pair_option("--pair", use="the depth map")
+@time_shift_option
+@out_option
+@memory_option
+@checksums_option
+@json_option
+def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
+    """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
+    from reconstruction.pairs import describe_left_out
+    from reconstruction.stereo.command import StereoOptions
+    from reconstruction.stereo.command import stereo as run
+
+    result = run(session, out, StereoOptions(**options))
+    for camera, why in result.left_out.items():
+        talk(f"{camera} is left out: {why}")
+    if result.pairs_left_out:
+        talk(f"left out: {describe_left_out(result.pairs_left_out)}")
+    if as_json:
+        print_json(result)
+        return
+    print_line(
+        f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
+        f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
+    )
+    if result.within_2pct is not None:
+        print_line(f"within 2 % of the truth: {100 * result.within_2pct:.1f} %")
+    print_line(f"depth: {out / result.depth}, picture: {out / result.picture}")
+
+
+MOST = 1_000_000
+
+
+@dataclass(frozen=True)
+class Instants:
+    """Which instants; None: all."""
+
+    numbers: tuple[int, ...] | None
+
+
+def parse_instants(text: str) -> Instants:
+    """Read `all`, or numbers and ranges such as 0-9,20."""
+    if text.strip() == "all":
+        return Instants(None)
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, dash, last = (piece.strip() for piece in part.partition("-"))
+        ends = (first, last) if dash else (first, first)
+        if not all(end.isdecimal() and int(end) < MOST for end in ends) or int(ends[0]) > int(ends[1]):
+            raise click.BadParameter(f"{text!r} is not all, or numbers and ranges, as in 0-9,20")
+        numbers += range(int(ends[0]), int(ends[1]) + 1)
+    return Instants(tuple(numbers))
+
+
+@click.command(
+    epilog=examples(
+        "reconstruct multiview sessions/burst-001 --out cloud",
+        "reconstruct multiview sessions/burst-001 --instant 3 --no-mesh --out cloud",
+        "reconstruct multiview sessions/burst-001 --instants all --out clouds",
+    )
+)
+@options.session_argument
+@options.instant_option
+@click.option(
+    "--instants",
+    type=parse_instants,
+    metavar="all|K-L,M,...",
+    help="A cloud of each of these instants instead of one; run again, it goes on where it was stopped.",
+)
+@click.option(
+    "--condition",
+    type=options.parse_condition,
+    metavar="CONDITION",
+    default=SYNCED,
+    help=options.CONDITION_HELP,
+)
+@options.matcher_option
+@click.option(
+    "--mesh/--no-mesh",
+    default=None,
+    show_default="mesh; no mesh with --instants",
+    help="Also compute a mesh, and render that of a single instant.",
+)
+@click.option("--depth", is_flag=True, help="With --instants, keep the depth maps, too.")
+@click.option("--rrd", is_flag=True, help="With --instants, also write a recording that Rerun plays.")
+@options.time_shift_option
+@options.out_option
+@options.memory_option
+@options.checksums_option
+@json_option
+@click.pass_context
+def multiview(
+    ctx: click.Context,
+    /,
+    session: Path,
+    condition: Condition,
+    out: Path,
+    as_json: bool,
+    instants: Instants | None,
+    depth: bool,
+    rrd: bool,
+    **chosen: Any,
+) -> None:
+    """Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh.
+
+    With --instants, a point cloud of each of many instants, and masks of what moves.
+    """
+    from reconstruction.multiview.instant_model import MultiviewOptions
+    from reconstruction.session.dataset import Dataset
+
+    if instants is None and (depth or rrd):
+        raise click.UsageError("--depth and --rrd are for --instants")
+    if instants is not None and ctx.get_parameter_source("instant") is not click.core.ParameterSource.DEFAULT:
+        raise click.UsageError("--instant is one, --instants are many: leave one out")
+    if chosen["mesh"] is None:
+        chosen["mesh"] = instants is None
+    dataset = Dataset.open(session, chosen["time_shifts_ms"])
+    condition.check(dataset)
+    if instants is not None:
+        from reconstruction.multiview.sequence import SequenceOptions, model_sequence
+
+        wanted = SequenceOptions(
+            instants=instants.numbers,
+            condition=condition,
+            each=MultiviewOptions(**chosen),
+            depth=depth,
+            recording=rrd,
+        )
+        _show_sequence(model_sequence(session, out, wanted, Progress(1)), out, as_json)
+        return
+    from reconstruction.multiview.instant_model import multiview as run
+
+    offsets_ms = condition.offsets_ms(dataset.cameras, chosen["instant"])
+    result = run(session, out, MultiviewOptions(offsets_ms=offsets_ms, **chosen), Progress(1))
+    for camera, why in result.left_out.items():
+        talk(f"{camera} is left out: {why}")
+    if as_json:
+        print_json(result)
+        return
+    print_line(f"{len(result.views)} depth maps, {result.fused_points} points in {result.seconds:.1f} s")
+    if result.within_2pct is not None:
+        print_line(
+            f"{result.reference}: {100 * result.within_2pct:.1f} % of its pixels within 2 % of the true depth"
+        )
+    print_line(f"result: {out}")
+
+
+def _show_sequence(result: "SequenceResult", out: Path, as_json: bool) -> None:
+    for one in result.instants:
+        if one.reason:
+            talk(f"instant {one.instant} has no cloud: {one.reason}")
+    if as_json:
+        print_json(result)
+        return
+    kept = f", {result.kept} of them made before" if result.kept else ""
+    print_line(f"{count(result.clouds, 'cloud')}{kept} in {result.seconds:.1f} s")
+    if result.mover_f_score_1cm is not None:
+        print_line(f"movers: F {result.mover_f_score_1cm:.2f} at 1 cm, the middle of all instants")
+    print_line(f"result: {out}")

@@ -1,0 +1,75 @@
+"""`reconstruct stitch`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.text import count
+from capture_app.usage import examples
+from reconstruction.commands.options import (
+    checksums_option,
+    instant_option,
+    memory_option,
+    out_option,
+    time_shift_option,
+)
+from reconstruction.session.conditions import MAX_OFFSET_MS
+
+if TYPE_CHECKING:
+    from reconstruction.panorama.overlap import Misfit
+
+
+@click.command(
+    epilog=examples(
+        "reconstruct stitch sessions/burst-001 --out panorama",
+        "reconstruct stitch left.jpg right.jpg --out panorama",
+    )
+)
+@click.argument(
+    "sources", metavar="SESSION|IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@instant_option
+@click.option(
+    "--offset-ms",
+    type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
+    metavar="MS",
+    help="Also make the panorama with every second camera late by this much.",
+)
+@time_shift_option
+@out_option
+@memory_option
+@checksums_option
+@json_option
+def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) -> None:
+    """Stitch a panorama from one instant of SESSION, or from image files or a folder of them.
+
+    Lists the images that were left out and why, and marks ghosting in the panorama.
+    """
+    from reconstruction.panorama.command import StitchOptions
+    from reconstruction.panorama.command import stitch as run
+
+    result = run(sources, out, StitchOptions(**options))
+    if as_json:
+        print_json(result)
+        return
+    made = result.synced
+    print_line(f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels")
+    for name, why in result.left_out.items():
+        print_line(f"left out: {name}: {why}")
+    first = "" if result.offset is None else ", synchronized"
+    for which, one in ((first, made), (f", {result.actual_offset_ms:.0f} ms late", result.offset)):
+        if one is not None and one.misfit.median_px is not None:
+            print_line(f"misfit where images overlap{which}: {_misfit_words(one.misfit, one.mover_misfit)}")
+    print_line(f"picture: {out / made.panorama}")
+
+
+def _misfit_words(misfit: "Misfit", moving: "Misfit | None") -> str:
+    text = f"{misfit.median_px:.1f} px at {misfit.points} points (95 % within {misfit.p95_px:.1f})"
+    if moving is None or not moving.points + moving.lost:
+        return text
+    if moving.median_px is None:
+        return f"{text}; what moves is not found again at any of {moving.lost} points"
+    lost = f", and lost at {moving.lost}" if moving.lost else ""
+    return f"{text}; what moves, {moving.median_px:.1f} px at {moving.points} points{lost}"

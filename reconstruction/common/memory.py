@@ -1,0 +1,207 @@
+"""How much memory this process can still take: of the machine, its control group and its own limit.
+
+The memory that dense work may take: one budget for a whole command, kept by scale or by fewer at once.
+
+A command sets it (`limited_memory`); whatever is about to take much memory asks `memory_budget()` at which
+scale, or how many at once, it may work. What the budget changes is noted, for the user and the result.
+
+Arrays kept for the next time, the longest unused dropped first, up to a number of bytes.
+"""
+
+import os
+import re
+import resource
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from capture_app.errors import BadInputError
+from reconstruction.common.geometry import Array
+
+_UNLIMITED = 1 << 62
+
+
+def free_memory() -> int:
+    """Bytes that this process can still take."""
+    return max(0, min(_machine_memory(), _group_memory(), _process_memory()))
+
+
+def _machine_memory() -> int:
+    with suppress(OSError, ValueError, IndexError):
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) << 10
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+
+
+def _group_memory() -> int:
+    """What the control group has left, as in a container or a SLURM job; files in the cache count as free."""
+    least = _UNLIMITED
+    for limit, usage, root in (
+        ("memory.max", "memory.current", Path("/sys/fs/cgroup")),
+        ("memory.limit_in_bytes", "memory.usage_in_bytes", Path("/sys/fs/cgroup/memory")),
+    ):
+        for folder in _group_folders(root):
+            with suppress(OSError, ValueError):
+                used = int((folder / usage).read_text()) - _cached_files(folder / "memory.stat")
+                least = min(least, int((folder / limit).read_text()) - used)
+    return least
+
+
+def _group_folders(root: Path) -> list[Path]:
+    """The folder of this process's control group, and of all those above it."""
+    folders = [root]
+    with suppress(OSError, IndexError):
+        for line in Path("/proc/self/cgroup").read_text().splitlines():
+            _, kinds, path = line.split(":", 2)
+            if kinds in ("", "memory"):
+                own = root / path.strip("/")
+                folders += [own, *(above for above in own.parents if above.is_relative_to(root))]
+    return folders
+
+
+def _cached_files(stat: Path) -> int:
+    for line in stat.read_text().splitlines():
+        name, _, value = line.partition(" ")
+        if name in ("inactive_file", "total_inactive_file"):
+            return int(value)
+    return 0
+
+
+def _process_memory() -> int:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return _UNLIMITED
+    with suppress(OSError, ValueError, IndexError):
+        used = int(Path("/proc/self/statm").read_text().split()[0])
+        return limit - used * resource.getpagesize()
+    return limit
+
+
+DEFAULT_SHARE = 0.5
+"""Of the memory that is free when a command begins."""
+MOST_BY_DEFAULT = 3 << 30
+"""So that on all but small machines a result does not depend on how much memory happened to be free."""
+LEAST_BYTES = 128 << 20
+SCALE_STEP = 2**-0.25
+LEAST_SCALE = 1 / 16
+_UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
+
+
+class MemoryBudget:
+    """Bytes that arrays of one command may take together, and what was made smaller to keep within."""
+
+    def __init__(self, limit_bytes: int, *, asked_for: bool = False) -> None:
+        """`asked_for`: by the user, rather than taken from what is free."""
+        self.limit_bytes = max(int(limit_bytes), LEAST_BYTES)
+        self.asked_for = asked_for
+        self._notes: dict[str, None] = {}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the budget changed, a sentence each; empty where it did not bind."""
+        return tuple(self._notes)
+
+    def note(self, text: str) -> None:
+        """Tell the user and the result about something that the budget changed."""
+        self._notes[text] = None
+
+    def fit_scale(self, what: str, bytes_at: Callable[[float], float], *, share: float = 1.0) -> float:
+        """The largest scale, 1 or less, at which `what` takes no more than this share of the budget.
+
+        `bytes_at` is the memory it takes at a scale of its pictures' sides.
+
+        Raises:
+            BadInputError: even a sixteenth of its size takes more.
+        """
+        limit, scale = share * self.limit_bytes, 1.0
+        while bytes_at(scale) > limit:
+            scale *= SCALE_STEP
+            if scale < LEAST_SCALE:
+                raise BadInputError(
+                    f"{what} takes {gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used",
+                    hint="--memory gives it more",
+                )
+        if scale < 1.0:
+            self.note(
+                f"{what} is done at {100 * scale:.0f} % of the full size, which would take "
+                f"{gigabytes(bytes_at(1.0))} of memory; {gigabytes(limit)} may be used (--memory)"
+            )
+        return scale
+
+    def fit_count(self, bytes_each: float, most: int, *, share: float = 1.0) -> int:
+        """How many things of this size fit into a share of the budget at once: 1 to `most`."""
+        return max(1, min(most, int(share * self.limit_bytes // max(bytes_each, 1.0))))
+
+
+def memory_budget() -> MemoryBudget:
+    """The budget of the running command; outside of any, that of this process's free memory."""
+    return _running[-1] if _running else MemoryBudget(default_budget())
+
+
+@contextmanager
+def limited_memory(limit_bytes: int | None = None) -> Iterator[MemoryBudget]:
+    """Set the budget of what runs within; None = `default_budget`."""
+    asked = limit_bytes is not None
+    budget = MemoryBudget(limit_bytes if limit_bytes is not None else default_budget(), asked_for=asked)
+    _running.append(budget)
+    try:
+        yield budget
+    finally:
+        _running.remove(budget)
+
+
+_running: list[MemoryBudget] = []
+"""Of this process, the innermost last: memory is the process's, whichever thread asks."""
+
+
+def default_budget() -> int:
+    """Half of the memory that is free, at most `MOST_BY_DEFAULT`; bytes."""
+    return min(int(DEFAULT_SHARE * free_memory()), MOST_BY_DEFAULT)
+
+
+def parse_size(text: str) -> int:
+    """Bytes of a size such as 800MB, 4G or 2GiB.
+
+    Raises:
+        ValueError: it is no size.
+    """
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)
+    if found is None:
+        raise ValueError(f"{text!r} is not a size of memory, as in 800MB or 4GB")
+    return int(float(found[1]) * _UNITS[found[2]])
+
+
+def gigabytes(size: float) -> str:
+    """A size in words: 850 MB, 20.9 GB."""
+    return f"{size / 1e6:.0f} MB" if size < 1e9 else f"{size / 1e9:.1f} GB"
+
+
+class ByteCache:
+    """A function from keys to arrays whose last results are kept."""
+
+    def __init__(self, make: Callable[..., Array], limit_bytes: int) -> None:
+        self._make = make
+        self._limit_bytes = limit_bytes
+        self._bytes = 0
+        self._kept: OrderedDict[tuple[Hashable, ...], Array] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __call__(self, *key: Hashable) -> Array:
+        """The array of a key, kept or made."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        made = self._make(*key)
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = made
+                self._bytes += made.nbytes
+            # The newest is kept however large it is: it is asked for again at once.
+            while self._bytes > self._limit_bytes and len(self._kept) > 1:
+                _, dropped = self._kept.popitem(last=False)
+                self._bytes -= dropped.nbytes
+        return made

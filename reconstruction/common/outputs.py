@@ -1,0 +1,126 @@
+"""Folders, stages and point files of results.
+
+The folder of a comparison: metrics, report, pictures, and the stages that the next one uses again.
+
+Coloured points as a binary PLY file, which every viewer of point clouds opens.
+
+Stages of a computation: paths in, path out, skipped where the output is there already.
+"""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from capture_app.errors import BadInputError
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.output_folder import OutputFolder, replaces_only
+from capture_app.text import pretty_json
+from reconstruction.common.geometry import Array
+
+METRICS = "metrics.json"
+STAGES = "stages"
+OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
+
+
+def comparison_folder(out: Path) -> OutputFolder:
+    """A folder that takes the place of an earlier comparison at `out`, and begins with its stages.
+
+    Raises:
+        BadInputError: there is something else at `out`.
+    """
+    return OutputFolder(out, replaces_only(OURS), reuse=STAGES)
+
+
+def write_metrics(folder: Path, result: msgspec.Struct) -> None:
+    """Write what was measured into a comparison's folder."""
+    write_atomic(folder / METRICS, pretty_json(result))
+
+
+VERTEX = np.dtype([("at", "<f4", 3), ("colour", "u1", 3)])
+HEADER = """ply
+format binary_little_endian 1.0
+element vertex {count}
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+end_header
+"""
+
+
+def write_points(path: Path, points: Array, colours: Array) -> None:
+    """Write points (n, 3) and their colours (n, 3) uint8 RGB."""
+    rows = np.empty(len(points), VERTEX)
+    rows["at"], rows["colour"] = points, colours
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(HEADER.format(count=len(rows)).encode() + rows.tobytes())
+
+
+def read_points(path: Path) -> tuple[Array, Array]:
+    """The points and colours of a file that `write_points` made.
+
+    Raises:
+        BadInputError: it is missing or another kind of file.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadInputError(f"cannot read the cloud {path}: {error.strerror or error}") from error
+    count = (len(data) - len(HEADER.format(count=""))) // VERTEX.itemsize
+    start = HEADER.format(count=count).encode()
+    if not data.startswith(start) or len(data) != len(start) + count * VERTEX.itemsize:
+        raise BadInputError(
+            f"{path} is not a cloud as a comparison writes it", hint="compare the session again"
+        )
+    rows = np.frombuffer(data, VERTEX, offset=len(start))
+    return np.array(rows["at"]), np.array(rows["colour"])
+
+
+Result = TypeVar("Result")
+
+
+VERSION = 8
+"""Raised whenever a stage computes something else: old outputs are then made again."""
+
+
+class StageCache:
+    """A folder of outputs, each named after its stage and a key over everything that it depends on."""
+
+    def __init__(self, folder: Path, source: str) -> None:
+        """`source` is the fingerprint of the inputs that all stages share."""
+        self.folder = folder
+        self.source = source
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def path(self, stage: str, suffix: str, *inputs: object) -> Path:
+        """Where a stage's output for these inputs lies, there or not."""
+        text = repr((VERSION, self.source, stage, inputs))
+        return self.folder / f"{stage}-{hashlib.sha256(text.encode()).hexdigest()[:16]}{suffix}"
+
+    def arrays(
+        self, stage: str, make: Callable[[], dict[str, Any]], *inputs: object
+    ) -> dict[str, np.ndarray[Any, Any]]:
+        """Named arrays, from the stage's .npz or made and saved there."""
+        path = self.path(stage, ".npz", *inputs)
+        if not path.exists():
+            part = path.with_suffix(".part")
+            with part.open("wb") as file:
+                np.savez(file, **make())
+            part.rename(path)
+        with np.load(path) as data:
+            return {name: data[name] for name in data.files}
+
+    def record(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
+        """A msgspec struct (or plain data), from the stage's .json or made and saved there."""
+        path = self.path(stage, ".json", *inputs)
+        if not path.exists():
+            part = path.with_suffix(".part")
+            part.write_bytes(msgspec.json.encode(make()))
+            part.rename(path)
+        return msgspec.json.decode(path.read_bytes(), type=kind)

@@ -1,0 +1,293 @@
+"""`reconstruct compare`: the effect of synchronization on depth, panorama and poses of one burst."""
+
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from capture_app.errors import NotAvailableError
+from capture_app.terminal import Progress
+from reconstruction.bullet_time import render_burst_grid, render_camera_sweep
+from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.rig import Rig
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
+from reconstruction.compare.multiview_study import MultiviewStudy
+from reconstruction.compare.panorama_study import PanoramaStudy
+from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
+from reconstruction.compare.stereo_study import StereoStudy
+from reconstruction.compare.study import Result, StudyRun
+from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.compare.tolerance import measure_curve, whole_frame_offsets
+from reconstruction.compare.triangulation_study import TriangulationStudy
+from reconstruction.multiview.matcher import Matcher, choose_matcher
+from reconstruction.report import wording
+from reconstruction.report.comparison_report import report_words, write_report
+from reconstruction.report.findings import verdict
+from reconstruction.scores.comparison_results import CompareResult, ConditionResult, DoseResult
+from reconstruction.scores.timing import RigTiming, Timing, are_together, with_depth_scores
+from reconstruction.session.conditions import (
+    DEFAULT_OFFSET_MS,
+    Condition,
+    FrameOffset,
+    evenly_spread,
+    nearest_frame_offset,
+)
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.instants import fixed_offsets_ms
+from reconstruction.session.picture_checksums import picture_checks
+
+DOSE_INSTANTS = 6
+"""Instants of the dose curve within a comparison; `reconstruct dose` takes more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions:
+    """Options of a comparison; pairs are names of cameras, None = chosen from the images."""
+
+    offset_ms: float = DEFAULT_OFFSET_MS
+    stereo: tuple[str, str] | None = None
+    stitch: tuple[str, str] | None = None
+    max_instants: int = 16
+    multiview_instants: int = 3
+    """Instants of the burst for depth from all cameras; 0 = none."""
+    multiview_width: int = 640
+    """Wider images are reduced to this width for depth from all cameras, px."""
+    matcher: Matcher = Matcher.AUTO
+    """What finds depth from all cameras."""
+    poses: bool | None = None
+    """Whether to estimate poses from single instants; None = if much of the picture moves."""
+    conditions: tuple[Condition, ...] = ()
+    """Further conditions beside every study's own."""
+    against: Path | None = None
+    """Another session to compare with."""
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
+
+
+def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
+    """Compare a session with itself, one camera offset; write metrics, pictures and the report to `out`.
+
+    The folder appears whole or not at all.
+
+    Raises:
+        SimulshotError: the session, the options or the folder cannot be used, or PatchMatch was asked for and
+            cannot run here.
+    """
+    began = time.monotonic()
+    dataset = Dataset.open(session, options.time_shifts_ms)
+    adopt_kept_calibration(dataset)
+    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
+    with comparison_folder(out) as output:
+        result = Comparison(dataset, offset, options, output.folder).run_studies(session)
+        result = msgspec.structs.replace(
+            result, words=report_words(result), report="report.html", seconds=time.monotonic() - began
+        )
+        write_report(result, output.folder)
+        write_metrics(output.folder, result)
+    return result
+
+
+class Comparison:
+    """The studies of an opened session, up to a result without its report."""
+
+    def __init__(self, dataset: Dataset, offset: FrameOffset, options: CompareOptions, folder: Path) -> None:
+        self.dataset = dataset
+        self.offset = offset
+        self.options = options
+        self.folder = folder
+        self.rig = Rig(dataset, folder / STAGES, offset.step)
+        self.middle = offset.pairs[len(offset.pairs) // 2][0]
+        for pair in (options.stereo, options.stitch):
+            self.rig.check_pair(pair)
+        for condition in options.conditions:
+            condition.check(dataset)
+        self.against = Dataset.open(options.against) if options.against is not None else None
+        depth = StereoStudy(self.rig, offset, options.stereo, options.max_instants)
+        self.stereo = StudyRun(depth)
+        self.panorama = StudyRun(PanoramaStudy(self.rig, offset, options.stitch, options.max_instants))
+        self.multiview = StudyRun(
+            MultiviewStudy(
+                self.rig,
+                options.multiview_instants,
+                options.multiview_width,
+                matcher=choose_matcher(options.matcher),
+            )
+        )
+        self.triangulation = StudyRun(TriangulationStudy(self.rig, offset, depth, options.max_instants))
+        self.poses = StudyRun(PoseStudy(self.rig, ""))
+        asked = [self.stereo.study.steps, self.panorama.study.steps, self.triangulation.study.steps]
+        asked += [self.multiview.study.steps] * (options.multiview_instants > 0)
+        asked += [self.poses.study.steps] * (options.poses is not False)
+        further = len(options.conditions) + (self.against is not None)
+        self.progress = Progress(5 + sum(asked) + (len(dataset.cameras) > 2) + further + 1)
+        self.dose: DoseResult | None = None
+        self.times = TimingStudy(self.rig)
+        self.timing: Timing | None = None
+        self.rig_timing: RigTiming | None = None
+
+    def run_studies(self, session: Path) -> CompareResult:
+        """Run every study in turn; one that is impossible is skipped with its reason."""
+        self.progress.step(f"detecting motion in {self.dataset.name}")
+        moving = self.rig.moving_share([k for k, _ in evenly_spread(self.offset.pairs, 4)])
+        self.progress.step("calibration")
+        no_views = self.rig.try_calibrate()
+        self.progress.step("choosing cameras")
+        if no_views is None:
+            self._run(self.stereo)
+            self._measure_dose()
+        else:
+            self.stereo.skipped = str(no_views)
+        self._run(self.panorama)
+        if no_views is None and self.timing is None and self.panorama.result is not None:
+            first, second = self.panorama.result.cameras[:2]
+            self.timing = self._measure_timing((first, second))
+        nothing = self.stereo.result is None and self.panorama.result is None
+        if nothing and isinstance(no_views, NotAvailableError):
+            raise no_views
+        if no_views is None:
+            self._measure_rig_timing()
+            self._run(self.triangulation)
+        else:
+            self.triangulation.skipped = str(no_views)
+        if self.options.multiview_instants:
+            self._run(self.multiview)
+        self._run_poses(moving)
+        conditions = self._further_conditions()
+        self.progress.last("report")
+        return CompareResult(
+            session=str(session),
+            origin=self.dataset.session.manifest.origin,
+            camera_count=len(self.dataset.cameras),
+            instant_count=len(self.dataset.instants_ns),
+            offset_ms=self.offset.asked_ms,
+            offset_frames=self.offset.frames,
+            actual_offset_ms=self.offset.actual_ms,
+            time_shifts_ms=dict(self.options.time_shifts_ms),
+            unsynchronized=self.dataset.unsynchronized,
+            verdict=verdict(
+                self.stereo.result,
+                self.panorama.result,
+                self.offset.actual_ms,
+                moving,
+                self.poses.result,
+                self.multiview.result,
+                self.timing,
+                self.rig_timing,
+                self.dataset.unsynchronized,
+            ),
+            timing=self.timing,
+            rig_timing=self.rig_timing,
+            calibration=self.rig.source,
+            stereo=self.stereo.result,
+            stitch=self.panorama.result,
+            multiview=self.multiview.result,
+            triangulation=self.triangulation.result,
+            poses=self.poses.result,
+            stereo_skipped=self.stereo.skipped,
+            stitch_skipped=self.panorama.skipped,
+            multiview_skipped=self.multiview.skipped,
+            triangulation_skipped=self.triangulation.skipped,
+            poses_skipped=self.poses.skipped,
+            sync_residual_us=self.dataset.worst_residual_us(),
+            sync_bound_us=self.dataset.worst_hard_bound_us(),
+            conditions=conditions,
+            dose=self.dose,
+            burst=render_burst_grid(self.dataset, self.folder),
+            bullet_time=render_camera_sweep(
+                self.dataset,
+                self.rig.motion,
+                self.rig.views,
+                self.folder,
+                together=lambda cameras: are_together(cameras, self.timing, self.rig_timing),
+            ),
+            memory_notes=memory_budget().notes,
+            changed_pictures=picture_checks().changed,
+            versions=library_versions(),
+        )
+
+    def _run(self, study: StudyRun[Result]) -> None:
+        study.run_study(self.middle, self.progress, self.folder)
+
+    def _measure_dose(self) -> None:
+        """The stereo pair's depth against offset, over fewer instants."""
+        if self.stereo.result is None:
+            return
+        pair = self.stereo.result.cameras
+        self.timing = with_depth_scores(self._measure_timing(pair), self.stereo.result.synced)
+        self.progress.step("depth against offset")
+        with suppress(ValueError):
+            most = min(DOSE_INSTANTS, self.options.max_instants)
+            steps = whole_frame_offsets(self.dataset, max(self.offset.actual_ms, DEFAULT_OFFSET_MS))
+            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True), self.timing)
+            self.timing = self.dose.timing
+
+    def _measure_timing(self, pair: tuple[str, str]) -> Timing:
+        self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
+        return self.times.measure_pair(pair)
+
+    def _measure_rig_timing(self) -> None:
+        """Where there are more cameras than the pair."""
+        if len(self.rig.views) > 2:
+            self.progress.step("lateness of all cameras")
+            reference = self.timing.reference if self.timing is not None else None
+            self.rig_timing = self.times.measure_rig(reference)
+
+    def _run_poses(self, moving: float) -> None:
+        """Estimate poses if asked for or if much moves; `moving` is the share of moving pixels."""
+        asked, share = self.options.poses, wording.share(moving, decimals=0)
+        if asked is None and moving < LARGE_MOVING_SHARE:
+            self.poses.skipped = (
+                f"{share} of the picture moves, which pose estimation rejects as outliers, in late pictures "
+                "too (--poses measures it anyway)"
+            )
+        elif asked is not False:
+            reason = "asked for" if asked else f"{share} of the picture moves"
+            self.poses = StudyRun(PoseStudy(self.rig, reason))
+            self._run(self.poses)
+
+    def _further_conditions(self) -> tuple[ConditionResult, ...]:
+        """The conditions asked for beside every study's own."""
+        found = []
+        for condition in self.options.conditions:
+            self.progress.step(f"condition {condition.name}")
+            found.append(self._compare_condition(condition))
+        if self.against is not None:
+            self.progress.step(f"session {self.against.name}")
+            found.append(self._compare_session(self.against))
+        return tuple(found)
+
+    def _compare_condition(self, condition: Condition) -> ConditionResult:
+        skipped: list[str] = []
+        return ConditionResult(
+            name=condition.name,
+            offsets_ms=fixed_offsets_ms(condition, self.dataset),
+            stereo=self.stereo.compare_condition(condition, skipped),
+            stitch=self.panorama.compare_condition(condition, skipped),
+            multiview=self.multiview.compare_condition(condition, skipped),
+            triangulation=self.triangulation.compare_condition(condition, skipped),
+            poses=self.poses.compare_condition(condition, skipped),
+            skipped=tuple(skipped),
+        )
+
+    def _compare_session(self, other: Dataset) -> ConditionResult:
+        """Another session's pictures of the same instant: by its own calibration, else by this one's."""
+        rig = Rig(other, self.folder / STAGES, self.offset.step)
+        calibration = other.calibration() or self.rig.calibration
+        if calibration is not None:
+            rig.use_calibration(calibration)
+        skipped: list[str] = []
+        return ConditionResult(
+            name=other.name,
+            session=str(other.session.folder),
+            stereo=self.stereo.compare_session(rig, skipped),
+            stitch=self.panorama.compare_session(rig, skipped),
+            multiview=self.multiview.compare_session(rig, skipped),
+            triangulation=self.triangulation.compare_session(rig, skipped),
+            poses=self.poses.compare_session(rig, skipped),
+            skipped=tuple(skipped),
+        )

@@ -1,0 +1,377 @@
+"""Planes where nothing but they tell.
+
+What a picture shows where its windows hold hardly more than noise, in a small picture of its own.
+
+Planes that many points of a scene lie on, found one after the other.
+
+Which plane each blank patch of a picture lies on, or whether it stays as it was found.
+
+A view's surface with the planes that were chosen for what is blank.
+
+Blank walls: the surfaces that all views found, with planes where nothing but these tells their depth.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
+from reconstruction.depth.cost_volume import WORST_COST, combine_likeness, correlate_windows
+from reconstruction.depth.engine import aggregate_costs
+from reconstruction.depth.plane_fitting import fit_planes, surface_normals
+from reconstruction.depth.plane_sweep import Planes, Refinement, Surface, SweepOptions, sweep_view
+
+MAX_WIDTH_PX = 160
+MAX_SCALE = 0.25
+"""Of the small pictures: a pixel is the mean of 16 or more, and the less noisy."""
+WINDOW = 7
+"""Side of the window that is matched in them, px."""
+NOISY = 1.25
+"""A window is blank if its deviation, squared, is less than so many times that of noise alone."""
+MIN_BLANK = 0.3
+"""Share of a small picture's pixel that must be blank."""
+SAME_SHADE = 6.0
+"""Deviations of the picture's noise by which neighbours differ that are taken for one shade."""
+REACH_PX = 4
+MIDDLE = 128.0
+
+
+@dataclass(frozen=True, eq=False)
+class BlankPart:
+    """The blank part of a picture: its faint texture alone, without edges, shades and all that is not blank.
+
+    Matched by windows of `WINDOW` px, far wider than the picture's own ones: they see through the noise, and
+    know nothing of a rod or a leaf before the wall.
+    """
+
+    image: CalibratedImage
+    """The texture around `MIDDLE`; `MIDDLE` itself where nothing is blank."""
+    shade: Array
+    """Brightness (grey levels), float32 of the small picture's size."""
+    there: Array
+    """Where the small picture is blank (bool)."""
+    mask: Array
+    """Where the whole picture is blank (bool), of its own size."""
+
+
+def extract_blank_part(image: CalibratedImage) -> BlankPart:
+    """The blank part of a picture."""
+    mask = image.deviation**2 < NOISY * image.noise
+    view = image.view
+    scale = min(MAX_SCALE, MAX_WIDTH_PX / view.width)
+    small = resize_view(view, round(view.width * scale), round(view.height * scale))
+    size = small.width, small.height
+    weight = mask.astype(np.float32)
+    share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+    shade = cv2.resize(weight * image.grey, size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-3)
+    there = share > MIN_BLANK
+    # The bilateral filter takes nothing from what is so far from every shade.
+    outside = np.where(there, shade, np.float32(-1e4)).astype(np.float32)
+    shades = SAME_SHADE * float(np.sqrt(image.noise)) / 3
+    around = cv2.bilateralFilter(outside, 2 * REACH_PX + 1, shades, 2 * REACH_PX)
+    texture = np.where(there, shade - around, 0) + np.float32(MIDDLE)
+    averaged = view.width * view.height / (small.width * small.height)
+    part = CalibratedImage(small, texture.astype(np.float32), WINDOW, image.noise / averaged)
+    return BlankPart(part, shade, there, mask)
+
+
+TOLERANCE = 0.006
+"""Points are on a plane if their depth is off by less than this share."""
+MIN_SHARE = 0.004
+"""Share of a picture that must lie on a plane."""
+MAX_PLANES = 32
+EVERY = 2
+"""Of so many points of a picture one is taken."""
+TRIALS, JUDGES = 80, 3000
+"""Points whose own planes are tried for the next plane, and points by which these are judged."""
+ROUNDS = 4
+NORMAL_REACH_PX = 3
+
+
+class SurfacePoints(NamedTuple):
+    """Points of surfaces in the rig's frame, their normals and the cameras that saw them, each (n, 3)."""
+
+    places: Array
+    normals: Array
+    centres: Array
+
+
+class ScenePlane(NamedTuple):
+    """A plane of the rig's frame: normal . X = distance, in the rig's unit."""
+
+    normal: Array
+    distance: float
+
+    def inverse_depth_gradient(self, view: View) -> Array:
+        """The vector (3,) whose product with a view's ray (x, y, 1) is the plane's inverse depth there."""
+        normal = view.rotation @ self.normal
+        away = self.distance + float(normal @ view.translation)
+        return np.asarray(normal / (away if abs(away) > 1e-9 else 1e-9), np.float32)
+
+    def off(self, points: SurfacePoints) -> Array:
+        """By which share of their depth points are off the plane, along the rays they were seen by (n,)."""
+        return np.asarray(_relative_gaps(self.normal[None], np.array([self.distance]), points)[0])
+
+
+def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array) -> SurfacePoints:
+    """Points of a view's surface and their normals where it is evident (bool height x width)."""
+    usual = float(np.median(inverse_depth))
+    known = np.where(evident, inverse_depth, np.float32(-1e6))
+    level, right, down = fit_planes(known, 3 * TOLERANCE * usual, reach=NORMAL_REACH_PX, rounds=3)
+    facing = surface_normals(level, right, down, image.rays)
+    rows, columns = np.nonzero(evident)
+    rows, columns = rows[::EVERY], columns[::EVERY]
+    pixels = np.column_stack([columns, rows]).astype(float)
+    places = image.view.unproject(pixels, 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float))
+    normals = facing[rows, columns] @ image.view.rotation
+    centres = np.broadcast_to(image.view.centre, places.shape)
+    return SurfacePoints(*(part.astype(np.float32) for part in (places, normals, centres)))
+
+
+def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[ScenePlane]:
+    """Planes on which at least so many of all points lie, largest first."""
+    left = SurfacePoints(*(np.concatenate(part) for part in zip(*samples, strict=True)))
+    found: list[ScenePlane] = []
+    while len(found) < MAX_PLANES and len(left.places) >= least:
+        plane = _refined(_most_supported(left), left)
+        off = plane.off(left)
+        if np.count_nonzero(off < TOLERANCE) < least:
+            break
+        found.append(plane)
+        # What lies just beside it would make the same plane again.
+        left = _selected(left, off >= 2 * TOLERANCE)
+    return found
+
+
+def _most_supported(points: SurfacePoints) -> ScenePlane:
+    tried, judges = (
+        _selected(points, slice(None, None, max(1, len(points.places) // n))) for n in (TRIALS, JUDGES)
+    )
+    distances = (tried.normals * tried.places).sum(1)
+    support = (_relative_gaps(tried.normals, distances, judges) < TOLERANCE).sum(1)
+    best = int(support.argmax())
+    return ScenePlane(tried.normals[best], float(distances[best]))
+
+
+def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
+    """The plane by least squares through the points on it, again and again."""
+    for _ in range(ROUNDS):
+        close = _selected(points, plane.off(points) < TOLERANCE)
+        on = SurfacePoints(*(part.astype(float) for part in close))
+        if len(on.places) < 3:
+            break
+        weights = 1 / np.maximum(np.abs(plane.distance - on.centres @ plane.normal), 1e-9) ** 2
+        middle = np.average(on.places, axis=0, weights=weights)
+        spread = on.places - middle
+        normal = np.linalg.eigh((spread * weights[:, None]).T @ spread)[1][:, 0]
+        plane = ScenePlane(normal, float(normal @ middle))
+    return plane
+
+
+def _relative_gaps(normals: Array, distances: Array, points: SurfacePoints) -> Array:
+    """Gaps (planes x points) along the rays between planes and points, over the points' planes' depth."""
+    normals, distances = normals.astype(np.float32), distances.astype(np.float32)[:, None]
+    gaps = np.abs(normals @ points.places.T - distances)
+    return np.asarray(gaps / np.maximum(np.abs(normals @ points.centres.T - distances), 1e-9))
+
+
+def _selected(points: SurfacePoints, chosen: Array | slice) -> SurfacePoints:
+    return SurfacePoints(*(part[chosen] for part in points))
+
+
+CHANGE = 60
+"""Penalty of a change of plane between neighbours, where 255 is the cost of no likeness."""
+ALIKE, ALIKE_PRICE = 0.05, 0.005
+"""Added to the cost (0 to 1) where a plane with more points is within this share: both match nearly as well,
+and the other is more exact."""
+MIN_VISIBLE = 0.02
+"""Share of a picture that a plane must cover to be tried there."""
+MIN_SOURCES = 2
+"""That must see a pixel, where there are so many: at a rim what lies outside a picture says nothing."""
+LIKE, LIKE_ON_AVERAGE = 0.3, 0.08
+"""Correlation of a wide window that is evidence; and its mean over a patch of one plane."""
+MIN_PATCH_PX = 12
+AS_FOUND = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneChoice:
+    """Each small pixel's plane: its number, `AS_FOUND` for none; and whether it is evident (bool)."""
+
+    gradients: Array
+    """Of the planes (n, 3), by their number; that of `AS_FOUND` means nothing."""
+    number: Array
+    evident: Array
+
+
+def choose_planes(
+    part: BlankPart,
+    sources: Sequence[BlankPart],
+    found: Array,
+    planes: Sequence[ScenePlane],
+    reach: tuple[float, float],
+) -> PlaneChoice:
+    """The plane that fits best by wide windows, the same for neighbours where nothing speaks against it.
+
+    `found`: the inverse depth that the view had found, of the small picture's size. `planes`: those with
+    most points first. `reach`: the nearest and the farthest depth.
+    """
+    image = part.image
+    low, high = 1 / reach[1], 1 / reach[0]
+    gradients, levels = [np.zeros(3, np.float32)], [found]
+    for plane in planes:
+        gradient = plane.inverse_depth_gradient(image.view)
+        level = np.tensordot(gradient, image.rays, 1)
+        if np.mean(part.there & (level > low) & (level < high)) >= MIN_VISIBLE:
+            gradients.append(gradient)
+            levels.append(level)
+    source_views = [SourceView(image, source.image) for source in sources]
+    volume = np.empty((len(found), len(levels), found.shape[1]), np.uint8)
+    there = part.there
+    for number, level in enumerate(levels):
+        cost, seen = _cost_and_sight(np.clip(level, low, high), source_views)
+        seen &= (level > low) & (level < high)
+        if number == AS_FOUND:
+            there = there & seen
+        alike = [np.abs(level - other) < ALIKE * other for other in levels[1:number]]
+        cost = cost + np.float32(ALIKE_PRICE) * np.any(alike, axis=0) if alike else cost
+        cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
+        np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
+    number = aggregate_costs(volume, part.shade, CHANGE, CHANGE).argmin(1)
+    number[~there] = AS_FOUND
+    likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
+    evident = there & ((likeness > LIKE) | _evident_patches(number, likeness))
+    return PlaneChoice(np.stack(gradients), number, evident)
+
+
+def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
+    """The sources' matching cost along a surface, and where enough of them see it at all (bool)."""
+    warped = [one.warp_by_depth(level) for one in source_views]
+    seeing = len(warped) - np.sum([one < 0 for one in warped], axis=0)
+    # What lies outside says nothing, rather than being like nothing: wide windows often reach beyond.
+    inside = [np.where(one < MIDDLE / 2, np.float32(MIDDLE), one) for one in warped]
+    likeness = [correlate_windows(one, part) for one, part in zip(source_views, inside, strict=True)]
+    return 1 - combine_likeness(likeness), np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
+
+
+def _evident_patches(number: Array, likeness: Array) -> Array:
+    """Patches of one plane (bool) whose windows are alike on average: each by itself is too noisy."""
+    found = np.zeros(number.shape, bool)
+    for one in np.unique(number[number != AS_FOUND]):
+        mine = number == one
+        _, patches = cv2.connectedComponents(cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8)))
+        count = np.bincount(patches[mine])
+        mean = np.bincount(patches[mine], likeness[mine]) / np.maximum(count, 1)
+        found |= mine & ((mean > LIKE_ON_AVERAGE) & (count >= MIN_PATCH_PX))[np.where(mine, patches, 0)]
+    return found
+
+
+EVIDENT_COST = 0.45
+"""Matching cost that stands for evidence in the windows of the whole picture."""
+RIM_PX = 4
+"""How far windows of the whole picture carry the depth of a thing beyond its edge."""
+LIKE_SHADE = 2.0
+"""Deviations of the noise by which a pixel may differ from the shade of what is blank beside it."""
+
+
+def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: PlaneChoice) -> Surface:
+    """The surface with the chosen planes wherever the picture is blank (`mask`) and nothing matched."""
+    size = image.view.width, image.view.height
+    number = cv2.resize(choice.number.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    evident = cv2.resize(choice.evident.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    level, slope_x, slope_y, cost = (
+        part.copy() for part in (surface.inverse_depth, surface.slope_x, surface.slope_y, surface.cost)
+    )
+    laid = mask & (number != AS_FOUND) & (cost >= EVIDENT_COST)
+    gradient = choice.gradients[number[laid]]
+    rays = image.rays
+    level[laid] = (gradient * rays[:, laid].T).sum(1)
+    slope_x[laid] = gradient[:, 0] * (rays[0, 0, 1] - rays[0, 0, 0])
+    slope_y[laid] = gradient[:, 1] * (rays[1, 1, 0] - rays[1, 0, 0])
+    sure = mask & evident
+    cost[sure] = np.minimum(cost[sure], EVIDENT_COST)
+    _continue_to_edges((level, slope_x, slope_y), image, mask)
+    return Surface(level, slope_x, slope_y, cost)
+
+
+def _continue_to_edges(planes: Planes, image: CalibratedImage, mask: Array) -> None:
+    """Continue the planes of what is blank to the edge of what is before it, in place.
+
+    Windows that hold a rod are not blank, and find its depth on both sides of it; but its shade ends there.
+    """
+    weight = mask.astype(np.float32)
+    window = 2 * RIM_PX + 1, 2 * RIM_PX + 1
+    share = cv2.blur(weight, window)
+    shade = cv2.blur(weight * image.grey, window) / np.maximum(share, 1e-6)
+    alike = np.abs(image.grey - shade) < LIKE_SHADE * float(np.sqrt(image.noise)) / 3
+    away, nearest = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    rows, columns = np.nonzero(~mask & alike & (away <= RIM_PX) & (share > 0))
+    places = np.zeros((int(nearest.max()) + 1, 2), int)
+    places[nearest[mask]] = np.column_stack(np.nonzero(mask))
+    from_row, from_column = places[nearest[rows, columns]].T
+    level, slope_x, slope_y = planes
+    start = from_row, from_column
+    there = level[start] + slope_x[start] * (columns - from_column) + slope_y[start] * (rows - from_row)
+    behind = (there > 0) & (there < 0.99 * level[rows, columns])
+    at, start = (rows[behind], columns[behind]), (from_row[behind], from_column[behind])
+    level[at] = there[behind]
+    slope_x[at], slope_y[at] = slope_x[start], slope_y[start]
+
+
+MIN_BLANK_SHARE = 0.02
+"""Share of the pictures that must be blank."""
+EVIDENT, EVIDENT_WIDE = 0.5, 0.8
+"""Matching costs below which a surface's points count, by the picture's windows and by wide ones."""
+WIDE_SWEEP = SweepOptions(step_px=0.8, window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
+
+
+def settle_blank_walls(
+    images: Mapping[str, CalibratedImage],
+    sources: Mapping[str, Sequence[str]],
+    reach: Mapping[str, tuple[float, float]],
+    surfaces: Mapping[str, Surface],
+    pool: Executor,
+) -> dict[str, Surface]:
+    """The views' surfaces with planes laid where pictures are blank and wide windows prefer them.
+
+    The planes are those that many points of all views lie on.
+    """
+    names = list(surfaces)
+    parts = dict(zip(names, pool.map(extract_blank_part, (images[name] for name in names)), strict=True))
+    if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_SHARE:
+        return dict(surfaces)
+
+    def sources_of(name: str) -> list[BlankPart]:
+        return [parts[other] for other in sources[name]]
+
+    def sample(name: str) -> list[SurfacePoints]:
+        part, surface = parts[name], surfaces[name]
+        level, cost = (_shrunk(one, part.image) for one in (surface.inverse_depth, surface.cost))
+        near = sample_surface(part.image, level, cost < EVIDENT)
+        wide = sweep_view(part.image, [other.image for other in sources_of(name)], *reach[name], WIDE_SWEEP)
+        return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
+
+    samples = [one for found in pool.map(sample, names) for one in found]
+    least = round(MIN_SHARE / EVERY * float(np.mean([part.there.size for part in parts.values()])))
+    planes = find_scene_planes(samples, least)
+
+    def settle(name: str) -> Surface:
+        part = parts[name]
+        found = _shrunk(surfaces[name].inverse_depth, part.image)
+        choice = choose_planes(part, sources_of(name), found, planes, reach[name])
+        return lay_planes(surfaces[name], images[name], part.mask, choice)
+
+    return dict(zip(names, pool.map(settle, names), strict=True))
+
+
+def _shrunk(part: Array, image: CalibratedImage) -> Array:
+    """A map at the size of a small picture, pixels as they are: a mean over an edge is on no surface."""
+    size = image.view.width, image.view.height
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_NEAREST))

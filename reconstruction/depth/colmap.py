@@ -1,0 +1,312 @@
+"""A COLMAP workspace with pictures, poses, depth and normals, and the cloud fused from it.
+
+A COLMAP workspace with pictures, poses, depth and normals, and the cloud fused from it.
+
+Its files of depth and normals (`width&height&channels&`, then float32 row by row, channel by channel) are
+written here because pycolmap 4.2's `NormalMap.from_array` takes the channels for the innermost axis, and
+COLMAP's own code then reads wrong normals; fusion silently drops most points.
+
+COLMAP's PatchMatch on a CUDA GPU, in an environment and a process of its own.
+
+`pycolmap-cuda12` has pycolmap's import name and aborts the process that calls it without a GPU: it is never
+imported here. The GPU is probed by the driver's own tool, and the work is done by another Python.
+"""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from capture_app.errors import NotApplicableError, NotAvailableError, SimulshotError
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import FAST_PNG, write_image
+from reconstruction.common.native_libraries import load_pycolmap
+from reconstruction.depth.sweep_matcher import ViewDepth
+
+POINTS_PER_VIEW = 300
+"""Fusion takes its neighbourhoods from points that views share; without them it finds nothing."""
+
+
+def write_workspace(
+    folder: Path,
+    views: Mapping[str, View],
+    pictures: Mapping[str, Array],
+    depth_views: Mapping[str, ViewDepth] | None = None,
+    *,
+    reach: tuple[float, float] = (0.1, 100.0),
+) -> None:
+    """Make a dense workspace in COLMAP's layout from undistorted pictures (uint8) of pinhole views.
+
+    With `depth_views` it also holds depth and normal maps, named as after COLMAP's geometric pass, and
+    points of them that views share; without, points between the two depths of `reach`, by which COLMAP
+    chooses what to match, and `patch-match.cfg` asks for all cameras.
+    """
+    pycolmap = load_pycolmap("fusing depth maps")
+    stereo = folder / "stereo"
+    for part in ("depth_maps", "normal_maps", "consistency_graphs"):
+        (stereo / part).mkdir(parents=True, exist_ok=True)
+    for part in ("images", "sparse"):
+        (folder / part).mkdir(exist_ok=True)
+    for name in views:
+        write_image(folder / "images" / f"{name}.png", pictures[name], FAST_PNG)
+    points = _spread_points(views, reach) if depth_views is None else _shared_points(views, depth_views)
+    _sparse_model(pycolmap, views, points).write(folder / "sparse")
+    (stereo / "fusion.cfg").write_text("".join(f"{name}.png\n" for name in views))
+    (stereo / "patch-match.cfg").write_text("".join(f"{name}.png\n__auto__, 20\n" for name in views))
+    for name, found in (depth_views or {}).items():
+        write_array(_map_file(folder, "depth", name), found.depth)
+        write_array(_map_file(folder, "normal", name), found.normals)
+
+
+def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDepth]) -> Array:
+    """Some points of all depth maps, in the rig's frame (n, 3)."""
+    rng = np.random.default_rng(0)
+    points = [np.zeros((0, 3))]
+    for name, found in depth_views.items():
+        rows, columns = np.nonzero(found.depth > 0)
+        if not len(rows):
+            continue
+        take = rng.choice(len(rows), min(POINTS_PER_VIEW, len(rows)), replace=False)
+        rows, columns = rows[take], columns[take]
+        z = found.depth[rows, columns].astype(float)
+        points.append(views[name].unproject(np.column_stack([columns, rows]), z))
+    return np.concatenate(points)
+
+
+def _spread_points(views: Mapping[str, View], reach: tuple[float, float]) -> Array:
+    """Points spread over all views between two depths, in the rig's frame (n, 3)."""
+    rng = np.random.default_rng(0)
+    points = []
+    for view in views.values():
+        pixels = rng.random((POINTS_PER_VIEW, 2)) * (view.width, view.height)
+        z = 1 / rng.uniform(1 / reach[1], 1 / reach[0], POINTS_PER_VIEW)
+        points.append(view.unproject(pixels, z))
+    return np.concatenate(points)
+
+
+def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> Any:
+    """The sparse model: every point is seen by every view whose picture it falls into."""
+    model = pycolmap.Reconstruction()
+    seen: list[list[tuple[int, int]]] = [[] for _ in points]
+    for number, (name, view) in enumerate(views.items(), 1):
+        matrix = view.matrix
+        camera = pycolmap.Camera(
+            model="PINHOLE",
+            width=view.width,
+            height=view.height,
+            # Elsewhere COLMAP's first pixel has its centre at (0.5, 0.5); its dense part takes a pixel's
+            # column and row for coordinates, and fuses points half a pixel off if given that.
+            params=[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]],
+            camera_id=number,
+        )
+        model.add_camera_with_trivial_rig(camera)
+        in_view = points @ view.rotation.T + view.translation
+        z = np.where(in_view[:, 2] > 1e-9, in_view[:, 2], np.nan)
+        pixel = (in_view @ matrix.T)[:, :2] / z[:, None]
+        with np.errstate(invalid="ignore"):
+            inside = ((pixel >= 0) & (pixel < (view.width, view.height))).all(1)
+        for place, index in enumerate(np.flatnonzero(inside)):
+            seen[index].append((number, place))
+        image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number, keypoints=pixel[inside])
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(view.rotation), view.translation)
+        model.add_image_with_trivial_frame(image, pose)
+    grey = np.full(3, 128, np.uint8)
+    for point, elements in zip(points, seen, strict=True):
+        if len(elements) >= 2:
+            track = pycolmap.Track()
+            for image_id, place in elements:
+                track.add_element(image_id, place)
+            model.add_point3D(point, track, grey)
+    return model
+
+
+def read_maps(workspace: Path, cameras: Iterable[str]) -> dict[str, ViewDepth]:
+    """Depth and normals that PatchMatch left in the workspace, by camera.
+
+    Raises:
+        SimulshotError: a map is missing or broken.
+    """
+    found = {}
+    for camera in cameras:
+        depth, normal = (read_array(_map_file(workspace, kind, camera)) for kind in ("depth", "normal"))
+        found[camera] = ViewDepth(np.maximum(depth, 0), normal * (depth > 0)[..., None])
+    return found
+
+
+def _map_file(workspace: Path, kind: str, camera: str) -> Path:
+    return workspace / "stereo" / f"{kind}_maps" / f"{camera}.png.geometric.bin"
+
+
+def read_array(path: Path) -> Array:
+    """A map, float32 height x width (x channels).
+
+    Raises:
+        SimulshotError: it is missing or truncated.
+    """
+    try:
+        data = path.read_bytes()
+        width, height, channels = (int(part) for part in data.split(b"&", 3)[:3])
+        start = len(b"&".join(data.split(b"&", 3)[:3])) + 1
+        values = np.frombuffer(data, np.float32, offset=start)
+        shaped = values.reshape(channels, height, width).transpose(1, 2, 0)
+    except (OSError, ValueError) as error:
+        raise SimulshotError(f"{path} is not a depth or normal map of COLMAP: {error}") from error
+    return np.array(shaped[..., 0] if channels == 1 else shaped)
+
+
+def write_array(path: Path, values: Array) -> None:
+    """Write a map of height x width (x channels)."""
+    channels = values.shape[2] if values.ndim == 3 else 1
+    header = f"{values.shape[1]}&{values.shape[0]}&{channels}&".encode()
+    planes = np.moveaxis(values.reshape(*values.shape[:2], channels), 2, 0)
+    path.write_bytes(header + np.ascontiguousarray(planes, "<f4").tobytes())
+
+
+MIN_VIEWS = 3
+"""Views in whose maps a point must be, fewer where there are fewer; the limits are COLMAP's."""
+MAX_NORMAL_ERROR_DEG = 30.0
+MAX_DEPTH_ERROR = 0.01
+MAX_REPROJECTION_ERROR_PX = 1.5
+MAX_TRAVERSAL_DEPTH = 2
+"""Views one after the other that a point is followed through; more of them eat its neighbours."""
+
+
+def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
+    """Fuse a workspace's geometric maps into a PLY; how many points it has.
+
+    `views`: how many maps the smallest group of cameras has that see the same.
+
+    Raises:
+        BadInputError: no point is consistent in enough views.
+    """
+    pycolmap = load_pycolmap("fusing depth maps")
+    asked = pycolmap.StereoFusionOptions()
+    asked.min_num_pixels = min(MIN_VIEWS, views)
+    asked.max_normal_error = MAX_NORMAL_ERROR_DEG
+    asked.max_depth_error = MAX_DEPTH_ERROR
+    asked.max_reproj_error = MAX_REPROJECTION_ERROR_PX
+    asked.max_traversal_depth = MAX_TRAVERSAL_DEPTH
+    # More threads race for the pixels: another cloud every time, and hardly sooner.
+    asked.num_threads = 1
+    fused = pycolmap.stereo_fusion(
+        cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply"
+    )
+    count = len(fused.points3D)
+    if count == 0:
+        raise NotApplicableError(
+            "no point of the scene is consistent in enough cameras",
+            hint="cameras must see the same things, at the same time, from different places, "
+            "and their calibration must be this rig's",
+        )
+    return count
+
+
+@dataclass(frozen=True, eq=False)
+class FusedCloud:
+    """Points (n, 3) float32 in the rig's frame, their normals (n, 3) float32, colours (n, 3) uint8 RGB.
+
+    `seen` (n, views) bool: whose maps each was fused from.
+    """
+
+    points: Array
+    normals: Array
+    colours: Array
+    seen: Array
+
+    @classmethod
+    def empty(cls, views: int) -> Self:
+        """A cloud without a point."""
+        nowhere = np.zeros((0, 3), np.float32)
+        return cls(nowhere, nowhere, np.zeros((0, 3), np.uint8), np.zeros((0, views), bool))
+
+
+def read_fused_cloud(path: Path, views: int) -> FusedCloud:
+    """A fused PLY, and the `.vis` file beside it."""
+    data = path.read_bytes()
+    start = data.index(b"end_header\n") + len(b"end_header\n")
+    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+    rows = np.frombuffer(data, vertex, offset=start)
+    lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
+    seen = np.zeros((len(rows), views), bool)
+    at = 0
+    for row in seen:
+        count = int(lists[at])
+        row[lists[at + 1 : at + 1 + count]] = True
+        at += 1 + count
+    return FusedCloud(np.array(rows["at"]), np.array(rows["normal"]), np.array(rows["colour"]), seen)
+
+
+ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
+HINT = (
+    "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
+    f"{ENVIRONMENT}=cuda/bin/python; or use --matcher sweep"
+)
+STDERR = 2
+PROGRAM = """
+import sys, pycolmap
+pycolmap.logging.minloglevel = 2
+options = pycolmap.PatchMatchOptions()
+options.geom_consistency = True
+options.depth_min, options.depth_max = float(sys.argv[2]), float(sys.argv[3])
+pycolmap.patch_match_stereo(sys.argv[1], "COLMAP", "option-all", options)
+"""
+
+
+@dataclass(frozen=True)
+class CudaGpu:
+    """A CUDA GPU and the Python whose pycolmap can use it."""
+
+    name: str
+    python: Path
+
+
+def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
+    """The first GPU, and the other environment's Python.
+
+    Raises:
+        NotAvailableError: there is no GPU, or no environment with `pycolmap-cuda12` is named.
+    """
+    tool = shutil.which("nvidia-smi", path=environment.get("PATH"))
+    no_gpu = NotAvailableError(
+        "PatchMatch needs an NVIDIA GPU, and this machine has none", hint="use --matcher sweep"
+    )
+    if tool is None:
+        raise no_gpu
+    try:
+        asked = subprocess.run(  # noqa: S603
+            [tool, "--query-gpu=name", "--format=csv,noheader"], capture_output=True, text=True, timeout=30
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise NotAvailableError(f"the GPU does not answer: {error}", hint="use --matcher sweep") from error
+    names = asked.stdout.strip().splitlines()
+    if asked.returncode != 0 or not names:
+        raise no_gpu
+    named = environment.get(ENVIRONMENT, "")
+    if not named:
+        raise NotAvailableError(f"there is a GPU ({names[0]}), but no pycolmap with CUDA", hint=HINT)
+    python = Path(named)
+    if not python.is_file():
+        raise NotAvailableError(f"{ENVIRONMENT} names {python}, which does not exist", hint=HINT)
+    return CudaGpu(names[0], python)
+
+
+def run_patch_match(gpu: CudaGpu, workspace: Path, nearest: float, farthest: float) -> None:
+    """Fill a workspace's depth and normal maps between two depths; its messages go to stderr.
+
+    Raises:
+        SimulshotError: the other process failed or died.
+    """
+    command = [str(gpu.python), "-c", PROGRAM, str(workspace), repr(nearest), repr(farthest)]
+    done = subprocess.run(command, stdout=STDERR, stderr=subprocess.PIPE, text=True)  # noqa: S603
+    if done.returncode != 0:
+        said = done.stderr.strip().splitlines()
+        how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        raise SimulshotError(
+            f"PatchMatch on {gpu.name} ended with {how}: {said[-1] if said else 'no message'}",
+            hint="--matcher sweep does without a GPU",
+        )

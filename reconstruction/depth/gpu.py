@@ -1,0 +1,201 @@
+"""The sweep's costs and their semi-global scan on an NVIDIA GPU: CuPy runs the kernels of `kernels.cu`."""
+
+import importlib
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+from weakref import ref
+
+import numpy as np
+
+from capture_app.errors import NotAvailableError
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
+from reconstruction.depth.cost_volume import BETTER_OF_TWO, WORST_COST
+from reconstruction.depth.engine import CPU, SweepEngine
+
+KERNELS = Path(__file__).with_name("kernels.cu")
+TILE, DEPTHS = (32, 8), 16
+WARP = 32
+SCAN_THREADS = 64
+CHOICE_THREADS = 128
+
+
+@dataclass(frozen=True, eq=False)
+class GpuVolume:
+    """Costs on the GPU (height x width x depths, uint8), with depths beyond `count` to a multiple of 4."""
+
+    costs: Any
+    count: int
+
+
+@contextmanager
+def _told_in_words() -> Iterator[None]:
+    """Raises NotAvailableError for what a GPU fails with; CuPy's errors have no common base."""
+    try:
+        yield
+    except Exception as error:
+        hint = "CUDA_VISIBLE_DEVICES= (empty) keeps to the CPU"
+        raise NotAvailableError(f"the GPU failed: {_first_line(error)}", hint=hint) from error
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+class GpuEngine:
+    """The sweep's engine on the current CUDA device; `cupy` is the module, or what has its interface."""
+
+    def __init__(self, cupy: Any) -> None:
+        self._cupy = cupy
+        self._uploads: dict[int, tuple[ref[Array], Any]] = {}
+        self._lock = threading.Lock()
+        self._compiled = cache(self._compile)
+
+    @_told_in_words()
+    def cost_volume(
+        self, source_views: Sequence[SourceView], base: Array | None, offsets: Array
+    ) -> GpuVolume:
+        """As `cost_volume` of the CPU, but for rounding."""
+        xp = self._cupy
+        reference = source_views[0].reference
+        height, width = reference.grey.shape
+        pictures = [one.source.grey for one in source_views]
+        begins = np.cumsum([0, *(picture.size for picture in pictures[:-1])])
+        info = [(begin, p.shape[1], p.shape[0]) for begin, p in zip(begins, pictures, strict=True)]
+        numbers = np.concatenate([_numbers(one) for one in source_views])
+        count = len(offsets)
+        padded = -(-count // 4) * 4
+        out = xp.empty((height, width, padded), np.uint8)
+        grid = tuple(-(-size // of) for size, of in ((width, TILE[0]), (height, TILE[1]), (padded, DEPTHS)))
+        self._kernel("costs", half_window=reference.window // 2)(
+            grid,
+            (*TILE, 1),
+            (
+                self._upload(reference.grey),
+                self._upload(reference.mean),
+                self._upload(reference.deviation),
+                xp.zeros((height, width), np.float32) if base is None else xp.asarray(base, np.float32),
+                xp.asarray(offsets, np.float32),
+                np.int32(count),
+                xp.concatenate([self._upload(picture).reshape(-1) for picture in pictures]),
+                xp.asarray(info, np.int32),
+                xp.asarray(numbers, np.float32),
+                np.int32(len(source_views)),
+                np.int32(height),
+                np.int32(width),
+                np.int32(padded),
+                np.float32(OUTSIDE),
+                np.float32(BETTER_OF_TWO),
+                out,
+            ),
+        )
+        return GpuVolume(out, count)
+
+    @_told_in_words()
+    def find_cheapest(self, volume: GpuVolume, grey: Array, small: int, large: int) -> tuple[Array, Array]:
+        """As on the CPU, to the last bit."""
+        xp = self._cupy
+        height, width, padded = volume.costs.shape
+        depths, lanes = _lanes(padded)
+        total = xp.zeros((height, width, padded), np.int16)
+        warps = -(-(height + width - 1) // (WARP // lanes))
+        sizes = (np.int32(size) for size in (height, width, volume.count, padded, lanes, small, large))
+        self._kernel("scan", lane_depths=depths)(
+            (-(-warps * WARP // SCAN_THREADS), 8, 1),
+            (SCAN_THREADS, 1, 1),
+            (volume.costs, total, self._upload(grey), *sizes),
+        )
+        place, own = (xp.empty((height, width), np.float32) for _ in range(2))
+        sizes = (np.int32(size) for size in (height * width, volume.count, padded))
+        self._kernel("cheapest")(
+            (-(-height * width // CHOICE_THREADS), 1, 1),
+            (CHOICE_THREADS, 1, 1),
+            (volume.costs, total, *sizes, place, own),
+        )
+        return xp.asnumpy(place), xp.asnumpy(own)
+
+    def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
+        """As on the CPU, but for rounding."""
+        volume = self.cost_volume(source_views, inverse_depth, np.zeros(1))
+        with _told_in_words():
+            return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
+
+    def _kernel(self, name: str, *, half_window: int = 2, lane_depths: int = 4) -> Any:
+        with self._lock:
+            return self._compiled(half_window, lane_depths).get_function(name)
+
+    def _compile(self, half_window: int, lane_depths: int) -> Any:
+        options = f"-DR={half_window}", f"-DLV={lane_depths}", "--fmad=false"
+        return self._cupy.RawModule(code=KERNELS.read_text(), options=options)
+
+    def _upload(self, array: Array) -> Any:
+        """The array on the GPU, once for as long as it lives here."""
+        with self._lock:
+            known = self._uploads.get(id(array))
+            if known is not None and known[0]() is array:
+                return known[1]
+            self._uploads = {key: held for key, held in self._uploads.items() if held[0]() is not None}
+            there = self._cupy.asarray(array, np.float32)
+            self._uploads[id(array)] = ref(array), there
+            return there
+
+
+@dataclass(frozen=True, eq=False)
+class FoundEngine:
+    """What the sweep runs on, and why; without CuPy that is nothing to speak of."""
+
+    engine: SweepEngine
+    note: str
+
+
+def use_gpu(cupy: Any) -> FoundEngine:
+    """The engine of the first GPU if it does what it should, else the CPU's; `cupy` is the module."""
+    try:
+        if not cupy.cuda.runtime.getDeviceCount():
+            return FoundEngine(CPU, "on the CPU: CuPy finds no GPU")
+        name = cupy.cuda.runtime.getDeviceProperties(0)["name"].decode()
+        engine = GpuEngine(cupy)
+        costs = np.full((4, 4, 4), WORST_COST, np.uint8)
+        costs[..., 2] = 0
+        place, _ = engine.find_cheapest(GpuVolume(cupy.asarray(costs), 4), np.zeros((4, 4), np.float32), 1, 2)
+    # No driver, one too old, no compiler, all memory taken.
+    except Exception as error:  # noqa: BLE001
+        cause = error.__cause__ if isinstance(error, NotAvailableError) else error
+        said = _first_line(cause if isinstance(cause, Exception) else error)
+        return FoundEngine(CPU, f"on the CPU: the GPU cannot be used ({said})")
+    if not (place == 2).all():
+        return FoundEngine(CPU, f"on the CPU: {name} computes wrongly")
+    return FoundEngine(engine, f"on {name}")
+
+
+@cache
+def find_engine() -> FoundEngine:
+    """A GPU's engine where CuPy and a GPU are here, else the CPU's; looked for once a process."""
+    try:
+        cupy = importlib.import_module("cupy")
+    except ImportError:
+        return FoundEngine(CPU, "")
+    # One that was built for another NumPy, or without its libraries, fails as it likes.
+    except Exception as error:  # noqa: BLE001
+        return FoundEngine(CPU, f"on the CPU: CuPy is broken ({_first_line(error)})")
+    return use_gpu(cupy)
+
+
+def _numbers(source_view: SourceView) -> Array:
+    """From a reference's pixel and inverse depth to the source's pixel, and the source's noise (13,)."""
+    turn = source_view.plane_warp(0.0)
+    return np.concatenate([turn.reshape(-1), source_view.shift, [source_view.source.noise]])
+
+
+def _lanes(padded: int) -> tuple[int, int]:
+    """Depths that each lane of a path keeps, and lanes to a path (a power of two)."""
+    depths = 4 * max(1, -(-padded // (4 * WARP)))
+    lanes = 1
+    while lanes * depths < padded:
+        lanes *= 2
+    return depths, lanes

@@ -1,0 +1,300 @@
+"""What two cameras share: points, homography, fitness.
+
+Points that do not move, found again between cameras: what calibration and registration rest on.
+
+The homography between two cameras' pictures, fitted to points that do not move.
+
+Whether two cameras can be rectified: their baseline, and how large pictures get on their common plane.
+
+Which two cameras make the best depth, and which two the best panorama.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, other_from_reference
+
+MAX_SIDE_PX = 1280
+"""Larger images are made smaller for finding points."""
+MAX_POINTS = 2500
+
+
+@dataclass(frozen=True)
+class Features:
+    """Points of one image: positions (n, 2) px in the full image, descriptors (n, 128)."""
+
+    positions: Array
+    descriptors: Array
+
+
+def size_above_features(width: int, height: int) -> float:
+    """How many times larger a picture is than the one that its points are found in; 1 for small ones."""
+    return max(1.0, max(width, height) / MAX_SIDE_PX)
+
+
+def detect_features(image: Array, movers: Array) -> Features:
+    """SIFT points of a grey image (uint8) outside its movers (bool)."""
+    scale = min(1.0, MAX_SIDE_PX / max(image.shape))
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+    allowed = cv2.resize(
+        (~movers).astype(np.uint8) * 255, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_NEAREST
+    )
+    sift = cv2.SIFT.create(nfeatures=MAX_POINTS, contrastThreshold=0.02)
+    keypoints, descriptors = sift.detectAndCompute(small, allowed)
+    if descriptors is None:
+        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
+    positions = np.array([(point.pt[0] + 0.5, point.pt[1] + 0.5) for point in keypoints]) / scale - 0.5
+    return Features(positions, np.asarray(descriptors, np.float32))
+
+
+def match_features(a: Features, b: Features, ratio: float = 0.75) -> tuple[Array, Array]:
+    """Positions (n, 2) of points that are each other's best match, in a and in b."""
+    of_a, of_b = match_descriptors(a.descriptors, b.descriptors, ratio)
+    return a.positions[of_a], b.positions[of_b]
+
+
+def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
+    """Indices (n,) of descriptors that are each other's best match, by Lowe's ratio test."""
+    if len(a) < 2 or len(b) < 2:
+        return np.zeros(0, int), np.zeros(0, int)
+    distance = (a**2).sum(1)[:, None] + (b**2).sum(1)[None, :] - 2 * (a @ b.T)
+    best = distance.argmin(1)
+    rows = np.arange(len(best))
+    mutual = distance.argmin(0)[best] == rows
+    first = distance[rows, best].copy()
+    distance[rows, best] = np.inf
+    keep = mutual & (first < ratio**2 * distance.min(1))
+    return rows[keep], best[keep]
+
+
+MIN_MATCHES = 25
+GRID = (8, 6)
+CELLS = GRID[0] * GRID[1]
+"""Cells across, down and in all of the grid that shows over how much of a picture features are spread."""
+
+
+def grid_cells(at: Array, width: int, height: int) -> set[tuple[int, int]]:
+    """The cells of `GRID` that hold pixels (n, 2) of a picture of this size."""
+    last = GRID[0] - 1, GRID[1] - 1
+    cells = np.floor(at / (width, height) * GRID).clip(0, last).astype(int)
+    return {(int(x), int(y)) for x, y in cells}
+
+
+@dataclass(frozen=True)
+class Homography:
+    """The plane-to-plane map that fits most still points: 3x3, pixels of the first to the second camera."""
+
+    matrix: Array
+    overlap: float
+    """Share of the first camera's picture that the second shows too."""
+    inliers: int
+    matches: int
+
+
+def fit_homography(
+    at_a: Array, at_b: Array, size_a: tuple[int, int], size_b: tuple[int, int]
+) -> Homography | None:
+    """The homography of two cameras from matched still points (n, 2), or None where nothing fits."""
+    if len(at_a) < MIN_MATCHES:
+        return None
+    matrix, kept = cv2.findHomography(
+        at_a.reshape(-1, 1, 2), at_b.reshape(-1, 1, 2), cv2.USAC_MAGSAC, 4.0, maxIters=5000, confidence=0.999
+    )
+    if matrix is None or int(kept.sum()) < MIN_MATCHES or abs(np.linalg.det(matrix)) < 1e-9:
+        return None
+    overlap = _overlap(np.linalg.inv(matrix), size_b, size_a)
+    return Homography(np.asarray(matrix), overlap, int(kept.sum()), len(at_a))
+
+
+def _overlap(into: Array, size: tuple[int, int], frame: tuple[int, int]) -> float:
+    """Share of a frame (width, height) that a picture of `size` covers after a homography into it."""
+    mask = np.full((size[1], size[0]), 255, np.uint8)
+    covered = cv2.warpPerspective(mask, into, frame, flags=cv2.INTER_NEAREST)
+    return float((covered > 0).mean())
+
+
+MIN_BASELINE = 1e-6
+"""Least distance of two cameras, in the calibration's unit and as a share of their distance from its origin.
+
+Cameras that are closer stand at one place: what is left are rounding errors."""
+MAX_CANVAS_SHARE = 8.0
+"""Largest canvas in pictures of the reference: cameras that look some 60 degrees off their common plane."""
+LEAST_AHEAD = 0.05
+"""A ray whose cosine to the plane's normal is less runs along the plane, and meets it nowhere near."""
+
+
+def baseline(reference: View, other: View) -> float:
+    """The distance of two cameras in the calibration's unit.
+
+    Raises:
+        ValueError: it is none; the message gives it.
+    """
+    length = float(np.linalg.norm(other.centre - reference.centre))
+    far = max(float(np.linalg.norm(reference.centre)), float(np.linalg.norm(other.centre)), 1.0)
+    # The other way round NaN would pass.
+    if not length > MIN_BASELINE * far:
+        raise ValueError(f"both cameras stand at the same place by the calibration (baseline {length:.2g})")
+    return length
+
+
+def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, float, bool]:
+    """The rotations of both views onto a common plane, the baseline's length, and whether to mirror.
+
+    The common x axis is the baseline, kept as close to the reference's x (or y) axis as it can be, so
+    that pictures stay upright; z is as close as possible to both viewing directions.
+
+    Raises:
+        ValueError: the two cameras stand at the same place, or one looks along the baseline.
+    """
+    length = baseline(reference, other)
+    rotation, translation = other_from_reference(reference, other)
+    x = -rotation.T @ translation / length
+    lead = int(np.argmax(np.abs(x[:2])))
+    mirror = bool(x[lead] < 0)
+    if mirror:
+        x = -x
+    z = np.array([0.0, 0.0, 1.0]) + rotation.T @ np.array([0.0, 0.0, 1.0])
+    z -= (z @ x) * x
+    if np.linalg.norm(z) < 0.2:
+        raise ValueError(f"the cameras stand one behind the other (baseline {length:.3g})")
+    z /= np.linalg.norm(z)
+    reference_rotation = np.stack([x, np.cross(z, x), z])
+    return reference_rotation, reference_rotation @ rotation.T, length, mirror
+
+
+def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
+    """Least and greatest x and y of the reference's picture on the common plane, px from its middle.
+
+    Not mirrored, and at the reference's own resolution.
+
+    Raises:
+        ValueError: the pair cannot be rectified, or its canvas would be too large; the message has sizes.
+    """
+    turn, _, length, _ = rectifying_rotations(reference, other)
+    rays = reference.rays(reference.border()) @ turn.T
+    aside = (
+        f"baseline {length:.3g}, viewing directions {angle_deg(reference.axis, other.axis):.0f} degrees apart"
+    )
+    ahead = rays[:, 2] / np.linalg.norm(rays, axis=1)
+    if not ahead.min() > LEAST_AHEAD:
+        raise ValueError(
+            f"their pictures have no common plane: it would take a canvas without bounds ({aside})"
+        )
+    flat = rays[:, :2] / rays[:, 2:] * reference.focal
+    low, high = flat.min(0), flat.max(0)
+    wide, tall = high - low
+    if wide * tall > MAX_CANVAS_SHARE * reference.width * reference.height:
+        raise ValueError(
+            f"rectified, a picture of {reference.width}x{reference.height} pixels would become "
+            f"{wide:.0f}x{tall:.0f} ({aside})"
+        )
+    return low, high
+
+
+OVERLAP_LIMITS = (0.15, 0.8)
+"""Share of a picture that its neighbour in a panorama shows too."""
+EPIPOLAR_PX = 3.0
+BEST_PARALLAX_DEG = 10.0
+"""Beyond this the two views look too different to match densely."""
+
+MAX_TOLD = 3
+"""Pairs whose reasons are told in a sentence."""
+
+
+@dataclass(frozen=True)
+class PairChoice:
+    """A pair of cameras, or None, and the reason in words.
+
+    `left_out`: by two names with a comma between, why those cameras can make no depth whatever they see.
+    """
+
+    cameras: tuple[str, str] | None
+    why: str
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]) -> PairChoice:
+    """The pair that sees most in common, with enough parallax and nearly parallel axes.
+
+    Scored by the share of the picture with matched still points times a factor that rises with
+    parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers). Pairs that cannot
+    be rectified are left out.
+    """
+    why = (
+        f"no two cameras have {MIN_MATCHES} points in common that stand still: they look from too far apart,"
+        " or what stands still has no texture"
+    )
+    best, choice = -np.inf, PairChoice(None, why)
+    left_out = {}
+    for a, b in combinations((name for name in points if name in views), 2):
+        try:
+            canvas_bounds(views[a], views[b])
+        except ValueError as error:
+            left_out[f"{a},{b}"] = str(error)
+            continue
+        scored = _stereo_score(views[a], views[b], points[a], points[b])
+        if scored is not None and scored[0] > best:
+            best, choice = scored[0], PairChoice((a, b), scored[1])
+    if choice.cameras is None and left_out:
+        choice = PairChoice(None, f"{choice.why}; {describe_left_out(left_out)}")
+    return replace(choice, left_out=left_out)
+
+
+def describe_left_out(left_out: Mapping[str, str]) -> str:
+    """Why pairs are left out, in words; of many the first few."""
+    told = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_TOLD]]
+    more = [f"and {len(left_out) - MAX_TOLD} more pairs"] if len(left_out) > MAX_TOLD else []
+    return "; ".join(told + more)
+
+
+def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> tuple[float, str] | None:
+    at_a, at_b = match_features(points_a, points_b)
+    if len(at_a) < MIN_MATCHES:
+        return None
+    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
+    rotation, translation = other_from_reference(a, b)
+    normals = np.cross(translation, rays_a @ rotation.T)
+    off = np.abs((rays_b * normals).sum(1)) / np.maximum(np.linalg.norm(normals[:, :2], axis=1), 1e-12)
+    kept = off * b.focal < EPIPOLAR_PX
+    if kept.sum() < MIN_MATCHES:
+        return None
+    parallax = float(np.median(angles_deg(rays_a[kept] @ rotation.T, rays_b[kept])))
+    shared = len(grid_cells(at_a[kept], a.width, a.height)) / CELLS
+    ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
+    angle = angle_deg(a.axis, b.axis)
+    score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
+    step = np.abs(a.rotation @ (b.centre - a.centre))[:2]
+    slant = float(step.min() / max(float(np.hypot(*step)), 1e-12))
+    # A slanted baseline turns the pictures: more empty corners, and harder to look at.
+    score *= (1 - ahead**2) * np.exp(-((angle / 25) ** 2)) * (1 - slant)
+    why = f"{100 * shared:.0f} % of the picture with things both see, {parallax:.1f}° of parallax"
+    return float(score), why
+
+
+def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]]) -> PairChoice:
+    """The pair that shows most beyond each other and still overlaps, with little parallax.
+
+    Scored by what the second adds to the first times the share of still points that one homography
+    explains, which falls as the cameras stand further apart.
+    """
+    best, choice = -np.inf, PairChoice(None, "no two cameras' pictures can be laid over each other")
+    overlaps = []
+    for a, b in combinations(points, 2):
+        found = fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])
+        if found is None:
+            continue
+        overlaps.append(found.overlap)
+        if not OVERLAP_LIMITS[0] <= found.overlap <= OVERLAP_LIMITS[1]:
+            continue
+        score = (1 - found.overlap) * (found.inliers / found.matches)
+        if score > best:
+            best, choice = score, PairChoice((a, b), f"{100 * found.overlap:.0f} % overlap")
+    if overlaps and choice.cameras is None:
+        least = f"{100 * min(overlaps):.0f} % or more"
+        why = f"the cameras show too much of the same ({least}) for a panorama to show anything new"
+        return PairChoice(None, why)
+    return choice

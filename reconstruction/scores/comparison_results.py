@@ -1,0 +1,205 @@
+"""What a dose curve found, as `metrics.json` holds it.
+
+Everything that `reconstruct compare` found: the contents of `metrics.json`.
+"""
+
+from msgspec import Struct
+
+from reconstruction.scores.study_result import (
+    DepthScores,
+    MultiviewComparison,
+    PanoramaComparison,
+    PoseComparison,
+    StereoComparison,
+    TriangulationComparison,
+)
+from reconstruction.scores.timing import RigTiming, Timing
+
+
+class DosePoint(Struct, frozen=True, kw_only=True):
+    """Depth with the second camera so much later, or earlier (negative); medians over the instants."""
+
+    offset_ms: float
+    offset_frames: int
+    scores: DepthScores
+
+
+class DoseInstant(Struct, frozen=True, kw_only=True):
+    """One instant's own curve."""
+
+    instant: int
+    mover_pixels: int
+    values: tuple[float | None, ...]
+    """The curve's measure at each of its points; None where the burst does not reach."""
+    peak_ms: float | None = None
+    """The offset of the highest of them; None where none stands out."""
+
+
+class DoseResult(Struct, frozen=True, kw_only=True):
+    """A pair's depth against offset to both sides, by the same calibration throughout."""
+
+    reference: str
+    other: str
+    measure: str
+    """What the curve shows: mover_within_2pct where truth is known, else mover_coverage."""
+    points: tuple[DosePoint, ...]
+    """From the earliest to the latest."""
+    instants: int
+    decreasing: bool
+    """To either side of zero no point's interval lies wholly above that of the one before it."""
+    timing: Timing | None = None
+    peak_ms: float | None = None
+    """Where the curve is highest: the median of the instants' own peaks."""
+    per_instant: tuple[DoseInstant, ...] = ()
+    tolerable_offset_ms: float | None = None
+    """The offset at which the curve has lost a tenth (linear between its points), or at which half of what
+    moves has moved by one pixel, whichever comes first; None also where the pair is not synchronized."""
+    speed_px_per_ms: float | None = None
+    """How fast what moves does so in the reference's picture, the median over its pixels."""
+    sync_residual_us: float | None = None
+    """The session's own largest error of an image's time by its record."""
+    sync_residual_px: float | None = None
+    """By how much what moves does so in that time."""
+    reason: str = ""
+    session: str = ""
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
+    calibration: str = ""
+    report: str = ""
+    seconds: float = 0.0
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
+    changed_pictures: tuple[str, ...] = ()
+    """Files whose bytes are not those that were saved."""
+    versions: dict[str, str] = {}
+
+    @property
+    def as_recorded(self) -> DepthScores:
+        """The scores at offset zero."""
+        return next(point.scores for point in self.points if point.offset_frames == 0)
+
+
+class BurstGrid(Struct, frozen=True, kw_only=True):
+    """Small pictures of the burst: a row for each camera, a column for each instant; "" = no image."""
+
+    cameras: tuple[str, ...]
+    instants: tuple[int, ...]
+    times_ms: tuple[float, ...]
+    """Since the burst's first instant."""
+    thumbnails: tuple[tuple[str, ...], ...]
+
+
+class BulletTime(Struct, frozen=True, kw_only=True):
+    """One instant from camera to camera, synchronized and with cameras late: paths of pictures by camera."""
+
+    cameras: tuple[str, ...]
+    """In the order of the sweep."""
+    instant: int
+    synced: tuple[str, ...]
+    offset: tuple[str, ...]
+    offsets_ms: tuple[float, ...]
+    """How late each camera's offset picture is."""
+    stabilized: bool
+    """The pictures are turned and zoomed so that what moves stays where it is."""
+    ordered_by_position: bool
+    """The order is that of the cameras' places, not of their names."""
+    file: str
+    """An animation of both side by side."""
+    synced_step_px: float | None = None
+    """How far the largest thing that moves goes from one picture to the next at most, px of the pictures;
+    None where they are not stabilized."""
+    offset_step_px: float | None = None
+
+
+class ConditionResult(Struct, frozen=True, kw_only=True):
+    """A further condition beside the synchronized one, on the same pairs of cameras.
+
+    In `stereo` and `stitch`, `synced` is the comparison's own session and `offset` this condition.
+    """
+
+    name: str
+    offsets_ms: dict[str, float] = {}
+    """How late each camera is; empty for another session."""
+    session: str = ""
+    """The other session that this condition is; it is not paired by instant."""
+    stereo: StereoComparison | None = None
+    stitch: PanoramaComparison | None = None
+    multiview: MultiviewComparison | None = None
+    triangulation: TriangulationComparison | None = None
+    poses: PoseComparison | None = None
+    skipped: tuple[str, ...] = ()
+
+
+class WordTable(Struct, frozen=True, kw_only=True):
+    """A table of the report as it reads there, for a screen."""
+
+    caption: str
+    groups: tuple[str, ...]
+    """Of each column of values: what it is of, moving things or the control; empty where it is of all."""
+    columns: tuple[str, ...]
+    """Of each column of values: the condition."""
+    rows: tuple[tuple[str, ...], ...]
+    """The measure's name, and a value with its unit for each column."""
+
+
+class ReportWords(Struct, frozen=True, kw_only=True):
+    """What the report calls the conditions, and its tables in words."""
+
+    synced: str
+    """Synchronized, or As recorded where the pictures cannot be of one instant."""
+    offset: str
+    """Such as 67 ms late."""
+    unsynchronized: str
+    """The other condition where all cameras take part."""
+    tables: tuple[WordTable, ...]
+
+
+class CompareResult(Struct, frozen=True, kw_only=True):
+    """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
+
+    session: str
+    origin: str = ""
+    """captured, simulated or imported, as the session says."""
+    camera_count: int = 0
+    instant_count: int = 0
+    offset_ms: float
+    """The offset that was asked for."""
+    offset_frames: int
+    actual_offset_ms: float
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
+    unsynchronized: str = ""
+    """Why nothing is called synchronized: the offsets between the cameras' times are unknown."""
+    verdict: str
+    """One or two plain sentences for somebody who has never heard of synchronization."""
+    calibration: str
+    """Where the calibration came from."""
+    stereo: StereoComparison | None = None
+    stitch: PanoramaComparison | None = None
+    multiview: MultiviewComparison | None = None
+    triangulation: TriangulationComparison | None = None
+    poses: PoseComparison | None = None
+    stereo_skipped: str = ""
+    stitch_skipped: str = ""
+    multiview_skipped: str = ""
+    triangulation_skipped: str = ""
+    poses_skipped: str = ""
+    sync_residual_us: float | None = None
+    """Largest distance of an image from its instant, by the session's own record."""
+    sync_bound_us: float | None = None
+    conditions: tuple[ConditionResult, ...] = ()
+    dose: DoseResult | None = None
+    timing: Timing | None = None
+    """How late the depth pair's second camera is, by what moves; None where that was not measured."""
+    rig_timing: RigTiming | None = None
+    """The same of all cameras, where there are more than two."""
+    burst: BurstGrid | None = None
+    bullet_time: BulletTime | None = None
+    words: ReportWords | None = None
+    report: str = ""
+    seconds: float = 0.0
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
+    changed_pictures: tuple[str, ...] = ()
+    """Files whose bytes are not those that were saved."""
+    versions: dict[str, str] = {}

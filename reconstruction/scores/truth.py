@@ -1,0 +1,115 @@
+"""True depth, and what stands still as control.
+
+How measured depth compares with true depth, and what counts as right.
+
+What stands still, and the pixels that no mover can affect: the control of every comparison.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.session.motion import dilate
+
+DEPTH_TOLERANCE = 0.02
+"""Greatest relative error of a depth that is called right."""
+TOLERANCE_TEXT = f"within {100 * DEPTH_TOLERANCE:g} %"
+TOLERANCES = {"within_1pct": 0.01, "within_2pct": DEPTH_TOLERANCE, "within_5pct": 0.05}
+"""By measure of `metrics.json`."""
+
+
+def right_depth(depth: Array, truth: Array, tolerance: float = DEPTH_TOLERANCE) -> Array:
+    """Where depth is right (bool); it is not where there is none, or no true depth (0 or not finite)."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(depth - truth) < tolerance * truth)
+
+
+def share_right(depth: Array, truth: Array, mask: Array | None = None) -> float | None:
+    """Share of a mask's pixels (bool) with a true depth (0 = unknown) whose depth is right; None = none."""
+    known = truth > 0 if mask is None else (truth > 0) & mask
+    return float(right_depth(depth, truth)[known].mean()) if known.any() else None
+
+
+def depth_shares(depth: Array, truth: Array, movers: Array) -> dict[str, float | None]:
+    """Shares of a depth map by a true one (0 = unknown) and a mask of what moves, all height x width."""
+    known, there = truth > 0, (depth > 0) & (truth > 0)
+    error = np.abs(depth - truth)[there] / truth[there]
+    on_movers = known & movers
+    shares = {
+        "within_2pct": share_right(depth, truth),
+        "mover_within_2pct": share_right(depth, truth, movers),
+        "static_within_2pct": share_right(depth, truth, ~movers),
+        "mover_coverage": float(there[on_movers].mean()) if on_movers.any() else None,
+        "median_error_pct": 100 * float(np.median(error)) if error.size else None,
+    }
+    return {name: None if share is None else round(share, 4) for name, share in shares.items()}
+
+
+def true_depth_in_unit(truth: Array, unit: str, still: Array, static: Array) -> Array | None:
+    """True depth (m, 0 = unknown) in the calibration's unit, NaN = unknown.
+
+    Structure from motion knows no metres: there, what stands still (`static`, bool) gives the scale by its
+    depth `still` (0 = unknown). None where none of that is known.
+    """
+    known = np.where(truth > 0, truth, np.nan)
+    if unit == "m":
+        return known
+    both = static & (still > 0) & np.isfinite(known)
+    return known * float(np.median(still[both] / known[both])) if both.any() else None
+
+
+def median_still_depth(depths: Sequence[Array], moving: Sequence[Array]) -> Array:
+    """Depth of what stands still: the median over the instants at which a pixel does not move; 0 = never."""
+    stack = np.stack(
+        [np.where((depth > 0) & ~mask, depth, np.nan) for depth, mask in zip(depths, moving, strict=True)]
+    )
+    known = np.isfinite(stack).any(0)
+    result = np.zeros(stack.shape[1:], np.float32)
+    result[known] = np.nanmedian(stack[:, known], axis=0)
+    return result
+
+
+def fill_from_nearest(depth: Array) -> Array:
+    """Depth, with the nearest known pixel's where it is unknown (0); some must be known."""
+    unknown = (depth <= 0).astype(np.uint8)
+    if not unknown.any():
+        return depth
+    _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    nearest = np.zeros(int(labels.max()) + 1, np.float32)
+    nearest[labels[unknown == 0]] = depth[unknown == 0]
+    return np.asarray(nearest[labels])
+
+
+def project_into_other(reference: View, other: View, depth: Array) -> tuple[Array, Array]:
+    """For each reference pixel, where a point at this depth lies in the other view.
+
+    Returns float32 maps (height, width, 2), px; and whether it lies in the picture (bool). Pixels of
+    unknown depth (0) take the nearest known one's.
+    """
+    if not (depth > 0).any():
+        return np.zeros((*depth.shape, 2), np.float32), np.zeros(depth.shape, bool)
+    depth = fill_from_nearest(depth)
+    points = reference.rays(reference.grid()) * depth.reshape(-1, 1)
+    rotation, translation = other_from_reference(reference, other)
+    moved = points @ rotation.T + translation
+    front = moved[:, 2] > 1e-9
+    moved[~front] = (0, 0, 1)
+    pixels = other.project(moved).reshape(*depth.shape, 2)
+    inside = (pixels > 0).all(2) & (pixels < (other.width - 1, other.height - 1)).all(2)
+    return pixels.astype(np.float32), inside & front.reshape(depth.shape)
+
+
+def still_pixels(
+    where: Array, inside: Array, reference_movers: Sequence[Array], other_movers: Sequence[Array]
+) -> Array:
+    """Pixels that no moving object can affect (bool): the control that must be equal in both conditions.
+
+    Neither the pixel nor the place in the other view at which its still point is seen (`where`, from
+    `project_into_other`) is touched by a mover, at any of the times.
+    """
+    here = dilate(np.logical_or.reduce(list(reference_movers)), 4)
+    there = dilate(np.logical_or.reduce(list(other_movers)), 8).astype(np.uint8)
+    hidden = cv2.remap(there, where, None, cv2.INTER_NEAREST) > 0
+    return np.asarray(inside & ~here & ~hidden)

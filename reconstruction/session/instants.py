@@ -1,0 +1,183 @@
+"""Which instants the cameras show in a condition.
+
+Which instants of a burst are measured: those at which something moves.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from capture_app.errors import BadInputError
+from reconstruction.session.conditions import (
+    DISTINCT_MS,
+    SYNCED,
+    Condition,
+    FrameOffset,
+    evenly_spread,
+    nearest_frame_offset,
+    pairs_with_images,
+)
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.motion import SceneMotion
+
+MAX_DRAWS = 400
+
+
+@dataclass(frozen=True)
+class ShownInstant:
+    """The instant that each camera shows while the reference shows `instant`."""
+
+    instant: int
+    shown: dict[str, int]
+
+    @property
+    def together(self) -> dict[str, int]:
+        """The synchronized condition."""
+        return dict.fromkeys(self.shown, self.instant)
+
+    def delays_ms(self, dataset: Dataset) -> dict[str, float]:
+        """How late each camera is, as `offset_CAMERA_ms`."""
+        times = dataset.instants_ns
+        return {f"offset_{c}_ms": (times[k] - times[self.instant]) / 1e6 for c, k in self.shown.items()}
+
+
+def fixed_offsets_ms(condition: Condition, dataset: Dataset) -> dict[str, float]:
+    """How late each camera is in every instant, ms; empty where that is drawn for each."""
+    offsets = () if condition.drawn else condition.offsets_ms(dataset.cameras, 0)
+    return dict(zip(dataset.cameras, offsets, strict=False))
+
+
+def relative_offsets_ms(
+    condition: Condition, dataset: Dataset, reference: str, cameras: Sequence[str]
+) -> dict[str, float]:
+    """As `fixed_offsets_ms`, of some cameras against the reference."""
+    late_ms = fixed_offsets_ms(condition, dataset)
+    return {c: late_ms[c] - late_ms[reference] for c in cameras} if late_ms else {}
+
+
+def instants_shown(dataset: Dataset, condition: Condition, reference: str, instant: int) -> dict[str, int]:
+    """The instant that each camera shows when the reference shows `instant`.
+
+    Only the differences of a condition's offsets can be seen; this way the reference's own picture, and
+    all that is judged on its pixels, is the same in every condition. Offsets are drawn until they fit
+    into the burst.
+
+    Raises:
+        ValueError: the burst does not reach so far to either side of this instant.
+    """
+    place = dataset.cameras.index(reference)
+    for draw in range(MAX_DRAWS if condition.drawn else 1):
+        offsets = condition.offsets_ms(dataset.cameras, instant, draw)
+        try:
+            return dataset.nearest_instants(instant, [ms - offsets[place] for ms in offsets])
+        except BadInputError as error:
+            problem = str(error)
+    if condition.drawn:
+        problem = f"the burst is too short to draw different offsets around instant {instant}"
+    raise ValueError(problem)
+
+
+def fullest_instants(
+    dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], fewest: int = 1
+) -> list[ShownInstant]:
+    """The instants at which most of the cameras, `fewest` or more, have their pictures in both conditions.
+
+    Raises:
+        ValueError: there is none, or the condition is the synchronized one under another name.
+    """
+    found = []
+    problem = "no instant has its pictures in both conditions"
+    for instant in dataset.instants(reference):
+        try:
+            shown = instants_shown(dataset, condition, reference, instant)
+        except ValueError as error:
+            problem = str(error)
+            continue
+        kept = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
+        if len(kept) >= fewest:
+            found.append(ShownInstant(instant, kept))
+    if not found:
+        raise ValueError(problem)
+    most = max(len(one.shown) for one in found)
+    fullest = [one for one in found if len(one.shown) == most]
+    refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
+    return fullest
+
+
+def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:
+    """Refuse a condition in which all cameras show the reference's own instant, each time.
+
+    Raises:
+        ValueError: they do, although it is not the synchronized one.
+    """
+    if condition.name == SYNCED or any(set(one.values()) != {instant} for instant, one in shown):
+        return
+    if condition.drawn:
+        raise ValueError(f"the frames are too far apart for offsets of up to {DISTINCT_MS[-1]:g} ms")
+    raise ValueError("these cameras are equally late, which is synchronized")
+
+
+def pair_instants(
+    dataset: Dataset, condition: Condition, first: str, second: str
+) -> tuple[list[tuple[int, int]], float | None]:
+    """The instants (the first camera's, the second's) at which a pair has its pictures in a condition.
+
+    And how late the second camera is, ms; None where every instant is drawn separately.
+
+    Raises:
+        ValueError: both are equally late, or the burst does not hold such an offset.
+    """
+    found: list[tuple[int, int]] = []
+    if condition.drawn:
+        for instant in range(len(dataset.instants_ns)):
+            try:
+                later = instants_shown(dataset, condition, first, instant)[second]
+            except ValueError:
+                continue
+            images = (first, instant), (second, instant), (second, later)
+            if later != instant and dataset.has_images(images):
+                found.append((instant, later))
+        late_ms = None
+    else:
+        offset = _pair_offset(dataset, condition, first, second)
+        found, late_ms = pairs_with_images(dataset, offset, first, second), offset.actual_ms
+    if not found:
+        raise ValueError(f"{first} and {second} have no images at this offset")
+    return found, late_ms
+
+
+def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str) -> FrameOffset:
+    late_ms = fixed_offsets_ms(condition, dataset)
+    asked_ms = late_ms.get(second, 0.0) - late_ms.get(first, 0.0)
+    if asked_ms == 0:
+        raise ValueError(f"{first} and {second} are equally late, which is synchronized for these two")
+    try:
+        found = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, abs(asked_ms))
+    except BadInputError as error:
+        raise ValueError(str(error)) from error
+    return found if asked_ms > 0 else found.reversed
+
+
+CANDIDATES = 4
+"""So many times as many instants as are wanted are looked at,"""
+LEAST_CANDIDATES = 16
+"""and no fewer than these."""
+LEAST_MOVING = 0.0001
+"""Share of the picture that must move before every one of the cameras."""
+FEWEST = 3
+"""Where fewer instants show that much motion, those that show most of it are taken."""
+
+
+def choose_moving_instants(
+    motion: SceneMotion, cameras: Sequence[str], instants: Sequence[int], limit: int
+) -> list[int]:
+    """At most `limit` of the instants, spread evenly over those at which something moves before all cameras.
+
+    All cameras must have an image at each of them. Where nothing moves, they are spread over all.
+    """
+    looked_at = evenly_spread(instants, max(LEAST_CANDIDATES, CANDIDATES * limit))
+    shares = {k: min(float(motion.detected_movers(name, k).mean()) for name in cameras) for k in looked_at}
+    moving = [k for k in looked_at if shares[k] >= LEAST_MOVING]
+    if len(moving) < min(FEWEST, limit):
+        most = sorted(looked_at, key=lambda k: -shares[k])[: min(FEWEST, limit)]
+        moving = sorted(k for k in most if shares[k] > 0)
+    return evenly_spread(moving or list(instants), limit)

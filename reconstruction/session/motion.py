@@ -1,0 +1,182 @@
+"""Movers: found, and their masks as files.
+
+Detection of movers: pixels that differ over time in the pictures of a camera that stands still.
+
+Masks of movers as files, for programs that leave out or keep what moves.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from msgspec import Struct
+
+from capture_app.errors import NotApplicableError
+from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
+from capture_app.terminal import Progress
+from reconstruction.common.geometry import Array
+from reconstruction.common.memory import ByteCache, memory_budget
+from reconstruction.session.dataset import Dataset
+
+MIN_AREA_PX = 24
+"""Smaller spots are noise."""
+MIN_GREY_STEP = 8.0
+"""Smallest change of grey level (of 255) that can be motion."""
+SHAKE_PX = 0.7
+"""A still edge may tremble by this much (a camera that vibrates) before it counts as motion."""
+BACKGROUND_FRAMES = 25
+"""A longer burst is thinned to so many images, or up to twice as many."""
+BACKGROUND_ROWS = 256
+
+
+def median_background(images: Sequence[Array]) -> Array:
+    """What stands still in a burst: the median over time of its grey images, uint8."""
+    background = np.empty_like(images[0])
+    # The median works on copies: of some rows at a time, they stay small.
+    for top in range(0, len(background), BACKGROUND_ROWS):
+        rows = slice(top, top + BACKGROUND_ROWS)
+        background[rows] = np.median(np.stack([image[rows] for image in images]), axis=0)
+    return background
+
+
+def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
+    """Moving pixels (bool) of one grey image.
+
+    A moving pixel differs from the burst's `still` background and from each of the neighbours in time
+    (other images of the same camera): a difference to one neighbour alone also shows where the thing
+    will be, to the background alone where it was for most of the burst.
+    """
+    differences = [_grey_difference(image, other) for other in (*neighbours, still)]
+    change = np.minimum.reduce(differences)
+    # How far grey levels differ where nothing moves (one standard deviation, robust).
+    spread = max(float(np.median(difference)) for difference in differences) * 1.4826
+    mask = (change > max(MIN_GREY_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
+    return _fill_spots(mask)
+
+
+def dilate(mask: Array, radius_px: int) -> Array:
+    """A mask (bool) made wider by a radius, px."""
+    size = 2 * radius_px + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
+
+
+def _grey_difference(a: Array, b: Array) -> Array:
+    """Absolute difference in grey levels, smoothed, without a change of the whole image's brightness."""
+    delta = a.astype(np.float32) - b.astype(np.float32)
+    return np.asarray(np.abs(cv2.GaussianBlur(delta - np.median(delta), (0, 0), 1.2)))
+
+
+def _gradient(image: Array) -> Array:
+    """Grey levels per px of the smoothed image."""
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2)
+    across, down = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
+    return np.asarray(cv2.magnitude(across, down) / 8)
+
+
+def _fill_spots(mask: Array) -> Array:
+    """Spots large enough, with their holes filled."""
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    solid = np.zeros_like(mask)
+    for outline in outlines:
+        if cv2.contourArea(outline) >= MIN_AREA_PX:
+            cv2.drawContours(solid, [outline], -1, 1, cv2.FILLED)
+    return solid > 0
+
+
+MARGIN_PX = 5
+MOVERS_SHARE = 0.05
+"""Of the memory budget, for masks and for backgrounds that may be asked for again."""
+
+
+class SceneMotion:
+    """Masks of moving pixels (bool, height x width) by camera and instant."""
+
+    def __init__(self, dataset: Dataset, step: int) -> None:
+        """`step`: an image is compared with those so many instants before and after it."""
+        self.dataset = dataset
+        self.step = step
+        self._packed_movers = ByteCache(self._detect_movers, int(MOVERS_SHARE * memory_budget().limit_bytes))
+        self.background = ByteCache(self._background, int(MOVERS_SHARE * memory_budget().limit_bytes))
+        """The camera's still background, grey uint8."""
+
+    def detected_movers(self, camera: str, instant: int) -> Array:
+        """What moves by the images alone; no computation uses other knowledge."""
+        width, height = self.dataset.size(camera)
+        packed = self._packed_movers(camera, instant)
+        return np.unpackbits(packed, count=width * height).reshape(height, width).view(bool)
+
+    def widened_movers(self, camera: str, instant: int) -> Array:
+        """What moves, and `MARGIN_PX` around it: what calibration and registration must leave out."""
+        return dilate(self.detected_movers(camera, instant), MARGIN_PX)
+
+    def moving(self, camera: str, instant: int) -> Array:
+        """What truly moves where the session knows it, else what is detected: for scores only."""
+        truth = self.dataset.ground_truth(camera, instant)
+        return truth[1] if truth is not None else self.detected_movers(camera, instant)
+
+    def changing(self, camera: str, instant: int) -> Array:
+        """What moves or changes, such as a shadow: pixels that the still control must leave out."""
+        return np.asarray(self.moving(camera, instant) | self.detected_movers(camera, instant))
+
+    def _background(self, camera: str) -> Array:
+        there = self.dataset.instants(camera)
+        step = max(1, len(there) // BACKGROUND_FRAMES)
+        return median_background([self.dataset.grey(camera, k) for k in there[::step]])
+
+    def _detect_movers(self, camera: str, instant: int) -> Array:
+        """The moving pixels, eight in a byte."""
+        there = self.dataset.instants(camera)
+        near = [k for k in (instant - self.step, instant + self.step) if k in there]
+        if not near:
+            near = [k for k in there if k != instant][:1]
+        others = [self.dataset.grey(camera, k) for k in near]
+        found = detect_movers(self.dataset.grey(camera, instant), others, self.background(camera))
+        return np.packbits(found)
+
+
+class MoverMasks(Struct, frozen=True, kw_only=True):
+    """What was written: the number of masks, and by camera the mean share of its pixels that move."""
+
+    masks: int
+    moving: dict[str, float]
+
+
+def write_masks(dataset: Dataset, out: Path, progress: Progress | None = None) -> MoverMasks:
+    """Write OUT/<camera>/<instant>.png for every image, white where something moves and a little around it.
+
+    `progress` gets a step for each camera.
+
+    Raises:
+        NotApplicableError: a camera has fewer than two images to compare.
+        BadInputError: there is something else at `out`.
+    """
+    motion = SceneMotion(dataset, step=1)
+    few = [camera for camera in dataset.cameras if len(dataset.instants(camera)) < 2]
+    if few:
+        raise NotApplicableError(
+            f"{', '.join(few)} has fewer than two images: what moves is seen by comparing them",
+            hint="take a burst of several instants",
+        )
+    shares: dict[str, float] = {}
+    progress = progress or Progress(len(dataset.cameras))
+    with OutputFolder(out, replaces_nothing) as output:
+        for camera in dataset.cameras:
+            progress.step(camera)
+            # The dataset may be smaller than its session, where memory is short.
+            facts = dataset.session.camera(camera).facts
+            masks = output.folder / camera
+            masks.mkdir()
+            moving = []
+            for instant in dataset.instants(camera):
+                mask = motion.widened_movers(camera, instant)
+                moving.append(float(mask.mean()))
+                white = mask.astype(np.uint8) * 255
+                full = cv2.resize(white, (facts.width, facts.height), interpolation=cv2.INTER_NEAREST)
+                (masks / f"{instant:06d}.png").write_bytes(cv2.imencode(".png", full)[1].tobytes())
+            shares[camera] = sum(moving) / len(moving)
+    return MoverMasks(masks=sum(len(dataset.instants(camera)) for camera in shares), moving=shares)

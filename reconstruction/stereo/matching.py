@@ -1,0 +1,157 @@
+"""Disparities of a rectified pair by OpenCV's semi-global block matching (SGBM), and checks of them.
+
+Disparities to a fraction of a pixel: the shift that is left between the pictures, and smooth surfaces.
+
+SGBM's own parabola pulls disparities towards whole pixels (Szeliski and Scharstein 2004).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.brightness import noise_level
+from reconstruction.common.geometry import Array
+
+BLOCK = 3
+"""Side of the matched window, px."""
+
+BYTES_PER_PIXEL = 160
+"""Memory that matching and its checks take for each pixel (measured); of costs, only some rows are kept."""
+
+
+def matching_bytes(width: float, height: float, disparities: float) -> float:
+    """Memory that matching a rectified pair of this size takes."""
+    return height * (width + disparities + 16) * BYTES_PER_PIXEL
+
+
+def match_rectified(reference: Array, other: Array, low: int, count: int) -> Array:
+    """Disparity (height x width, px, NaN = none) of a rectified pair; reference minus other, in
+    [low, low + count), count a multiple of 16.
+
+    Paths run along the rows both ways, and down: no volume of costs is kept, and four threads share the rows.
+    """
+    if reference.shape[1] <= low + count:
+        # Too narrow to search all of these anywhere: OpenCV would fail.
+        return np.full(reference.shape, np.nan, np.float32)
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=low,
+        numDisparities=count,
+        blockSize=BLOCK,
+        P1=8 * BLOCK * BLOCK,
+        P2=32 * BLOCK * BLOCK,
+        disp12MaxDiff=-1,
+        preFilterCap=15,
+        uniquenessRatio=0,
+        speckleWindowSize=0,
+        speckleRange=0,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
+    raw = matcher.compute(reference, other).astype(np.float32) / 16
+    return np.asarray(np.where(raw < low, np.nan, raw), np.float32)
+
+
+def match_rectified_back(reference: Array, other: Array, low: int, count: int) -> Array:
+    """Disparity as in `match_rectified`, but on the other view's pixels, with paths that run up.
+
+    What one direction of paths carries too far the other does not: where both agree, fewer are wrong.
+    """
+    # The matcher leaves out the first low + count columns: give it so many more of them.
+    padding = (0, 0), (0, low + count)
+    first, second = (np.ascontiguousarray(np.pad(i, padding)[::-1, ::-1]) for i in (other, reference))
+    return match_rectified(first, second, low, count)[::-1, : low + count - 1 : -1]
+
+
+def warp_by_disparity(image: Array, disparity: Array) -> Array:
+    """The other view's image (float32) seen through the disparity, on the reference's canvas."""
+    xs, ys = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in reversed(disparity.shape)))
+    shifted = (xs - np.where(np.isnan(disparity), np.float32(1e6), disparity)).astype(np.float32)
+    source = np.ascontiguousarray(image, np.float32)
+    return np.asarray(cv2.remap(source, shifted, ys, cv2.INTER_LINEAR, borderValue=(float("nan"),)))
+
+
+CHECK_WINDOW = 9
+"""Side of the window in which the two views are correlated, px."""
+
+
+@dataclass(frozen=True)
+class MatchChecks:
+    """Limits within which a match is accepted."""
+
+    max_left_right_px: float = 1.0
+    """Difference between the disparities of both directions."""
+    min_correlation: float = 0.0
+    """Normalized correlation of the two views in a window, asked for where there is texture."""
+    max_grey_difference: float = 10.0
+    """Mean difference of brightness beside the noise, grey levels of 255."""
+    max_residual_px: float = 0.7
+    """Displacement that is left after the disparity is taken out, also between rows: 0 for a true match."""
+    min_island_px: int = 60
+    """Smaller islands of depth are dropped."""
+
+
+def same_appearance(a: Array, b: Array, checks: MatchChecks) -> Array:
+    """Where two images (float32, grey levels) look the same, by correlation and brightness (bool)."""
+    size = (CHECK_WINDOW, CHECK_WINDOW)
+    mean_a, mean_b = cv2.blur(a, size), cv2.blur(b, size)
+    var_a = np.maximum(cv2.blur(a * a, size) - mean_a**2, 0)
+    var_b = np.maximum(cv2.blur(b * b, size) - mean_b**2, 0)
+    both = cv2.blur(a * b, size) - mean_a * mean_b
+    correlation = both / np.sqrt(np.maximum(var_a * var_b, 1e-3))
+    noise = noise_level(a)
+    flat = np.minimum(var_a, var_b) < (3 * noise) ** 2
+    near = cv2.blur(np.abs(a - b), (3, 3)) < checks.max_grey_difference + 3 * noise
+    return np.asarray(near & (flat | (correlation > checks.min_correlation)))
+
+
+def fill_small_holes(checked: Array, raw: Array) -> Array:
+    """Accept rejected pixels beside accepted ones (0.3 of a 7 x 7 window) where they continue them."""
+    good = np.isfinite(checked)
+    value = np.where(good, checked, 0).astype(np.float32)
+    weight = cv2.blur(good.astype(np.float32), (7, 7))
+    mean = cv2.blur(value, (7, 7)) / np.maximum(weight, 1e-6)
+    fits = ~good & (weight > 0.3) & (np.abs(raw - mean) < 1.0)
+    return np.where(fits, raw, checked)
+
+
+SURFACE_PX = 1.0
+"""How far neighbours on one surface lie from each other, standard deviation in px of disparity."""
+REACH_PX = 5.0
+"""Over how many pixels a surface is smoothed, standard deviation; the window is as wide."""
+WINDOW = 7
+"""Side of the window over which the left shift is measured, px."""
+MAX_SHIFT_PX = 0.5
+WEAK_GRADIENT = 20.0
+"""Squared change of brightness per pixel ((grey levels)^2) at which half of a shift is believed."""
+
+
+def refine_disparity(reference: Array, other: Array, disparity: Array) -> Array:
+    """The disparity (float32 height x width, px, NaN = none) refined; NaN stays NaN.
+
+    The pictures are a rectified pair, grey levels, equally bright.
+    """
+    smooth = _smooth_surfaces(disparity)
+    return _smooth_surfaces(smooth + _left_shift(reference, other, smooth))
+
+
+def _left_shift(reference: Array, other: Array, disparity: Array) -> Array:
+    """The shift between the reference and the other picture warped onto it (Lucas and Kanade 1981), px."""
+    seen = warp_by_disparity(other, disparity)
+    slope = warp_by_disparity(cv2.Scharr(other.astype(np.float32), cv2.CV_32F, 1, 0, scale=1 / 32), disparity)
+    there = np.isfinite(seen) & np.isfinite(slope)
+    slope = np.where(there, slope, 0)
+    left = np.where(there, reference - seen, 0).astype(np.float32)
+    window = WINDOW, WINDOW
+    left -= cv2.blur(left, window)
+    steepness = cv2.blur(slope * slope, window) + WEAK_GRADIENT
+    return np.asarray(np.clip(-cv2.blur(left * slope, window) / steepness, -MAX_SHIFT_PX, MAX_SHIFT_PX))
+
+
+def _smooth_surfaces(disparity: Array) -> Array:
+    known = np.isfinite(disparity)
+    # So far from all that is known that it has no weight.
+    nothing = np.float32(-50.0 * SURFACE_PX)
+    smooth = cv2.bilateralFilter(
+        np.where(known, disparity, nothing), 2 * round(REACH_PX) + 1, SURFACE_PX, REACH_PX
+    )
+    return np.where(known, smooth, np.nan).astype(np.float32)

@@ -1,0 +1,471 @@
+"""Lateness by a lamp that blinks.
+
+A lamp's switching on and off in one camera's images: how far each row was lit while it happened.
+
+When a lamp was switched, by a camera's rows: each tells how much of its exposure was lit.
+
+The rows that were exposing as it happened are lit in part: a ramp as long as the exposure (and as the lamp
+takes), bent by the camera's tone curve. On rising and falling edges it is bent to opposite sides.
+
+How late each camera is against another, and how long its rows take, by a lamp that blinks before them.
+"""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from capture_app.session.format.manifest import row_exposures
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
+
+STEP = 2
+"""Images so many apart differ fully by a lamp that was switched between them."""
+BESIDE = 2
+"""So many images to either side of a change show what was before, and what after."""
+CLEAR = 6.0
+"""A lamp changes brightness by so many times what it otherwise changes by,"""
+LEAST_SHARE = 0.02
+"""and by at least this share of it."""
+LEAST_RISE = 8.0
+"""Grey levels by which a pixel must differ to tell anything."""
+WHITE = 250
+LEAST_SD = 0.01
+"""What the mains' flicker, a compressed picture and the like leave of a row's share."""
+ROW_PIXELS = 12
+"""Fewer pixels of a row that differ tell nothing of it."""
+
+
+@dataclass(frozen=True)
+class BlinkEdge:
+    """One change of the lamp, over the few images around it.
+
+    `images` are instants; `lit` (images, rows): how far a row is from dark to bright, NaN where it does not
+    show the lamp; `sd` is its error.
+    """
+
+    rising: bool
+    images: tuple[int, ...]
+    lit: Array
+    sd: Array
+
+
+def find_blink_edges(dataset: Dataset, camera: str) -> list[BlinkEdge]:
+    """All changes of a lamp that the camera's images show, in order."""
+    there = dataset.instants(camera)
+    if len(there) < 2 * (STEP + BESIDE):
+        return []
+    brightness = np.array([float(dataset.grey(camera, k).mean()) for k in there])
+    changes = _changes(brightness)
+    found = []
+    for number, (at, rising) in enumerate(changes):
+        before = changes[number - 1][0] if number else -BESIDE
+        after = changes[number + 1][0] if number + 1 < len(changes) else len(there) + BESIDE
+        # Of each change the image it falls into and those beside it show it.
+        first, last = at - 1, at + 1
+        early = [k for k in range(first - BESIDE, first) if k > before + 1 and k >= 0]
+        late = [k for k in range(last + 1, last + 1 + BESIDE) if k < after - 1 and k < len(there)]
+        if early and late and first >= 0 and last < len(there):
+            instants = [there[k] for k in range(first, last + 1)]
+            edge = _edge(
+                dataset, camera, rising, instants, [there[k] for k in early], [there[k] for k in late]
+            )
+            found.append(edge)
+    return found
+
+
+def _changes(brightness: Array) -> list[tuple[int, bool]]:
+    """The images in which the brightness (n,) changes for long, and whether it rises."""
+    steps = np.zeros(len(brightness))
+    steps[STEP // 2 : -STEP // 2] = brightness[STEP:] - brightness[:-STEP]
+    size = np.abs(steps)
+    # Of a lamp that is slow most images change.
+    usual = float(np.quantile(size, 0.2)) / 0.253
+    least = max(CLEAR * usual, LEAST_SHARE * float(np.median(brightness)), 0.5)
+    large = size > least
+    found: list[tuple[int, bool]] = []
+    for k in np.flatnonzero(large):
+        rising = bool(steps[k] > 0)
+        if found and found[-1][1] == rising and k - found[-1][0] <= STEP + 1:
+            if size[k] > size[found[-1][0]]:
+                found[-1] = (int(k), rising)
+        else:
+            found.append((int(k), rising))
+    # A lamp makes equal steps up and down; what is much less is something else.
+    usual_step = float(np.median([size[k] for k, _ in found])) if found else 0.0
+    return [(k, rising) for k, rising in found if size[k] > 0.3 * usual_step]
+
+
+def _edge(
+    dataset: Dataset,
+    camera: str,
+    rising: bool,
+    images: Sequence[int],
+    early: Sequence[int],
+    late: Sequence[int],
+) -> BlinkEdge:
+    before, after = (
+        np.mean([dataset.grey(camera, k).astype(np.float32) for k in of], axis=0) for of in (early, late)
+    )
+    dark, bright = (before, after) if rising else (after, before)
+    rise = bright - dark
+    told = (rise > LEAST_RISE) & (bright < WHITE)
+    shares = [_lit_rows(dataset.grey(camera, k), dark, rise, told) for k in images]
+    lit, sd = (np.stack(of) for of in zip(*shares, strict=True))
+    return BlinkEdge(rising, tuple(images), lit, sd)
+
+
+def _lit_rows(image: Array, dark: Array, rise: Array, told: Array) -> tuple[Array, Array]:
+    """How far each row (n,) is from dark to bright, and the error; without what something moving spoils."""
+    over = image.astype(np.float32) - dark
+    with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # rows without a pixel that tells
+        lit = np.nanmedian(np.where(told, over / rise, np.nan), axis=1)
+        for _ in range(2):
+            miss = np.abs(over - lit[:, None] * rise)
+            usual = np.nanmedian(np.where(told, miss, np.nan), axis=1)
+            kept = np.where(told & (miss < 3 * 1.4826 * usual[:, None] + 1), rise, 0)
+            lit = (kept * over).sum(1) / (kept * rise).sum(1)
+        sd = np.hypot(LEAST_SD, (1.4826 * usual + 1) / np.sqrt((kept * rise).sum(1)))
+    shown = (kept > 0).sum(1) >= ROW_PIXELS
+    return np.where(shown, lit, np.nan), np.where(shown, sd, np.nan)
+
+
+WIDTHS_MS = tuple(np.geomspace(0.4, 60.0, 28))
+BENDS = (0.55, 0.8, 1.1)
+"""Exponents of the tone curve between dark and lit."""
+MOST_FITTED = 6
+"""Edges by which the ramp is found: more tell hardly more."""
+FITTED_ROWS = 100
+COVERED = 0.5
+"""So much of its ramp must lie on rows that were read."""
+LEAST_ROWS = 6
+MISFIT = 0.12
+STEPS = 61
+RAMP_ERROR = 0.015
+"""What a tone curve of another form, or light that flickers, moves an edge by, as a share of its ramp."""
+SHARED_ROWS = 8
+"""Rows that share their errors: those of a compressed picture's blocks."""
+
+
+@dataclass(frozen=True)
+class RowTimes:
+    """The middles of the exposures of a camera's rows: of each instant's first row, and of a row more, ms."""
+
+    start_ms: dict[int, float]
+    row_ms: float
+
+    def of(self, edge: BlinkEdge) -> Array:
+        """(images, rows)."""
+        starts = np.array([self.start_ms[k] for k in edge.images])
+        return np.asarray(starts[:, None] + self.row_ms * np.arange(edge.lit.shape[1]))
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """How long rows show an edge, ms, and the exponent of how that looks."""
+
+    width_ms: float
+    bend: float
+
+
+@dataclass(frozen=True)
+class EdgeTime:
+    """When the middle of the exposure of a row was at the edge, ms, and that row; None where none tells."""
+
+    at_ms: float
+    row: float
+    sd_ms: float
+
+
+def rough_time(edge: BlinkEdge, times: Array) -> float | None:
+    """Between which rows (their times of the edge's shape) most are dark before, and lit after."""
+    known = np.isfinite(edge.lit)
+    if known.sum() < LEAST_ROWS:
+        return None
+    order = np.argsort(times[known])
+    lit = np.clip(edge.lit[known][order], 0, 1)
+    lit = lit if edge.rising else 1 - lit
+    at = times[known][order]
+    before = np.concatenate([[0], np.cumsum(lit**2)])
+    after = np.concatenate([np.cumsum(((1 - lit) ** 2)[::-1])[::-1], [0]])
+    best = int((before + after).argmin())
+    return float((at[max(0, best - 1)] + at[min(best, len(at) - 1)]) / 2)
+
+
+def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
+    """The ramp that fits the clearest edges best; None where no edge shows enough rows."""
+    chosen = [edge for edge in edges if rough_time(edge, rows.of(edge)) is not None]
+    chosen = [chosen[int(k)] for k in np.linspace(0, len(chosen) - 1, min(MOST_FITTED, len(chosen)))]
+    if not chosen:
+        return None
+    thinned = []
+    for edge in chosen:
+        thin = np.s_[:, :: max(1, edge.lit.shape[1] // FITTED_ROWS)]
+        times = rows.of(edge)
+        near = rough_time(edge, times)
+        thinned.append((_Samples.of(edge, times, thin), near))
+
+    def misfit(width: float, bend: float) -> float:
+        return sum(one.place(near, width, width, bend)[1] for one, near in thinned if near is not None)
+
+    best = min((misfit(width, bend), width, bend) for width in WIDTHS_MS for bend in BENDS)
+    for finer in (0.1, 0.05, 0.025):
+        _, width, bend = best
+        near_by = [(width * (1 + a * finer), bend + b * finer) for a in (-1, 0, 1) for b in (-2, 0, 2)]
+        best = min(best, min((misfit(w, b), w, b) for w, b in near_by))
+    return Ramp(best[1], best[2])
+
+
+def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | None:
+    """When the edge was; None where too little of its ramp lies on rows that were read."""
+    times = rows.of(edge)
+    near = rough_time(edge, times)
+    if near is None:
+        return None
+    samples = _Samples.of(edge, times)
+    reach = ramp.width_ms
+    at = near
+    for _ in range(3):
+        at, _ = samples.place(at, reach, ramp.width_ms, ramp.bend)
+        reach /= STEPS / 6
+    known = np.isfinite(edge.lit)
+    part = (times - at) / ramp.width_ms + 0.5
+    inside = known & (part > 0) & (part < 1)
+    covered = np.unique(np.floor(part[inside] * 20)).size / 20
+    if inside.sum() < LEAST_ROWS or covered < COVERED:
+        return None
+    miss = (_shape(part, ramp.bend, edge.rising) - edge.lit)[inside]
+    misfit = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
+    if misfit > MISFIT:
+        return None
+    # How much a shift changes what rows show, against their errors; those beside each other share theirs.
+    told = np.sqrt(np.sum((1 / ramp.width_ms / np.maximum(edge.sd[inside], misfit)) ** 2) / SHARED_ROWS)
+    weights = np.where(inside, 1 - np.abs(2 * part - 1), 0)
+    row = float((weights * np.arange(edge.lit.shape[1])).sum() / weights.sum())
+    return EdgeTime(at, row, float(np.hypot(1 / told, RAMP_ERROR * ramp.width_ms)))
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Rows that show an edge: times, shares and errors (n,)."""
+
+    rising: bool
+    times: Array
+    lit: Array
+    sd: Array
+
+    @classmethod
+    def of(cls, edge: BlinkEdge, times: Array, part: Any = np.s_[:]) -> Self:
+        known = np.isfinite(edge.lit[part])
+        return cls(edge.rising, times[part][known], edge.lit[part][known], edge.sd[part][known])
+
+    def place(self, near: float, reach: float, width: float, bend: float) -> tuple[float, float]:
+        """The time within the reach of another at which the ramp fits best, and how badly it does."""
+        places = near + np.linspace(-1, 1, STEPS) * reach
+        parts = (self.times[None] - places[:, None]) / width + 0.5
+        misses = _shape(parts, bend, self.rising) - self.lit[None]
+        costs = np.log1p((misses / (3 * self.sd[None])) ** 2).sum(1)
+        k = int(costs.argmin())
+        place = float(places[k])
+        if 0 < k < STEPS - 1:
+            a, b, c = costs[k - 1], costs[k], costs[k + 1]
+            if a + c > 2 * b:
+                place += float(0.5 * (a - c) / (a + c - 2 * b) * (places[1] - places[0]))
+        return place, float(costs[k])
+
+
+def _shape(part: Array, bend: float, rising: bool) -> Array:
+    """How lit rows are that had a part of the ramp behind them."""
+    past = np.clip(part, 0, 1)
+    return np.asarray(past**bend if rising else (1 - past) ** bend)
+
+
+REACH_MS = 300.0
+"""Offsets up to this are looked for."""
+NEAR_MS = 20.0
+"""Edges that an offset brings so near to each other may be one: as much as images hide between them."""
+LEAST_EDGES = 3
+"""With fewer in common there is no error bar that could be believed."""
+SLOW_MS = 15.0
+"""A lamp that takes longer than this to light up has no edge."""
+TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
+"""How wrong a row time may be, as a share: one that the session tells, and one that is taken for granted."""
+USUAL_READOUT = 0.7
+"""Of the period, where no row time is told."""
+BEND_MS = 2.0
+"""By how much rising edges may seem later, and falling ones earlier."""
+SYSTEMATIC_MS = 0.02
+LIGHT = "light"
+"""What an offset was measured by."""
+NO_LAMP = "no lamp blinks before it"
+
+
+@dataclass(frozen=True)
+class LightOffset:
+    """How much later than its times say the middle of a camera's exposures was, against the reference's.
+
+    Of the first row, or the middle one where the session tells no row time. `offset_ms` and `sd_ms` are None
+    where that cannot be told, and `reason` says why; `row_time_ns` is what its pictures tell, with its error.
+    """
+
+    offset_ms: float | None = None
+    sd_ms: float | None = None
+    reason: str = ""
+    edges: int = 0
+    row_time_ns: float | None = None
+    row_time_sd_ns: float | None = None
+
+
+@dataclass(frozen=True)
+class SeenLamp:
+    """What one camera saw: rough times (ms, by its own) and directions of all edges, exact ones of some.
+
+    `told`: the session tells its row time.
+    """
+
+    rows: RowTimes
+    told: bool
+    height: int
+    rough_ms: Array
+    rising: Array
+    exact: Mapping[int, EdgeTime]
+    reason: str = ""
+
+
+def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dict[str, LightOffset]:
+    """The offset of every camera, by a lamp that blinks before it; that of the reference is 0.
+
+    `reference` None: the camera that tells most of the lamp's edges.
+    """
+    seen = {name: see_lamp(dataset, name) for name in dataset.cameras}
+    first = reference or max(seen, key=lambda name: len(seen[name].exact))
+    if len(seen[first].exact) < LEAST_EDGES:
+        blinks = f"the lamp tells nothing of {first}: {seen[first].reason}"
+        return {name: LightOffset(reason=of.reason or blinks) for name, of in seen.items()}
+    edges = {}
+    for name, of in seen.items():
+        numbers = _same_edges(seen[first], of)
+        exact = {numbers[k]: one for k, one in of.exact.items() if k in numbers}
+        if len(exact.keys() & seen[first].exact.keys()) >= LEAST_EDGES:
+            edges[name] = exact
+    solved = _solve(first, edges, seen) if len(edges) > 1 else {}
+    few = f"it shares fewer than {LEAST_EDGES} of the lamp's edges with {first}"
+    return {name: solved.get(name) or LightOffset(reason=of.reason or few) for name, of in seen.items()}
+
+
+def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
+    """All edges of a lamp that one camera's images show; without any, why."""
+    rows, told = _row_times(dataset, camera)
+    found = find_blink_edges(dataset, camera)
+    rough = [(edge, rough_time(edge, rows.of(edge))) for edge in found]
+    known = [(edge, at) for edge, at in rough if at is not None]
+    seen = SeenLamp(
+        rows=rows,
+        told=told,
+        height=dataset.size(camera)[1],
+        rough_ms=np.array([at for _, at in known]),
+        rising=np.array([edge.rising for edge, _ in known], bool),
+        exact={},
+        reason=NO_LAMP,
+    )
+    if not found:
+        return seen
+    ramp = fit_ramp([edge for edge, _ in known], rows)
+    if ramp is None:
+        return replace(seen, reason="too little of its pictures shows the lamp's light")
+    exposures = [dataset.record(camera, k).exposure_ns for k in rows.start_ms]
+    exposure_ms = float(np.median([one for one in exposures if one] or [dataset.period_ns])) / 1e6
+    if ramp.width_ms > exposure_ms + SLOW_MS:
+        return replace(
+            seen, reason=f"the lamp takes about {ramp.width_ms:.0f} ms to light up: it has no edge"
+        )
+    exact = {k: at for k, (edge, _) in enumerate(known) if (at := find_edge_time(edge, rows, ramp))}
+    few = f"{len(exact)} of the lamp's edges fall onto its rows, and it takes {LEAST_EDGES}"
+    return replace(seen, exact=exact, reason="" if len(exact) >= LEAST_EDGES else few)
+
+
+def _row_times(dataset: Dataset, camera: str) -> tuple[RowTimes, bool]:
+    """The middles of its rows' exposures; and whether the session tells them."""
+    height = dataset.size(camera)[1]
+    epoch_ns = dataset.instants_ns[0]
+    record = dataset.session.camera(camera)
+    images = {k: dataset.record(camera, k) for k in dataset.instants(camera)}
+    known = {k: rows for k, image in images.items() if (rows := row_exposures(record, image)) is not None}
+    if images and len(known) == len(images):
+        told_ms = (record.facts.row_time_ns or 0) / 1e6
+        starts = {k: (rows.middle_ns(0) - epoch_ns) / 1e6 for k, rows in known.items()}
+        return RowTimes(starts, told_ms * record.facts.height / height), True
+    row_ms: float = USUAL_READOUT * dataset.period_ns / 1e6 / height
+    starts = {k: (image.leader_ns - epoch_ns) / 1e6 - row_ms * height / 2 for k, image in images.items()}
+    return RowTimes(starts, row_ms), False
+
+
+def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:
+    """Which of the reference's edges each of another camera's is, by the offset that brings most together.
+
+    The least of such offsets: a lamp that blinks evenly has many.
+    """
+    gaps = other.rough_ms[:, None] - reference.rough_ms[None]
+    alike = other.rising[:, None] == reference.rising[None]
+    chosen: dict[int, int] = {}
+    for lag in sorted(gaps[alike & (np.abs(gaps) < REACH_MS)], key=abs):
+        away = np.where(alike, np.abs(gaps - lag), np.inf)
+        near = {int(k): int(away[k].argmin()) for k in np.flatnonzero(away.min(1) < NEAR_MS)}
+        if len(near) > len(chosen):
+            chosen = near
+    return chosen
+
+
+def _solve(
+    first: str, edges: Mapping[str, Mapping[int, EdgeTime]], seen: Mapping[str, SeenLamp]
+) -> dict[str, LightOffset]:
+    """Least squares over all edges: when each was, and of each camera its offset, row time and bend.
+
+    The camera's own time of an edge = the edge's - offset - error of the row time * row + bend * direction.
+    """
+    names = list(edges)
+    numbers = sorted({number for of in edges.values() for number in of})
+    count, spare = len(numbers), sum(map(len, edges.values())) - len(numbers) - len(names)
+    design = np.zeros((sum(map(len, edges.values())), count + 3 * len(names)))
+    values, sds, priors = np.zeros(len(design)), np.zeros(len(design)), np.zeros(design.shape[1])
+    line = 0
+    for camera, name in enumerate(names):
+        of, at = seen[name], count + 3 * camera
+        priors[at + 1] = 1 / (TOLD_ROWS if of.told else UNTOLD_ROWS) ** 2
+        priors[at + 2] = 1 / BEND_MS**2
+        for number, one in edges[name].items():
+            from_row = one.row - (0.0 if of.told else of.height / 2)
+            direction = 1 if seen[first].rising[number] else -1
+            design[line, numbers.index(number)] = 1
+            design[line, at : at + 3] = (-1, -of.rows.row_ms * from_row, direction)
+            values[line], sds[line] = one.at_ms, max(one.sd_ms, SYSTEMATIC_MS)
+            line += 1
+    priors[count + 3 * names.index(first)] = 1e12
+    found, spread = _robust_fit(design, values, sds, priors, spare)
+    solved = {}
+    for camera, name in enumerate(names):
+        at, row_ns = count + 3 * camera, 1e6 * seen[name].rows.row_ms
+        solved[name] = LightOffset(
+            0.0 if name == first else float(found[at]),
+            0.0 if name == first else float(np.hypot(spread[at], SYSTEMATIC_MS)),
+            edges=len(edges[name]),
+            row_time_ns=row_ns * (1 + float(found[at + 1])),
+            row_time_sd_ns=row_ns * float(spread[at + 1]),
+        )
+    return solved
+
+
+def _robust_fit(design: Array, values: Array, sds: Array, priors: Array, spare: int) -> tuple[Array, Array]:
+    """What fits best, and its errors: iteratively reweighted least squares with Cauchy weights."""
+    weights = 1 / sds**2
+    for _ in range(20):
+        normal = design.T @ (weights[:, None] * design) + np.diag(priors)
+        found = np.linalg.solve(normal, design.T @ (weights * values))
+        misses = (values - design @ found) / sds
+        freedom = float(np.sqrt(len(values) / max(1, spare)))
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(misses))) * freedom)
+        weights = 1 / (sds * scale) ** 2 / (1 + (misses / (3 * scale)) ** 2)
+    return found, np.sqrt(np.diagonal(np.linalg.inv(normal)))

@@ -8,7 +8,7 @@ from capture_app.cameras import base, specs
 from capture_app.clock import HostClock, NodeClock, SimulatedClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.simulation.profiles import PROFILES
-from tests.node.test_supervisor import FakeCamera, frame
+from tests.cameras.fake_camera import FakeCamera, frame
 
 
 def test_parse_spec() -> None:

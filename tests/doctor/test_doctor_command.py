@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from tests.net.test_reach import closed_port
+from tests.net.ports import closed_port
 
 
 def test_a_leader_out_of_reach_is_a_problem_in_json_and_for_people(

@@ -10,7 +10,7 @@ from capture_app.net.firewall import Firewall, active_firewalls
 from capture_app.net.wifi import told_power_save, wifi_interfaces
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.trust.trust import Trust
-from tests.net.test_reach import closed_port
+from tests.net.ports import closed_port
 
 NFTABLES = "etc/systemd/system/sysinit.target.wants/nftables.service"
 

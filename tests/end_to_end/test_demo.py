@@ -3,7 +3,6 @@
 import asyncio
 import signal
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ import pytest
 from capture_app.demo import capture, compare, measure_sync_errors, unused_folder
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.session.reading.verify import verify
+from tests.end_to_end.processes import children_of, is_running
 
 from .conftest import PATIENCE_S
 
@@ -76,29 +76,6 @@ async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals)
         await parent.wait()
         while any(is_running(pid) for pid in pids):  # noqa: ASYNC110 - they are not our children
             await asyncio.sleep(0.05)
-
-
-def stat_of(pid: int) -> list[str]:
-    """State, parent and what follows of a process. Raises OSError where there is none."""
-    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-
-
-def children_of(parent: int) -> list[int]:
-    """The processes that a process has started and that are still its own."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*"):
-        with suppress(FileNotFoundError, ProcessLookupError):
-            if int(stat_of(int(path.name))[1]) == parent:
-                found.append(int(path.name))
-    return found
-
-
-def is_running(pid: int) -> bool:
-    """Whether a process is there and no zombie that only waits to be noticed."""
-    try:
-        return stat_of(pid)[0] != "Z"
-    except (ProcessLookupError, FileNotFoundError):
-        return False
 
 
 def test_folders_are_never_used_twice(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import ExitCode
+from tests.end_to_end.processes import children_of, is_running
 
 from .conftest import PATIENCE_S
-from .test_demo import children_of, is_running
 
 ROOT = Path(__file__).resolve().parents[2]
 BEGUN = re.compile(r"injections|depth of cam00")

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import ExitCode
+from tests.end_to_end.rig import burst, output
 
 from .conftest import Start
-from .test_rig import burst, output
 
 
 async def test_a_strange_machine_is_told_what_to_do_and_joins_for_good_by_a_code(

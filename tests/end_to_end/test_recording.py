@@ -11,10 +11,10 @@ import pytest
 from capture_app.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.end_to_end.rig import lead, output
 from tests.waiting import SLOW_PATIENCE_S, until
 
 from .conftest import PATIENCE_S, Command, Start
-from .test_rig import lead, output
 
 
 async def rig_of_two(start: Start, folder: Path) -> tuple[Command, str]:

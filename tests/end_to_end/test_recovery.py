@@ -6,15 +6,10 @@ from pathlib import Path
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from tests.waiting import SLOW_PATIENCE_S, until
+from tests.end_to_end.rig import burst, join, join_ready, lead, lines_of, output
+from tests.waiting import until
 
 from .conftest import PATIENCE_S, Start
-from .test_rig import burst, join, join_ready, lead, output
-
-
-async def lines_of(path: Path, least: int) -> None:
-    """Wait until a journal lists so many images."""
-    await until(lambda: path.exists() and path.read_bytes().count(b"\n") >= least, seconds=SLOW_PATIENCE_S)
 
 
 async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(start: Start, tmp_path: Path) -> None:

@@ -12,10 +12,10 @@ from capture_app.node.wire.status import BurstStatus, NodeStatus
 from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.end_to_end.rig import join, lead, lines_of, output
+from tests.waiting import until
 
 from .conftest import PATIENCE_S, Command, Start
-from .test_recovery import lines_of, until
-from .test_rig import join, lead, output
 
 LOST_TIME_NS = 1_000_000_000
 """A synchronized clock is never off by so much, however busy the machine; others here are, by hours."""

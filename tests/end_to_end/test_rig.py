@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,57 +11,14 @@ from capture_app.errors import ExitCode
 from capture_app.node.camera.device_profiles import FILE
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from tests.waiting import patience
+from tests.end_to_end.rig import burst, join, join_ready, lead, output
 
-from .conftest import PATIENCE_S, Command, Start
-
-
-async def lead(
-    start: Start, sessions: Path, at: str = "127.0.0.1:0", options: Sequence[str] = ()
-) -> tuple[Command, str]:
-    """Start a leader `at` HOST:PORT, and return where it listens too."""
-    host, _, port = at.rpartition(":")
-    where = ("--host", host, "--port", port, "--sessions", str(sessions))
-    leader = await start("leader", *where, "--json", *options)
-    return leader, (await leader.next_json())["leader"]
-
-
-async def join(start: Start, name: str, *leaders: str, model: str = "phone-a") -> Command:
-    camera = f"sim:{model},drops=0,outliers=0"
-    at = [option for leader in leaders for option in ("--leader", leader)]
-    return await start("node", "--name", name, "--camera", camera, "--clock", "sim", *at)
-
-
-async def join_ready(start: Start, leader: str, *names: str) -> list[Command]:
-    """Start nodes, and wait until all are ready."""
-    nodes = await asyncio.gather(*(join(start, name, leader) for name in names))
-    await asyncio.gather(*(node.says("ready") for node in nodes))
-    return nodes
-
-
-async def output(command: "Command") -> str:
-    printed = await command.finish()
-    assert command.process.returncode == 0, command.said
-    return printed
+from .conftest import Start
 
 
 async def status(start: Start, leader: str) -> dict[str, dict[str, Any]]:
     rig = json.loads(await output(await start("status", "--leader", leader, "--json")))
     return {node["name"]: node for node in rig["nodes"]}
-
-
-async def burst(start: Start, leader: str, *options: str) -> dict[str, Any]:
-    """Take bursts until one is whole: on a starved machine a node falls silent for as long as a lost one."""
-    async with patience(f"a whole burst ({' '.join(options)})", PATIENCE_S):
-        while True:
-            command = await start(
-                "burst", "--leader", leader, "--wait-s", str(PATIENCE_S), "--json", *options
-            )
-            printed = await command.finish()
-            assert command.process.returncode in (ExitCode.OK, ExitCode.INCOMPLETE), command.said
-            if command.process.returncode == ExitCode.OK:
-                done: dict[str, Any] = json.loads(printed)
-                return done
 
 
 def number(done: dict[str, Any]) -> int:

@@ -7,9 +7,9 @@ from pathlib import Path
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Grade, judge
 from capture_app.session.reading.verify import verify
+from tests.end_to_end.rig import burst, join, join_ready, lead, output
 
 from .conftest import Start
-from .test_rig import burst, join, join_ready, lead, output
 
 
 async def test_a_late_camera_that_nobody_has_measured_is_sure_to_tens_of_milliseconds(

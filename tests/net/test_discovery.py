@@ -10,9 +10,9 @@ from capture_app import __version__
 from capture_app.net.discovery import NOBODY, announced_hosts, search_leaders
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
+from tests.net.ports import answering, closed_port
 
 from .machines import Machine, two_machines
-from .test_reach import answering, closed_port
 
 TRIES = 50
 

@@ -1,7 +1,6 @@
 """Why a leader is not reached is said in a sentence with a remedy, whatever is in the way."""
 
 import asyncio
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -12,45 +11,15 @@ import pytest
 from capture_app.net.address import Address
 from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port
-from capture_app.sync.wire.codec import VERSION, version_answer, version_mismatch
+from capture_app.sync.wire.codec import VERSION, version_mismatch
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
+from tests.net.ports import Answering, answering, closed_port
 
 from .echoes import Ping, echo
 from .machines import LEADER_HOST, NOBODY, two_machines
 
 LEADER = Address("192.0.2.1", 47010)
-
-
-class Answering(asyncio.DatagramProtocol):
-    """Answers a question for the version, as an end of `version` does, from the `first`-th on."""
-
-    def __init__(self, version: int, first: int) -> None:
-        self._version, self._left = version, first
-        self.came = 0
-
-    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
-        self._transport = transport
-
-    def datagram_received(self, data: bytes, where: tuple[str, int]) -> None:
-        self.came += 1
-        self._left -= 1
-        answer = version_answer(data)
-        if answer is not None and self._left <= 0:
-            # What strangers send meanwhile is no answer.
-            self._transport.sendto(b"noise", where)
-            self._transport.sendto(answer[:4] + bytes(8), where)
-            self._transport.sendto(answer[:2] + bytes([self._version]) + answer[3:], where)
-
-
-@asynccontextmanager
-async def answering(version: int = VERSION, *, first: int = 1) -> AsyncIterator[Address]:
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(
-        lambda: Answering(version, first), local_addr=("127.0.0.1", 0)
-    )
-    yield Address("127.0.0.1", transport.get_extra_info("sockname")[1])
-    transport.close()
 
 
 @asynccontextmanager
@@ -64,11 +33,6 @@ async def a_leader(trust: Trust, *, first: int = 1) -> AsyncIterator[Address]:
     yield Address("127.0.0.1", transport.get_extra_info("sockname")[1])
     await server.stop()
     transport.close()
-
-
-def closed_port() -> Address:
-    with socket.create_server(("127.0.0.1", 0)) as stream:
-        return Address("127.0.0.1", stream.getsockname()[1])
 
 
 @pytest.mark.parametrize("first", [1, 3])

@@ -35,7 +35,7 @@ from capture_app.session.writing.image_store import ReceivedImage
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.node import bursts
 from tests.node.joining import joined
-from tests.node.transfer.test_uploader import Picture, burst_upload, uploading
+from tests.node.transfer.uploading import Picture, burst_upload, uploading
 from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("open_rig")

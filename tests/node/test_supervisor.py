@@ -7,39 +7,12 @@ from collections.abc import AsyncIterator
 import pytest
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
-from tests.facts import make_facts
-
-PERIOD_NS = 33_333_333
-FACTS = make_facts(period_ns=PERIOD_NS, phase_control=PhaseControl.RESET, exposure_ns=10_000_000)
-
-
-class FakeCamera(Camera):
-    """A camera whose frames and failures come from the test."""
-
-    def __init__(self, facts: CameraFacts = FACTS) -> None:
-        self._facts = facts
-        self.on_frame: OnFrame
-        self.on_failure: OnFailure
-        self.commands: asyncio.Queue[CameraCommand] = asyncio.Queue()
-
-    @property
-    def facts(self) -> CameraFacts:
-        return self._facts
-
-    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        self.on_frame, self.on_failure = on_frame, on_failure
-
-    async def apply(self, command: CameraCommand) -> None:
-        self.commands.put_nowait(command)
-
-    async def stop(self) -> None:
-        pass
+from tests.cameras.fake_camera import FACTS, PERIOD_NS, FakeCamera, frame
 
 
 class StoppedClock:
@@ -103,10 +76,6 @@ async def bench() -> AsyncIterator[Bench]:
     running.cancel()
     with contextlib.suppress(asyncio.CancelledError, CameraError):
         await running
-
-
-def frame(stream: int, timestamp_ns: int = 0) -> CapturedFrame:
-    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=timestamp_ns, picture=None)
 
 
 async def started(camera: FakeCamera) -> None:

@@ -10,48 +10,17 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import export_session
-from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.session.writing.video_store import NewFrame
+from tests.session.recorded import frame, record
 
-from .conftest import INSTANTS, camera_record, jpeg, local_from_leader
+from .conftest import jpeg, local_from_leader
 
 VIDEO, LINES = "videos/rig1/left.mjpeg", "videos/rig1/left.frames.ndjson"
-
-
-def frame(camera: str, instant: int) -> NewFrame:
-    """A frame 4 us after its instant."""
-    data, leader_ns = jpeg(instant, 32, 24), INSTANTS[instant] + 4_000
-    record = ImageRecord(
-        camera=camera,
-        instant=instant,
-        path=image_path(camera, instant),
-        leader_ns=leader_ns,
-        local_ns=local_from_leader(leader_ns),
-        residual_ns=4_000,
-        uncertainty_ns=20_000,
-        bytes=len(data),
-        sha256=hashlib.sha256(data).hexdigest(),
-    )
-    return NewFrame(record, data, true_ns=instant + 5)
-
-
-def record(writer: SessionWriter) -> Session:
-    """Two cameras, of which the right one drops its last frame."""
-    for instant in range(3):
-        writer.add_frames([frame("left", instant)])
-    writer.add_frames([frame("right", 0), frame("right", 1)])
-    return writer.finish(
-        [camera_record("left", width=32, height=24), camera_record("right", width=32, height=24)],
-        BurstRecord(instants_ns=INSTANTS, period_ns=33_000_000),
-        [MissingImage(camera="right", instant=2, reason="the camera dropped the frame", dropped=True)],
-        origin="simulated",
-    )
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingIma
 from capture_app.session.reading.reader import Session
 from tests.node import bursts
 from tests.node.joining import joined
-from tests.node.transfer.test_uploader import Picture, burst_upload, uploading
+from tests.node.transfer.uploading import Picture, burst_upload, uploading
 from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("open_rig")

@@ -11,7 +11,8 @@ from capture_app.node.camera.spool import Spool
 from capture_app.node.wire.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import MissingImage
-from tests.node.transfer.test_uploader import Picture, burst_upload, until, uploading
+from tests.node.transfer.uploading import Picture, burst_upload, uploading
+from tests.waiting import until
 
 
 def streamed(burst: int, *pictures: Picture, most_bytes: int = 1 << 20) -> BurstUpload:

@@ -10,7 +10,7 @@ import pytest
 from capture_app.node.camera.encoding import encode_frame
 from capture_app.node.camera.spool import Spool, SpooledBurst
 from capture_app.node.wire.messages import CameraReport
-from tests.node.transfer.test_uploader import Picture, burst_upload
+from tests.node.transfer.uploading import Picture, burst_upload
 
 UPLOAD = burst_upload(Picture(b"zero"))
 

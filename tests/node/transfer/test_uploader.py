@@ -1,107 +1,22 @@
 """The uploader against a leader that misbehaves, over real loopback streams."""
 
 import asyncio
-import hashlib
-from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from capture_app.camera_facts import PhaseControl
-from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import DiskFullError
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.encoding import encode_frame
 from capture_app.node.camera.spool import Spool, SpooledBurst
-from capture_app.node.camera.uploader import Uploader
 from capture_app.node.wire.messages import (
     CameraReport,
-    ImageAck,
-    ImageReceipt,
-    ImageUpload,
     Refusal,
     ReportAck,
     ToLeader,
 )
-from capture_app.session.format.manifest import JOURNAL, CameraRecord
-from capture_app.sync.rig.frame_picks import Pick
-from tests.facts import make_facts
-from tests.net.echoes import serving
+from capture_app.session.format.manifest import JOURNAL
+from tests.node.transfer.uploading import Picture, burst_upload, images, receipts_of, uploading
 from tests.waiting import until
-
-CAMERA = make_facts(phase_control=PhaseControl.INJECTION)
-
-
-@dataclass
-class Picture:
-    data: bytes
-    encoded: int = 0
-
-    @property
-    def held_bytes(self) -> int:
-        return len(self.data)
-
-    def encode(self) -> bytes:
-        self.encoded += 1
-        if not self.data:
-            raise RuntimeError("the film is torn")
-        return self.data
-
-
-def burst_upload(*pictures: Picture) -> BurstUpload:
-    picks = [
-        Pick(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
-        for n, picture in enumerate(pictures)
-    ]
-    report = CameraReport(
-        leader=1, burst=1, camera=CameraRecord(name="a", facts=CAMERA), instants=tuple(range(len(picks)))
-    )
-    return BurstUpload(report, deque(picks))
-
-
-Serve = Callable[[Channel[ToLeader]], Awaitable[None]]
-
-
-async def images(
-    channel: Channel[ToLeader],
-    answer: Callable[[CameraReport], ReportAck | Refusal] = lambda _: ReportAck(),
-    down: asyncio.Event | None = None,
-) -> AsyncIterator[tuple[ImageUpload, bytes]]:
-    """Answer what a stream tells, and yield its images, each acknowledged when the next one is asked for."""
-    while not (down and down.is_set()) and (received := await channel.receive()) is not None:
-        message, payload = received
-        if isinstance(message, ImageUpload):
-            yield message, payload
-            await channel.send(ImageAck(sha256=message.record.sha256))
-        else:
-            await channel.send(answer(message) if isinstance(message, CameraReport) else ReportAck())
-
-
-def receipts_of(stored: dict[int, bytes]) -> ReportAck:
-    """What a leader has of a burst's images, all of them whole."""
-    receipts = (
-        ImageReceipt(instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True)
-        for n, data in stored.items()
-    )
-    return ReportAck(receipts=tuple(receipts))
-
-
-@asynccontextmanager
-async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
-    async with serving(serve, ToLeader) as leader:
-        uploader = Uploader("a", 1, said.append, spool, retry_s=(0.0,))
-        uploader.load_spool()
-        uploader.set_leader(leader, 1)
-        task = asyncio.create_task(uploader.run())
-        try:
-            yield uploader
-        finally:
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
-            uploader.close()
 
 
 def test_an_exposure_begins_at_the_stamp_whatever_moment_is_aligned() -> None:

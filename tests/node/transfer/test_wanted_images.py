@@ -15,7 +15,8 @@ from capture_app.node.wire.messages import (
     ToLeader,
 )
 from capture_app.session.format.manifest import MissingImage
-from tests.node.transfer.test_uploader import Picture, burst_upload, images, until, uploading
+from tests.node.transfer.uploading import Picture, burst_upload, images, uploading
+from tests.waiting import until
 
 
 def pictures(count: int) -> list[Picture]:

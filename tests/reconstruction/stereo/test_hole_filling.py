@@ -6,7 +6,7 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.stereo.stereo_pair import fill_holes
 from tests.reconstruction.conftest import Scene, make_view
-from tests.reconstruction.stereo.test_stereo import synchronized_pair
+from tests.reconstruction.stereo.pairs import synchronized_pair
 
 NAN = float("nan")
 

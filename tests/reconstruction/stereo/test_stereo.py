@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import View
 from reconstruction.stereo.stereo_pair import StereoPair, find_disparity_range
 from tests.reconstruction.conftest import Scene, make_view
+from tests.reconstruction.stereo.pairs import synchronized_pair
 
 PAIRS = {
     "side by side": (make_view((0, 0, 0)), make_view((0.2, 0, 0)), 1.0),
@@ -17,14 +18,6 @@ PAIRS = {
         39.37,
     ),
 }
-
-
-def synchronized_pair(scene: Scene, reference: View, other: View) -> tuple[StereoPair, Array, Array, Array]:
-    """The pair at one time: its matcher, both pictures and the reference's true depth."""
-    image, truth, movers = scene.look(reference, 2)
-    same = scene.look(other, 2)[0]
-    disparities = find_disparity_range((reference, other), [(image, same, movers)])
-    return StereoPair(reference, other, disparities), image, same, truth
 
 
 @pytest.mark.parametrize(("reference", "other", "unit"), PAIRS.values(), ids=PAIRS.keys())

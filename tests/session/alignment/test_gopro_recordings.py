@@ -13,7 +13,7 @@ from capture_app.session.format.common_times import CommonTimes, TimesState
 from capture_app.session.reading.reader import Session
 from tests.session.alignment.cut_apart import Phone, Take
 from tests.session.alignment.gpmf_tracks import Receiver, device, gps5, gps9, item, nest
-from tests.session.alignment.test_imported_recordings import error_ms
+from tests.session.alignment.offsets import error_ms
 
 A = Phone("a", start_s=0.0, fps=30)
 B = Phone("b", start_s=1.2345, fps=30, ppm=30, seed=2)

@@ -6,16 +6,12 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes, TimesState
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, TimesState
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.session.alignment.cut_apart import Phone, Take
+from tests.session.alignment.offsets import PHONES, error_ms
 
-PHONES = (
-    Phone("a", start_s=0.0, fps=30),
-    Phone("b", start_s=1.2345, fps=30_000 / 1001, ppm=30, seed=2),
-    Phone("c", start_s=-0.8177, fps=30, ppm=-25, jitter_s=0.012, seed=3),
-)
 CLAPS = Take(claps_s=(2.2, 3.31, 4.87, 6.05))
 
 
@@ -26,15 +22,6 @@ def imported(folder: Path, *arguments: str) -> Session:
     session = Session.open(folder.parent / name)
     assert verify(session) == []
     return session
-
-
-def error_ms(times: CameraTimes, phone: Phone, at_s: float) -> tuple[float, float]:
-    """How wrong the aligned time is at the phone's own time, against phone a, and its 95 % error."""
-    own_ns = round(at_s * 1e9)
-    true_s = float(PHONES[0].own_s(phone.true_s(at_s)))
-    bar_ns = times.uncertainty_at_ns(own_ns)
-    assert bar_ns is not None
-    return times.leader_from_local(own_ns) / 1e6 - true_s * 1e3, bar_ns / 1e6
 
 
 @pytest.fixture(scope="module")

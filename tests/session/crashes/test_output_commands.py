@@ -12,7 +12,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.session.reading.reader import Session
-from tests.session.crashes.test_output_folder import names, opened
+from tests.session.crashes.outputs import names, opened
 
 
 def test_sessions_list_mentions_leftovers_and_repair_removes_them(

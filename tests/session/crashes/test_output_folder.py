@@ -16,23 +16,9 @@ from capture_app.session.files.output_folder import (
     OutputFolder,
     clear_leftovers,
     replaces_nothing,
-    replaces_only,
 )
 from tests.session.crashes.killed_writer import ROOT, results_of
-
-
-def opened(target: Path, **options: Any) -> OutputFolder:
-    return OutputFolder(target, replaces_only({"result", "stages"}), **options)
-
-
-def make(target: Path, text: str, meanwhile: Callable[[], object] = lambda: None, **options: Any) -> None:
-    with opened(target, **options) as output:
-        (output.folder / "result").write_text(text)
-        meanwhile()
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
+from tests.session.crashes.outputs import make, names, opened
 
 
 def test_a_result_replaces_its_like_and_keeps_what_is_reused(tmp_path: Path) -> None:
@@ -93,7 +79,7 @@ def test_somebody_elses_files_are_never_replaced(tmp_path: Path) -> None:
 
 def test_a_second_run_is_refused_at_once_or_waits(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    waiting = "import sys; from tests.session.crashes.test_output_folder import make, Path; " \
+    waiting = "import sys; from tests.session.crashes.outputs import make, Path; " \
         "make(Path(sys.argv[1]), 'second', wait=True)"  # fmt: skip
     with opened(out) as output:
         with pytest.raises(TryAgainError, match=f"another run is writing to {out}"):

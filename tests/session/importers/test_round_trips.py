@@ -21,7 +21,7 @@ from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.session.conftest import calibration_of
 from tests.session.exporters.conftest import Make, make  # noqa: F401 - a fixture
-from tests.session.test_videos import record
+from tests.session.recorded import record
 
 SAMPLE = Path(__file__).resolve().parents[3] / "sample_sessions" / "crossing"
 BIT_FOR_BIT = ("colmap", "nerfstudio", "mcap")

@@ -1,0 +1,38 @@
+"""A camera that exists only in a test."""
+
+import asyncio
+
+from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.sync.wire.camera_commands import CameraCommand
+from tests.facts import make_facts
+
+PERIOD_NS = 33_333_333
+FACTS = make_facts(period_ns=PERIOD_NS, phase_control=PhaseControl.RESET, exposure_ns=10_000_000)
+
+
+class FakeCamera(Camera):
+    """A camera whose frames and failures come from the test."""
+
+    def __init__(self, facts: CameraFacts = FACTS) -> None:
+        self._facts = facts
+        self.on_frame: OnFrame
+        self.on_failure: OnFailure
+        self.commands: asyncio.Queue[CameraCommand] = asyncio.Queue()
+
+    @property
+    def facts(self) -> CameraFacts:
+        return self._facts
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        self.on_frame, self.on_failure = on_frame, on_failure
+
+    async def apply(self, command: CameraCommand) -> None:
+        self.commands.put_nowait(command)
+
+    async def stop(self) -> None:
+        pass
+
+
+def frame(stream: int, timestamp_ns: int = 0) -> CapturedFrame:
+    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=timestamp_ns, picture=None)

@@ -28,6 +28,7 @@
 # make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
 # make bench-stamps   a rig with a camera whose stamps are 15 ms late, before and after that is measured by motion (5 min)
 # make bench-phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
+# make paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; PAPER="--quick --out DIR")
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make soak SECONDS=120   burst after burst, and whether threads, memory, open files or phase errors grow (SOAK="--cameras 5 --every 20")
 # make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
@@ -49,7 +50,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -159,6 +160,9 @@ bench-panel: $(VENV)/.installed
 
 bench-tui: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.screen.tui_load $(BENCH)
+
+paper: $(VENV)/.installed-dev
+	$(BIN)/python -m benchmarks.paper paper --markdown docs/paper.md $(PAPER)
 
 soak: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.endurance.soak --seconds $(SECONDS) $(SOAK)

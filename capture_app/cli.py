@@ -71,7 +71,7 @@ COMMANDS = {
     "panel": "Show a clock to all cameras, and read from their pictures how far apart they are.",
     "serve": "Show the terminal UI in a browser.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
-    "experiment": "Measure clock and phase synchronization, beside the paper's figures.",
+    "link": "Measure the clock over your own link, real or recorded.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
 }
 MODULES = {"burst": "take", "record": "take"}

@@ -1,4 +1,4 @@
-"""Our clock under 28 laws of delay that no experiment uses: what its free numbers were chosen on (simulated).
+"""Our clock under 28 laws of delay that no study uses: what its free numbers were chosen on (simulated).
 
 Each trial draws a law, how long the way takes at least, how much longer on average, how unequal the two ways
 are, and the clock. Prints how often the stated 95 % holds, in eight situations, and the interval score; then
@@ -11,15 +11,17 @@ from dataclasses import dataclass
 from math import exp, log, sqrt
 from typing import Any
 
-from benchmarks.report import new_parser, print_report, print_rows
-from capture_app.clock import SimulatedClock
-from capture_app.experiments.clock_filters.coverage import (
+from benchmarks.paper.clock_trials import (
+    ASYMMETRY,
     FIRST_SECOND,
     SITUATIONS,
     Coverage,
+    DrawLink,
     measure_coverage,
+    unequal_links,
 )
-from capture_app.experiments.clock_filters.links import ASYMMETRY, DrawLink, unequal_links
+from benchmarks.report import new_parser, print_report, print_rows
+from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
 from capture_app.simulation.links import Link
 from capture_app.simulation.paper_link import LINKS_BY_LAW
@@ -184,7 +186,7 @@ def corrected_errors(draw: DrawLink, count: int, seed: str) -> list[float]:
 
 
 def fixed(law: str) -> DrawLink:
-    """The experiments' link of that name, always the same."""
+    """The studies' link of that name, always the same."""
 
     def draw(_: random.Random) -> Link:
         return LINKS_BY_LAW[law]

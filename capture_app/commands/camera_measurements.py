@@ -21,8 +21,8 @@ from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.camera_facts import StampAccuracy
-    from capture_app.node.characterization.character import Character, Moves, Starts
-    from capture_app.node.operator.stamp_calibration import MeasuredTimes
+    from capture_app.measure.camera import Character, Moves, Starts
+    from capture_app.measure.camera_times import MeasuredTimes
     from capture_app.session.reading.reader import Session
 
 NAME = "calibrate-time"
@@ -125,7 +125,7 @@ async def _calibrate(
     leader: Address, session: "Session"
 ) -> "tuple[MeasuredTimes, dict[str, StampAccuracy], dict[str, bool]]":
     """Measure, and tell each camera's node; what was found, the stamps, and by whom they are kept."""
-    from capture_app.node.operator.stamp_calibration import choose_reference, measure_session, measured_stamps
+    from capture_app.measure.camera_times import choose_reference, measure_session, measured_stamps
     from capture_app.node.requests import tell_stamp
 
     records = {record.name: record for record in session.manifest.cameras}
@@ -188,8 +188,8 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     """
     from capture_app.cameras.specs import modes_of, open_camera
     from capture_app.clock import HostClock
+    from capture_app.measure import camera as measuring
     from capture_app.node.camera.device_profiles import DeviceProfiles
-    from capture_app.node.characterization import characterize as measuring
 
     clock = HostClock()
     found = asyncio.run(

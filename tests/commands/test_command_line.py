@@ -100,7 +100,7 @@ def test_sessions_cannot_go_into_a_file(tmp_path: Path, capfd: pytest.CaptureFix
     [
         (("statsu",), "status"),
         (("sessions", "verfy"), "verify"),
-        (("experiment", "clock-filter"), "clock-filters"),
+        (("link", "--mesages"), "--messages"),
         (("burst", "--consecutiv"), "--consecutive"),
     ],
 )
@@ -116,7 +116,7 @@ def test_a_mistyped_name_is_answered_with_the_one_meant(
     [
         ("capture_app", "capture-app st", {"status"}),
         ("capture_app", "capture-app ", set(COMMANDS)),
-        ("capture_app", "capture-app experiment l", {"link", "led-panel"}),
+        ("capture_app", "capture-app panel s", {"show", "sketch"}),
         ("capture_app", "capture-app leader --align ", {"first-row", "mid-exposure"}),
         ("reconstruction", "reconstruct mult", {"multiview"}),
     ],

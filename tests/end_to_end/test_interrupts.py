@@ -24,8 +24,8 @@ SESSION = str(ROOT / "sample_sessions" / "jumper")
 @pytest.mark.parametrize(
     "command",
     [
-        "capture_app.cli experiment phase",
-        "capture_app.cli experiment clock-filters",
+        "benchmarks.paper phase",
+        "benchmarks.paper clock-filters",
         pytest.param(f"reconstruction.cli multiview {SESSION} --out out", marks=pytest.mark.slow),
         f"reconstruction.cli batch {SESSION} --jobs 2 --out out",
     ],

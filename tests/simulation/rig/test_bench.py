@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capture_app.experiments.phase.baselines import inject_like_libsoftwaresync, restart_like_the_paper
-from capture_app.experiments.phase.trials import (
+from benchmarks.paper.phase_trials import (
     align_one_camera,
+    inject_like_libsoftwaresync,
     known_profile,
+    restart_like_the_paper,
     restart_together,
     unknown_phone,
 )

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.experiments.phase.trials import unknown_phone
+from benchmarks.paper.phase_trials import unknown_phone
 from capture_app.simulation.bench import Bench
 from capture_app.sync.phase.actuators import Move, MoveEffect
 from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile

@@ -7,7 +7,7 @@ from math import floor
 
 import pytest
 
-from capture_app.experiments.phase.trials import EXACT, unknown_phone
+from benchmarks.paper.phase_trials import EXACT, unknown_phone
 from capture_app.simulation.bench import Bench
 from capture_app.sync.phase.stamps import StampQuantum, find_quantum
 

@@ -1,0 +1,246 @@
+"""The paper's applications: which command shows the same of a bundled session, and what of its result."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.errors import BadInputError
+from capture_app.session.reading.decoding import decode_image
+
+BURST, SWEEP_STEP = "burst", "what moves, from picture to picture in the sweep"
+
+
+class Measure(msgspec.Struct, frozen=True):
+    """A number of synchronized pictures, and of those that are some time apart."""
+
+    label: str
+    unit: str
+    synced: float | None
+    offset: float | None
+
+
+class Application(msgspec.Struct, frozen=True, kw_only=True):
+    """What the paper shows, the command that shows the same, and what that command found."""
+
+    key: str
+    place: str
+    title: str
+    command: str
+    measures: tuple[Measure, ...] = ()
+    files: tuple[str, ...] = ()
+    """Of both conditions, synchronized first; one alone is of synchronized pictures."""
+
+
+@dataclass(frozen=True, slots=True)
+class Showing:
+    """An application, and what of the results of `reconstruct compare` it is."""
+
+    application: Application
+    session: str
+    study: str
+    """Its name in `metrics.json`."""
+    picture: str = ""
+    measures: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Label and unit by name."""
+
+
+_COMPARE = "reconstruct compare sample_sessions"
+_DEPTH = {
+    "mover_within_2pct": ("what moves, its distance within 2 % of the truth", "%"),
+    "static_within_2pct": ("what stands still (control)", "%"),
+}
+APPLICATIONS = (
+    Showing(
+        Application(
+            key="figures-1-2-10",
+            place="Figures 1, 2 and 10",
+            title="A burst of five views (a row for each camera), and collages of one instant",
+            command=f"{_COMPARE}/jumper",
+        ),
+        "jumper",
+        BURST,
+    ),
+    Showing(
+        Application(
+            key="figure-8",
+            place="Figure 8",
+            title="Depth of a jumping person from a pair of cameras, and 66 ms apart",
+            command=f"{_COMPARE}/jumper --offset-ms 66",
+        ),
+        "jumper",
+        "stereo",
+        "stereo_depth",
+        _DEPTH,
+    ),
+    Showing(
+        Application(
+            key="five-views",
+            place="Applications",
+            title="Depth from five views, and at offsets from -66 to 66 ms",
+            command=f"{_COMPARE}/jumper",
+        ),
+        "jumper",
+        "multiview",
+        "multiview_depth",
+        _DEPTH,
+    ),
+    Showing(
+        Application(
+            key="figure-9",
+            place="Figure 9",
+            title="Where two pictures of a panorama overlap, laid over each other, and 66 ms apart",
+            command=f"{_COMPARE}/crossing --offset-ms 66",
+        ),
+        "crossing",
+        "stitch",
+        "panorama_overlap",
+        {
+            "mover_misfit_px": ("what moves, misfit", "px"),
+            "static_misfit_px": ("what stands still (control)", "px"),
+        },
+    ),
+    Showing(
+        Application(
+            key="pinwheel",
+            place="Supplement",
+            title="A rotating pinwheel, where poses found from single instants fail",
+            command=f"{_COMPARE}/pinwheel",
+        ),
+        "pinwheel",
+        "poses",
+        "",
+        {
+            "correct_pairs": ("pairs of cameras placed right", "%"),
+            "rotation_deg": ("error of the rotation between two cameras", "degrees"),
+        },
+    ),
+)
+"""In the order of the page."""
+
+
+METRICS = "metrics.json"
+THUMBNAIL_WIDTH = 200
+QUALITY = 85
+HINT = "name a folder that `reconstruct compare` of this version has written"
+
+Picture = NDArray[np.uint8]
+
+
+class _Picture(msgspec.Struct):
+    key: str
+    synced: str
+    offset: str
+
+
+class _Study(msgspec.Struct):
+    synced: Mapping[str, Any]
+    offset: Mapping[str, Any]
+    pictures: tuple[_Picture, ...] = ()
+
+
+class _Burst(msgspec.Struct):
+    thumbnails: tuple[tuple[str, ...], ...]
+
+
+class _Sweep(msgspec.Struct):
+    synced_step_px: float | None = None
+    offset_step_px: float | None = None
+
+
+class _Metrics(msgspec.Struct):
+    session: str
+    stereo: _Study | None = None
+    stitch: _Study | None = None
+    multiview: _Study | None = None
+    poses: _Study | None = None
+    burst: _Burst | None = None
+    bullet_time: _Sweep | None = None
+
+
+def read_compared(results: Sequence[Path], out: Path) -> tuple[Application, ...]:
+    """Return all applications, with what these folders of `reconstruct compare` have of them.
+
+    Pictures go into the folder `out`. Raises BadInputError for a folder that is not such a one.
+    """
+    found = {showing.application.key: showing.application for showing in APPLICATIONS}
+    for folder in results:
+        path = folder / METRICS
+        try:
+            metrics = msgspec.json.decode(path.read_bytes(), type=_Metrics)
+        except OSError as error:
+            raise BadInputError(f"cannot read {path}: {error.strerror}", hint=HINT) from None
+        except msgspec.DecodeError as error:
+            raise BadInputError(f"cannot read {path}: {error}", hint=HINT) from None
+        for showing in APPLICATIONS:
+            if showing.session == Path(metrics.session).name:
+                found[showing.application.key] = _fill(showing, metrics, folder, out)
+    return tuple(found.values())
+
+
+def _fill(showing: Showing, metrics: _Metrics, folder: Path, out: Path) -> Application:
+    application = showing.application
+    if showing.study == BURST:
+        return _fill_burst(application, metrics, folder, out)
+    study: _Study | None = getattr(metrics, showing.study)
+    if study is None:
+        return application
+    measures = tuple(
+        Measure(label, unit, *(_number(scores.get(name), unit) for scores in (study.synced, study.offset)))
+        for name, (label, unit) in showing.measures.items()
+    )
+    files: list[str] = []
+    for picture in study.pictures:
+        if picture.key == showing.picture:
+            for condition, source in (("synced", picture.synced), ("offset", picture.offset)):
+                files.append(f"{application.key}-{condition}.jpg")
+                _save(_load(folder / source), out / files[-1])
+    return msgspec.structs.replace(application, measures=measures, files=tuple(files))
+
+
+def _fill_burst(application: Application, metrics: _Metrics, folder: Path, out: Path) -> Application:
+    """All pictures of the burst as one, and how far what moves goes from camera to camera."""
+    measures: tuple[Measure, ...] = ()
+    files: tuple[str, ...] = ()
+    if (sweep := metrics.bullet_time) is not None:
+        measures = (Measure(SWEEP_STEP, "px", sweep.synced_step_px, sweep.offset_step_px),)
+    if metrics.burst is not None and metrics.burst.thumbnails:
+        rows = [
+            np.concatenate([_thumbnail(folder / file) for file in row], axis=1)
+            for row in metrics.burst.thumbnails
+        ]
+        files = (f"{application.key}.jpg",)
+        _save(np.concatenate(rows), out / files[0])
+    return msgspec.structs.replace(application, measures=measures, files=files)
+
+
+def _number(value: Any, unit: str) -> float | None:
+    if not isinstance(value, int | float):
+        return None
+    return 100.0 * value if unit == "%" else float(value)
+
+
+def _load(path: Path) -> Picture:
+    try:
+        picture = decode_image(path.read_bytes(), colour=True)
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}", hint=HINT) from None
+    if picture is None:
+        raise BadInputError(f"{path} is not a picture", hint=HINT)
+    return picture
+
+
+def _thumbnail(path: Path) -> Picture:
+    picture = _load(path)
+    size = THUMBNAIL_WIDTH, round(picture.shape[0] * THUMBNAIL_WIDTH / picture.shape[1])
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _save(picture: Picture, path: Path) -> None:
+    _, data = cv2.imencode(path.suffix, picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    path.write_bytes(data.tobytes())

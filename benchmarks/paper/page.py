@@ -1,0 +1,231 @@
+"""All that is measured of the paper, written as a page of Markdown and as JSON, with its pictures."""
+
+import re
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from benchmarks.paper.applications import Application, Measure, read_compared
+from benchmarks.paper.report import Entry, PaperReport, Row, SetUp, make_report, measure_all
+from capture_app.errors import BadInputError
+from capture_app.session.files.durable import write_atomic
+from capture_app.text import count, pretty_json
+
+TITLE = "The paper's tables and figures, and ours"
+LEAD = (
+    "Ansari, Wadhwa, Garg and Chen, Wireless Software Synchronization of Multiple Distributed Cameras (ICCP "
+    "2019), measured with real phones. Every number of ours on this page is simulated: the engine is the one "
+    "that runs in the program, but its cameras, clocks, links and LED panels are models."
+)
+KEY = (
+    "✓ ours at the paper's protocol is at most the paper's; ✗ it is larger; = the paper's number went into "
+    "the model, so that agreeing shows nothing. No sign: neither way is better."
+)
+HEAD = ("", "paper", "ours, its protocol", "ours, default")
+APPLICATIONS_LEAD = (
+    "Made by other commands of sessions that come with the project, rendered by its simulator (simulated). "
+    "The paper shows them as pictures, without numbers."
+)
+CONDITIONS = {"synced": "synchronized", "offset": "some time apart"}
+NOTHING = "–"
+UNITS = {"us": "µs", "degrees": "°"}
+SIGNS = {"better": "✓", "worse": "✗", "put in": "=", "": ""}
+
+
+def number(value: float | None, unit: str, *, digits: int | None = None) -> str:
+    """Write a number with its unit, to three figures or so many digits after the point."""
+    if value is None:
+        return NOTHING
+    if digits is None:
+        digits = 0 if abs(value) >= 100 or value == round(value) else 1 if abs(value) >= 10 else 2
+    text = f"{value:,.{digits}f}"
+    return f"{text}\N{NO-BREAK SPACE}{UNITS.get(unit, unit)}" if unit else text
+
+
+def papers(row: Row) -> str:
+    """Write the paper's number, as the paper does."""
+    if row.paper is None:
+        return NOTHING
+    text = number(row.paper, row.unit, digits=len(f"{row.paper:.6g}".partition(".")[2]))
+    return f"≤\N{NO-BREAK SPACE}{text}" if row.paper_at_most else text
+
+
+def ours(row: Row) -> str:
+    """Write ours at the paper's protocol."""
+    return number(row.protocol, row.unit)
+
+
+def sign(row: Row) -> str:
+    """Return what stands beside ours at the paper's protocol: how it compares, if it does."""
+    return SIGNS[row.verdict]
+
+
+def by_default(row: Row) -> str:
+    """Write ours by default."""
+    return number(row.default, row.unit)
+
+
+def condition(measure: Measure, name: str) -> str:
+    """Write an application's number in a condition, `synced` or `offset`."""
+    return number(getattr(measure, name), measure.unit)
+
+
+def set_ups(entry: Entry) -> tuple[str, ...]:
+    """Say how both of ours were measured."""
+    if entry.default == entry.protocol:
+        return (f"Ours, at the paper's protocol and by default: {_set_up(entry.protocol)}",)
+    return (
+        f"Ours at the paper's protocol: {_set_up(entry.protocol)}",
+        f"Ours by default: {_set_up(entry.default)}",
+    )
+
+
+def _set_up(one: SetUp) -> str:
+    return f"{in_print(one.setup)} ({one.kind}, {count(one.trials, 'trial')})."
+
+
+def in_print(text: str) -> str:
+    """Return a text with its units as they are printed."""
+    return re.sub(r"(?<=\d) us\b", "\N{NO-BREAK SPACE}µs", text)
+
+
+def measured(report: PaperReport) -> str:
+    """Say how the report came about."""
+    quick = " --quick" if report.quick else ""
+    return f"Made by `python -m benchmarks.paper paper{quick}`, seed {report.seed}; trials stand with each."
+
+
+def headlines(report: PaperReport) -> list[tuple[Entry, Row]]:
+    """Return the numbers for the top of the page, each with what it is of."""
+    entries = (*report.tables, *report.figures)
+    return [(entry, row) for entry in entries for row in entry.rows if row.headline]
+
+
+def render_markdown(report: PaperReport, pictures: str) -> str:
+    """Return the page; `pictures` comes before its pictures' names in links to them."""
+    return "\n".join([*_lines(report, pictures), ""])
+
+
+def _lines(report: PaperReport, pictures: str) -> Iterator[str]:
+    yield f"# {TITLE}"
+    yield ""
+    yield f"{LEAD} {measured(report)}"
+    yield ""
+    yield from _table(
+        (row, f"[{entry.place}](#{_anchor(entry)}): {row.label}") for entry, row in headlines(report)
+    )
+    yield ""
+    yield KEY
+    for title, entries in (("Tables", report.tables), ("Figures", report.figures)):
+        yield ""
+        yield f"## {title}"
+        for entry in entries:
+            yield from _entry_lines(entry, pictures)
+    yield ""
+    yield "## Applications"
+    yield ""
+    yield APPLICATIONS_LEAD
+    for one in report.applications:
+        yield from _application(one, pictures)
+
+
+def _application(one: Application, pictures: str) -> Iterator[str]:
+    yield ""
+    yield f"### {one.place}: {one.title}"
+    names = list(CONDITIONS.values())
+    if len(one.files) == len(names):
+        yield ""
+        yield f"| {' | '.join(names)} |"
+        yield "|---|---|"
+        yield f"| {' | '.join(f'![{one.title}]({pictures}{name})' for name in one.files)} |"
+    else:
+        for name in one.files:
+            yield ""
+            yield f"![{one.title}]({pictures}{name})"
+    if one.measures:
+        yield ""
+        yield f"|  | {' | '.join(names)} |"
+        yield "|---|---:|---:|"
+        for measure in one.measures:
+            cells = (condition(measure, name) for name in CONDITIONS)
+            yield f"| {measure.label} | {' | '.join(cells)} |"
+    yield ""
+    yield f"`{one.command}`" + ("" if one.measures else " (not run for this page)")
+
+
+def _anchor(entry: Entry) -> str:
+    """The anchor that a heading gets where Markdown is shown."""
+    kept = (char for char in _heading(entry).lower() if char.isalnum() or char in " -")
+    return "".join(kept).replace(" ", "-")
+
+
+def _heading(entry: Entry) -> str:
+    return f"{entry.place}: {entry.title}"
+
+
+def _entry_lines(entry: Entry, pictures: str) -> Iterator[str]:
+    yield ""
+    yield f"### {_heading(entry)}"
+    for name in entry.files:
+        yield ""
+        yield f"![{entry.title}]({pictures}{name})"
+    yield ""
+    yield from _table((row, row.label) for row in entry.rows)
+    yield ""
+    simulated = f"Simulated: {in_print(entry.simulated)}"
+    yield " ".join((simulated, *set_ups(entry), f"Seed {entry.seed}."))
+    for note in entry.notes:
+        yield ""
+        yield in_print(note)
+
+
+def _table(rows: "Iterator[tuple[Row, str]]") -> Iterator[str]:
+    yield f"| {' | '.join(HEAD)} |"
+    yield "|---|---:|---:|---:|"
+    for row, label in rows:
+        at_protocol = f"{ours(row)} {sign(row)}".strip()
+        yield f"| {label} | {papers(row)} | {at_protocol} | {by_default(row)} |"
+
+
+QUICK_SHARE = 0.25
+PAGE, NUMBERS = "paper.md", "paper.json"
+
+
+def run(
+    out: Path,
+    *,
+    quick: bool,
+    seed: int,
+    talk: Callable[[str], None],
+    compared: Sequence[Path] = (),
+    markdown: Path | None = None,
+    only: frozenset[str] = frozenset(),
+) -> PaperReport:
+    """Measure everything and write the page into a folder that exists; `only` names keys, empty for all.
+
+    `compared` are folders of `reconstruct compare`, of bundled sessions. `markdown` is a file that gets the
+    page, too; its pictures go into `images` beside it. Raises BadInputError where something cannot be read
+    or written, NotAvailableError without matplotlib.
+    """
+    applications = read_compared(compared, out)
+    found = measure_all(share=QUICK_SHARE if quick else 1.0, seed=seed, talk=talk, only=only)
+    try:
+        report = make_report(found, applications, out, quick=quick, seed=seed, talk=talk)
+        write_atomic(out / NUMBERS, pretty_json(report))
+        write_atomic(out / PAGE, render_markdown(report, "").encode())
+        if markdown is not None:
+            _write_markdown(report, out, markdown)
+    except OSError as error:
+        where = error.filename or out
+        raise BadInputError(
+            f"cannot write {where}: {error.strerror}", hint="choose another folder with --out"
+        ) from error
+    return report
+
+
+def _write_markdown(report: PaperReport, out: Path, markdown: Path) -> None:
+    before = f"images/{markdown.stem}-"
+    (markdown.parent / "images").mkdir(parents=True, exist_ok=True)
+    for name in report.pictures():
+        shutil.copyfile(out / name, markdown.parent / f"{before}{name}")
+    write_atomic(markdown, render_markdown(report, before).encode())

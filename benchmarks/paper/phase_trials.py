@@ -1,0 +1,227 @@
+"""Single trials of the experiment `phase`: a camera, or a group, brought into phase by our engine."""
+
+import heapq
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.profiles import PROFILES, SensorProfile
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
+
+S = 1_000_000_000
+PAPERS_SLEEP_NS = S
+"""The paper's way sleeps U(0, 1 s) before each start, and one frame shows the phase: 1.23 s in all."""
+PPM = 20.0
+"""Crystals of cameras that restart are off by about so much."""
+LIB_OVERHEAD_NS = 200_000
+LIB_LEAST_NS = 50_000
+LIB_WAIT_NS = 400_000_000
+LIB_MOST = 50
+"""Of libsoftwaresync's rule: its constants, its pause between injections, and when we stop counting."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What it took: injections or restarts, and seconds from the first of them; None for never."""
+
+    moves: int
+    seconds: float | None
+
+
+@dataclass(slots=True)
+class Attempts:
+    """What all trials took, by device and way."""
+
+    injections: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
+    restarts: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
+
+
+def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns: int) -> Attempt:
+    """The paper's way as its published code has it: exposure = T + d/2 - overhead, again and again."""
+    rng = random.Random(seed)
+    period_ns, drift = profile.period_ns, rng.gauss(0.0, 15e-6)
+    error_ns = rng.uniform(-period_ns / 2, period_ns / 2)
+    for moves in range(LIB_MOST + 1):
+        if abs(error_ns + rng.gauss(0.0, profile.timestamp_noise_ns)) <= tolerance_ns:
+            return Attempt(moves, moves * LIB_WAIT_NS / S)
+        later_ns = -error_ns % period_ns
+        exposure_ns = max(period_ns + LIB_LEAST_NS, period_ns + later_ns / 2 - LIB_OVERHEAD_NS)
+        error_ns += profile.shift_ns(round(exposure_ns)) + drift * LIB_WAIT_NS
+        error_ns = (error_ns + period_ns / 2) % period_ns - period_ns / 2
+    return Attempt(LIB_MOST, None)
+
+
+def uniform_ppm(rng: random.Random) -> float:
+    """Error of a crystal that is at most PPM off."""
+    return rng.uniform(-PPM, PPM)
+
+
+def restart_like_the_paper(
+    profile: SensorProfile,
+    count: int,
+    seed: int,
+    tolerance_ns: int,
+    *,
+    crystal_ppm: Callable[[random.Random], float] = uniform_ppm,
+    limit_s: float = 5000.0,
+) -> Attempt:
+    """The paper's way with restarts: each camera by itself, against one goal, until all are in at one moment.
+
+    A model of restarts and drift without frames: a camera that drifts out of the tolerance is restarted.
+    """
+    rng = random.Random(seed)
+    period_ns = profile.period_ns
+    drifts = [crystal_ppm(rng) * 1e-6 for _ in range(count)]
+    since_ns = [0.0] * count
+    phases_ns = [rng.uniform(-period_ns / 2, period_ns / 2) for _ in range(count)]
+    mean_ns, sd_ns = profile.start_latency_ns
+    moves, now_ns = 0, 0.0
+    due: list[tuple[float, int]] = [(0.0, camera) for camera in range(count)]
+
+    def inside_until(camera: int) -> float:
+        """When that camera leaves the tolerance; before now if it is outside already."""
+        error_ns = phases_ns[camera] + drifts[camera] * (now_ns - since_ns[camera])
+        if abs(error_ns) > tolerance_ns:
+            return now_ns - 1.0
+        drift = drifts[camera]
+        room_ns = tolerance_ns - error_ns if drift > 0 else tolerance_ns + error_ns
+        return now_ns + room_ns / max(abs(drift), 1e-12)
+
+    landed = [False] * count
+    while due and now_ns < limit_s * S:
+        now_ns, camera = heapq.heappop(due)
+        landed[camera] = True
+        leaves_ns = inside_until(camera)
+        if leaves_ns < now_ns:
+            latency_ns = max(0.0, rng.gauss(mean_ns, sd_ns))
+            lands_ns = now_ns + rng.random() * PAPERS_SLEEP_NS + latency_ns + period_ns
+            landed[camera] = False
+            since_ns[camera], phases_ns[camera] = lands_ns, rng.uniform(-period_ns / 2, period_ns / 2)
+            moves += 1
+            heapq.heappush(due, (lands_ns, camera))
+            continue
+        if all(landed) and all(inside_until(other) >= now_ns for other in range(count)):
+            return Attempt(moves, now_ns / S)
+        heapq.heappush(due, (leaves_ns + 1.0, camera))
+    return Attempt(moves, None)
+
+
+EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
+REPORT_NS = 500_000_000
+"""A camera that knows its phase reports it again after so long."""
+
+
+def unknown_phone(rng: random.Random) -> SensorProfile:
+    """A phone whose row time is known, but neither how long it holds a frame nor its overhead."""
+    row_ns = rng.choice((8_000, 10_840, 12_300, 15_000))
+    return replace(
+        PROFILES["phone-a"],
+        row_time_ns=row_ns,
+        frame_length_rows=round(33_333_000 / row_ns),
+        margin_rows=rng.randint(2, 60),
+        injection_gain=rng.choice((1, 2, 3)),
+    )
+
+
+def known_profile(profile: SensorProfile) -> InjectionProfile:
+    """What is kept on disk of a device of that model once it was used."""
+    return InjectionProfile(profile.row_time_ns, profile.injection_gain, float(profile.neutral_rows))
+
+
+def align_one_camera(
+    profile: SensorProfile,
+    seed: int,
+    tolerance_ns: int,
+    *,
+    row_known: bool = True,
+    aimed: bool = True,
+    known: InjectionProfile | None = None,
+    limit_s: int = 300,
+) -> Attempt:
+    """Bring one camera within the tolerance with our engine, from any phase."""
+    bench = Bench(profile, seed, tolerance_ns, row_known=row_known, aimed=aimed, known=known)
+    begun = bench.run(30 * S, until=lambda _: bool(bench.commands) or bench.aligner.aligned)
+    from_ns = begun[-1].now_ns
+    if not bench.aligner.aligned:
+        looks = bench.run(limit_s * S, until=lambda look: look.aligned)
+        if not looks or not looks[-1].aligned:
+            return Attempt(bench.aligner.corrections, None)
+        return Attempt(bench.aligner.corrections, (looks[-1].now_ns - from_ns) / S)
+    return Attempt(0, 0.0)
+
+
+def restart_together(
+    profile: SensorProfile,
+    count: int,
+    seed: int,
+    tolerance_ns: int,
+    *,
+    aimed: bool,
+    starts_known: int = 0,
+    limit_s: float = 600.0,
+) -> Attempt:
+    """Our way: cameras that can only restart get a shared goal and a meeting instant, until all are aligned.
+
+    The engine's aligners and shared goal on simulated sensors, with perfect clocks and network. Seconds
+    count from the moment that all cameras know their phase. `starts_known` start latencies were seen before.
+    """
+    rng = random.Random(seed)
+    shared_goal = SharedGoal(Goal(0, profile.period_ns))
+    benches = [
+        Bench(
+            profile,
+            rng.getrandbits(32),
+            tolerance_ns,
+            ppm=uniform_ppm(rng),
+            aimed=aimed,
+            goal=shared_goal.goal,
+            start_latencies_ns=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],
+        )
+        for _ in range(count)
+    ]
+    told_ns = [0] * count
+    camera_phases = [_unknown_phase(number, tolerance_ns) for number in range(count)]
+    heap = [(bench.due_ns, number) for number, bench in enumerate(benches)]
+    heapq.heapify(heap)
+    began_ns: int | None = None
+    while heap[0][0] < limit_s * S:
+        now_ns, number = heapq.heappop(heap)
+        bench = benches[number]
+        frame = bench.next_frame()
+        if not frame.dropped:
+            bench.aligner.settle_command(now_ns)
+            if not bench.aligner.settled:
+                camera_phases[number] = _unknown_phase(number, tolerance_ns)
+            elif camera_phases[number].frame_leader_ns is None or now_ns - told_ns[number] >= REPORT_NS:
+                told_ns[number] = now_ns
+                camera_phases[number] = _camera_phase(number, bench, shared_goal.goal, tolerance_ns)
+                shared_goal.update(camera_phases, now_ns)
+            if began_ns is None and all(s.frame_leader_ns is not None for s in camera_phases):
+                began_ns = now_ns
+            bench.goal, bench.meeting_leader_ns = shared_goal.goal, shared_goal.meeting_leader_ns
+            before = len(bench.commands)
+            bench.step_aligner(frame, hold=bench.meeting_leader_ns is None)
+            if len(bench.commands) > before:
+                camera_phases[number] = _unknown_phase(number, tolerance_ns)
+            if began_ns is not None and all(
+                b.aligner.aligned and b.goal == shared_goal.goal for b in benches
+            ):
+                return Attempt(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
+        heapq.heappush(heap, (bench.due_ns, number))
+    return Attempt(sum(len(b.commands) for b in benches), None)
+
+
+def _unknown_phase(number: int, tolerance_ns: int) -> CameraPhase:
+    return CameraPhase(str(number), "reset", None, 0.0, tolerance_ns)
+
+
+def _camera_phase(number: int, bench: Bench, goal: Goal, tolerance_ns: int) -> CameraPhase:
+    estimate = bench.aligner.estimate(EXACT, goal, bench.now_ns) if bench.aligner.settled else None
+    if estimate is None:
+        return _unknown_phase(number, tolerance_ns)
+    frame_ns = goal.instant(goal.index_of(bench.now_ns)) + estimate.error_ns
+    return CameraPhase(str(number), "reset", frame_ns, estimate.drift_ppm, tolerance_ns)

@@ -1,0 +1,175 @@
+"""What `paper.json` holds: every table and figure of the paper, with ours beside it, measured and drawn."""
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from benchmarks.paper.applications import Application
+from benchmarks.paper.reproduction import Measured, Reproduction
+from benchmarks.paper.values import FIGURES, TABLES, PaperFigure, PaperTable, PaperValue
+from capture_app.measure.result import Kind
+
+Verdict = Literal["better", "worse", "put in", ""]
+"""Of ours at the paper's protocol: beside its number where less is better, or put into the model."""
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """A number: the paper's, ours at its protocol, ours by default; None for what is not known."""
+
+    name: str
+    label: str
+    unit: str
+    paper: float | None
+    paper_at_most: bool
+    protocol: float | None
+    default: float | None
+    verdict: Verdict
+    headline: bool
+
+
+class SetUp(msgspec.Struct, frozen=True, kw_only=True):
+    """How ours were measured."""
+
+    setup: str
+    trials: int
+    kind: Kind
+
+
+class Entry(msgspec.Struct, frozen=True, kw_only=True):
+    """A table or a figure; `files` are its pictures, beside `paper.json`."""
+
+    key: str
+    title: str
+    place: str
+    seed: int
+    simulated: str
+    protocol: SetUp
+    default: SetUp
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+    files: tuple[str, ...]
+
+
+class PaperReport(msgspec.Struct, frozen=True, kw_only=True):
+    """All of them, in the paper's order."""
+
+    quick: bool
+    seed: int
+    tables: tuple[Entry, ...]
+    figures: tuple[Entry, ...]
+    applications: tuple[Application, ...]
+    """What other commands make of bundled sessions; without numbers where their results were not given."""
+
+    def pictures(self) -> tuple[str, ...]:
+        """The names of all pictures."""
+        entries = (*self.tables, *self.figures)
+        return tuple(
+            name
+            for files in (*(e.files for e in entries), *(a.files for a in self.applications))
+            for name in files
+        )
+
+
+def make_report(
+    found: Mapping[str, Reproduction],
+    applications: tuple[Application, ...],
+    folder: Path,
+    *,
+    quick: bool,
+    seed: int,
+    talk: Callable[[str], None],
+) -> PaperReport:
+    """Draw all pictures into a folder that exists, and put everything together."""
+    tables: list[Entry] = []
+    figures: list[Entry] = []
+    for one in found.values():
+        files = [] if one.draw is None else one.draw(folder)
+        for path in files:
+            talk(f"drew {path}")
+        entry = _entry(one, tuple(path.name for path in files))
+        (figures if isinstance(one.of, PaperFigure) else tables).append(entry)
+    return PaperReport(
+        quick=quick, seed=seed, tables=tuple(tables), figures=tuple(figures), applications=applications
+    )
+
+
+def _entry(one: Reproduction, files: tuple[str, ...]) -> Entry:
+    default = one.default or one.protocol
+    rows = tuple(
+        _row(value, one.protocol, default, put_in=value.name in one.given) for value in one.of.values
+    )
+    return Entry(
+        key=one.of.key,
+        title=one.of.title,
+        place=one.of.place,
+        seed=one.seed,
+        simulated=one.simulated,
+        protocol=_set_up(one.protocol),
+        default=_set_up(default),
+        rows=rows,
+        notes=one.notes,
+        files=files,
+    )
+
+
+def _set_up(measured: Measured) -> SetUp:
+    return SetUp(setup=measured.setup, trials=measured.trials, kind=measured.kind)
+
+
+def _row(value: PaperValue, protocol: Measured, default: Measured, *, put_in: bool) -> Row:
+    ours = protocol.values.get(value.name)
+    verdict: Verdict = "put in" if put_in else ""
+    if not put_in and value.less_is_better and value.value is not None and ours is not None:
+        verdict = "better" if ours <= value.value else "worse"
+    return Row(
+        name=value.name,
+        label=value.label,
+        unit=value.unit,
+        paper=value.value,
+        paper_at_most=value.at_most,
+        protocol=ours,
+        default=default.values.get(value.name),
+        verdict=verdict,
+        headline=value.headline,
+    )
+
+
+PARTS = {
+    "clock_paper": ("table-3", "least-round-trip", "figure-7", "figure-s1", "figure-s2"),
+    "phase_paper": ("injections", "restarts"),
+    "led_panel": ("table-2", "figure-5", "figure-6"),
+    "five_phones": ("worst-pair", "start-up", "burst"),
+    "naive": ("table-1",),
+    "drawings": ("figure-3", "figure-4"),
+}
+"""What each module measures, by key: it has `paper_part(share, seed, talk)`, which returns a `Reproduction`
+of each, with that share of the paper's number of trials."""
+
+
+def measure_all(
+    *, share: float, seed: int, talk: Callable[[str], None], only: frozenset[str] = frozenset()
+) -> dict[str, Reproduction]:
+    """Return all tables and figures by key, as their modules measure them; `only` names keys, empty for all.
+
+    Raises ValueError where a module gives another table than it says.
+    """
+    found: dict[str, Reproduction] = {}
+    for module, keys in PARTS.items():
+        name = f"{__package__}.{module}"
+        if only and not only & set(keys):
+            continue
+        talk(f"{', '.join(keys)} ...")
+        part: Sequence[Reproduction] = import_module(name).paper_part(share=share, seed=seed, talk=talk)
+        if {one.of.key for one in part} != set(keys):
+            raise ValueError(f"{name} gives {', '.join(one.of.key for one in part)}")
+        found |= {one.of.key: one for one in part}
+    wanted = set(found) & only if only else set(found)
+    return {one.key: found[one.key] for one in all_of_the_paper() if one.key in wanted}
+
+
+def all_of_the_paper() -> tuple[PaperTable, ...]:
+    """All tables, then all figures."""
+    return (*TABLES, *FIGURES)

@@ -1,0 +1,64 @@
+"""How trials are counted, run on all cores that this process may use, and summed up."""
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from math import nan
+from multiprocessing import active_children, get_context, resource_tracker
+from os import sched_getaffinity
+from typing import TypeVar
+
+T = TypeVar("T")
+FEW = 8
+"""Fewer short calls are not worth the start of other processes."""
+
+
+def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: int = FEW) -> list[T]:
+    """Return what each call returns, in their order; calls and results can be pickled.
+
+    `jobs` is the number of processes, None for one per core; fewer than `few` calls stay in this one.
+    Ctrl-C ends them all at once.
+    """
+    processes = len(sched_getaffinity(0)) if jobs is None else jobs
+    if processes < 2 or len(calls) < few:
+        return [call() for call in calls]
+    others = set(active_children())
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        size = max(1, len(calls) // (4 * processes))
+        with _children_without_interrupts():
+            # Not pool.map: interrupted, it cancels what waits, over which a pool without workers stumbles.
+            parts = [pool.submit(_call_each, calls[k : k + size]) for k in range(0, len(calls), size)]
+        try:
+            return [result for part in parts for result in part.result()]
+        except BaseException:
+            # The pool itself would wait for what runs.
+            for worker in set(active_children()) - others:
+                worker.kill()
+            raise
+
+
+@contextmanager
+def _children_without_interrupts() -> Iterator[None]:
+    """Have processes that start here not see Ctrl-C, which is for this one to answer."""
+    # Started first, for its start lets SIGINT through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _call_each(calls: Sequence[Callable[[], T]]) -> list[T]:
+    return [call() for call in calls]
+
+
+def share_of(trials: int, share: float, *, least: int = 2) -> int:
+    """How many trials that share of them is, and at least so many."""
+    return max(min(least, trials), round(share * trials))
+
+
+def quantile(ascending: Sequence[float], share: float) -> float:
+    """The value below which that share lies; nan for none."""
+    return ascending[min(len(ascending) - 1, int(share * len(ascending)))] if ascending else nan

@@ -1,1 +1,0 @@
-"""Clock estimators under several laws of delay, ours beside the paper's."""

@@ -1,1 +1,0 @@
-"""The whole chain, read off pictures of the paper's LED panel."""

@@ -1,1 +1,0 @@
-"""The estimators on a real link, between two processes."""

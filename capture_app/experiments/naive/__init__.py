@@ -1,1 +1,0 @@
-"""Triggers without synchronization, beside the whole chain."""

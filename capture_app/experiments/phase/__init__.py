@@ -1,1 +1,0 @@
-"""Injections, restarts and frame durations: how many, how long, beside the paper's way."""

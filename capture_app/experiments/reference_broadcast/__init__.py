@@ -1,1 +1,0 @@
-"""How far apart clients' clocks are, with the reference broadcast and without."""

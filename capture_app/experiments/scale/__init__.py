@@ -1,1 +1,0 @@
-"""Thousands of clocks for long: one leader beside a tree of relays."""

@@ -1,0 +1,1 @@
+"""What a user measures on his own rig: a camera, how late its stamps are, the clock over his link."""

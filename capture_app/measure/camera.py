@@ -1,0 +1,416 @@
+"""Measures one camera: watches it, starts it again and again, and moves its phase by known commands."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Sequence
+from math import e, log, pi, sqrt
+from statistics import fmean, median
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.clock import NodeClock
+from capture_app.errors import CameraError
+from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.injection import (
+    FIRST_STRETCH_NS,
+    INSIDE_ROW,
+    InjectionActuator,
+    InjectionHistory,
+    InjectionProfile,
+)
+from capture_app.sync.phase.stamps import FrameStamp
+from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
+from capture_app.text import count
+
+
+class Moves(Struct, frozen=True, kw_only=True):
+    """What commands did to the phase; times in ns, None where the stream did not show it."""
+
+    commands: int
+    effective: int
+    """How many of them moved it."""
+    latency_frames: tuple[int, int] | None = None
+    """Fewest and most frames from a command until the phase had moved."""
+    step_ns: float | None = None
+    """What all shifts are multiples of: a row, times the gain of an injection."""
+    row_time_ns: float | None = None
+    """Of one row, by that step."""
+    injection: InjectionProfile | None = None
+    overhead_ns: float | None = None
+    """How much longer than its exposure a frame is, by the injections."""
+    reason: str = ""
+    """Why something is not known."""
+
+
+class Starts(Struct, frozen=True, kw_only=True):
+    """How long starts took, from the command to the first frame's stamp, in ns."""
+
+    latencies_ns: tuple[int, ...]
+    by_restart: bool
+    """By restarts of the stream; else the camera was closed and opened anew."""
+
+    @property
+    def median_ns(self) -> float:
+        """In the middle."""
+        return median(self.latencies_ns)
+
+    @property
+    def spread_ns(self) -> int:
+        """From the quickest to the slowest."""
+        return max(self.latencies_ns) - min(self.latencies_ns)
+
+
+class Character(Struct, frozen=True, kw_only=True):
+    """One camera in one mode; times in ns, by this machine's clock."""
+
+    spec: str
+    camera: CameraFacts
+    modes: str
+    """All that it offers, in its driver's words."""
+    frames: int
+    drops: int
+    period_ns: float
+    rate_error_ppm: float
+    """By how much it is faster than its nominal rate."""
+    stamp_step_ns: float
+    """The step that its stamps come in; 0 where it is too fine to matter."""
+    stamp_jitter_ns: float
+    """Standard deviation of a stamp about the line of its stream's."""
+    delivery_ns: int
+    """From a frame's stamp to its arrival, in the middle."""
+    slowest_delivery_ns: int
+    exposures_ns: tuple[int, int] | None = None
+    """The least and the most of the frames that were watched; None where they do not tell."""
+    starts: Starts | None = None
+    moves: Moves | None = None
+    """None for a camera whose phase is moved by restarts, or not at all."""
+    saved: bool = False
+    """It is kept in this machine's profiles, by which nodes move such cameras from their first command on."""
+
+
+PATIENCE_S = 15.0
+"""A camera without frames for so long gives none."""
+PLACE_FRAMES = 40
+"""Frames that tell the phase, before and after a move."""
+OUTLIER = 4.0
+"""A stamp so many times as far off as others usually are does not count."""
+
+
+class StreamWatch:
+    """One opened camera, from its start to its stop; times in ns of the clock that it is stamped in."""
+
+    def __init__(self, camera: Camera, clock: NodeClock) -> None:
+        self.camera = camera
+        self.phase = PhaseEstimator(period_ns=camera.facts.period_ns)
+        self.deliveries_ns: list[int] = []
+        """From each frame's stamp to its arrival here."""
+        self.exposure_ns: int | None = None
+        """Of the newest frame."""
+        self._clock = clock
+        self._arrived = asyncio.Event()
+        self._failure: Exception | None = None
+        self._stream = -1
+        self._first_stamp_ns = 0
+        self._stamps: deque[tuple[int, int]] = deque(maxlen=PLACE_FRAMES)
+        """The newest frames' numbers and stamps."""
+
+    async def start(self) -> int:
+        """Start the stream; return the time from the command to the first frame's stamp.
+
+        Raises CameraError where the camera cannot start or gives no frames.
+        """
+        begun_ns = self._clock.now_ns()
+        await self.camera.start(self._add, self._fail)
+        await self.frames(1)
+        return self._first_stamp_ns - begun_ns
+
+    async def restart(self, delay_ns: int) -> int:
+        """Restart the stream; return the time from the command to its first frame's stamp."""
+        stream, begun_ns = self._stream, self._clock.now_ns() + delay_ns
+        await self.camera.apply(RestartStream(delay_ns))
+        await self.until(lambda: self._stream > stream)
+        return self._first_stamp_ns - begun_ns
+
+    async def shift(self, command: CameraCommand) -> tuple[float, int | None]:
+        """Give a command; return how far it moved the phase, and the frames until it had, None for never.
+
+        The phase is known by PLACE_FRAMES before, and as many after: their stamps have been seen before it.
+        """
+        phase, sequence = self.phase, self._stamps[-1][0]
+        before_ns = self._place(sequence)
+        phase.mark_disturbance()
+        await self.camera.apply(command)
+        await self.until(lambda: not phase.disturbed)
+        moved = phase.last_shift_ns is not None
+        await self.frames(PLACE_FRAMES)
+        return self._place(sequence) - before_ns, phase.last_latency_frames if moved else None
+
+    def _place(self, sequence: int) -> float:
+        """When the frame of that number would have come by the newest frames, outliers aside."""
+        period_ns = self.phase.period_ns
+        places = [stamp_ns - period_ns * (number - sequence) for number, stamp_ns in self._stamps]
+        middle, noise_ns = median(places), max(self.phase.noise_ns, 1_000.0)
+        return fmean(place for place in places if abs(place - middle) <= OUTLIER * noise_ns)
+
+    async def frames(self, count: int) -> None:
+        """Wait for so many more frames."""
+        wanted = self.phase.frames + count
+        await self.until(lambda: self.phase.frames >= wanted)
+
+    async def until(self, holds: Callable[[], bool]) -> None:
+        """Wait until something holds that frames bring about. Raises CameraError where none come."""
+        while not holds():
+            self._arrived.clear()
+            try:
+                async with asyncio.timeout(PATIENCE_S):
+                    await self._arrived.wait()
+            except TimeoutError:
+                raise CameraError(f"the camera gave no frames for {PATIENCE_S:.0f} s") from None
+            if self._failure is not None:
+                raise CameraError(f"the camera failed: {self._failure}")
+
+    def _add(self, frame: CapturedFrame) -> None:
+        self.deliveries_ns.append(self._clock.now_ns() - frame.timestamp_ns)
+        if frame.stream > self._stream:
+            self._stream, self._first_stamp_ns = frame.stream, frame.timestamp_ns
+        self._stamps.append((frame.sequence, frame.timestamp_ns))
+        self.exposure_ns = frame.exposure_ns
+        self.phase.add(FrameStamp(frame.sequence, frame.stream, frame.timestamp_ns))
+        self._arrived.set()
+
+    def _fail(self, error: Exception) -> None:
+        self._failure = error
+        self._arrived.set()
+
+
+LEAST_SHIFTS = 6
+WIDEST_NS = 200_000.0
+"""No sensor's rows take longer."""
+LEAST_NOISE_NS = 500.0
+"""No stamps are better, and finer steps would take long to tell apart."""
+FINEST = 2.0
+"""A step is looked for where it is so many times as large as the noise."""
+NORMAL = sqrt(2.0 * pi * e)
+"""Normal noise of 1 sd fills as much of a step, in entropy, as so many sd of even noise."""
+SURE = log(100.0)
+"""A step must be so much likelier (log) than the likeliest of as many that are none."""
+
+
+def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
+    """The step of which all shifts are most likely whole multiples, but for the noise (1 sd) of each.
+
+    None where no step is likely enough, as one that is hardly wider than the noise, or for too few shifts.
+    """
+    if len(shifts_ns) < LEAST_SHIFTS:
+        return None
+    # Differences to the least are smaller: their multiples are told from fewer candidates.
+    least_ns = min(shifts_ns)
+    offs = [shift - least_ns for shift in shifts_ns]
+    noise_ns = max(noise_ns, LEAST_NOISE_NS)
+    grain = noise_ns / max(*offs, noise_ns) / 2.0
+    tried, best, best_ns = 0, 0.0, WIDEST_NS
+    step_ns = WIDEST_NS
+    while step_ns > FINEST * noise_ns:
+        likely = log(step_ns / max(_misfit(offs, step_ns), noise_ns / 2.0))
+        if likely > best:
+            best, best_ns = likely, step_ns
+        step_ns *= 1.0 - grain
+        tried += 1
+    free = len(offs) - 2
+    if free * (best - log(NORMAL)) < SURE + log(max(1, tried)):
+        return None
+    return _refined(offs, best_ns)
+
+
+def _residuals(offs_ns: Sequence[float], step_ns: float) -> list[float]:
+    """How far each is off the lattice that they lie on best; the least one has noise, too."""
+    first = [off - step_ns * round(off / step_ns) for off in offs_ns]
+    middle = fmean(first)
+    return [off - middle - step_ns * round((off - middle) / step_ns) for off in offs_ns]
+
+
+def _misfit(offs_ns: Sequence[float], step_ns: float) -> float:
+    return sqrt(fmean(off * off for off in _residuals(offs_ns, step_ns)))
+
+
+def _refined(offs_ns: Sequence[float], step_ns: float) -> float:
+    """The step by a line through the shifts, once it is known how many steps each has."""
+    counts = [round(off / step_ns) for off in offs_ns]
+    middle, mean_ns = fmean(counts), fmean(offs_ns)
+    weight = sum((n - middle) ** 2 for n in counts)
+    along = sum((n - middle) * (off - mean_ns) for n, off in zip(counts, offs_ns, strict=True))
+    return along / weight if weight else step_ns
+
+
+MOVES = 20
+STRETCHES_NS = tuple(37_000 * number + 1_900 * number**2 for number in range(MOVES))
+"""What frames are stretched by beyond the first stretch: no two differences are alike."""
+
+
+async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> Moves | None:
+    """Give so many commands, and find what they do; None where this camera has no such command.
+
+    Raises CameraError where the camera refuses one, or gives no frames any more.
+    """
+    if facts.phase_control is PhaseControl.INJECTION:
+        problem = _injections(facts).problem
+        if problem:
+            return Moves(commands=0, effective=0, reason=problem)
+    elif facts.phase_control is not PhaseControl.FRAME_DURATION:
+        return None
+    history = InjectionHistory(period_ns=facts.period_ns, row_time_ns=facts.row_time_ns)
+    shifts_ns: list[float] = []
+    latencies: list[int] = []
+    for number, stretch_ns in enumerate(STRETCHES_NS[:moves]):
+        command, rows = _command(facts, number, stretch_ns, history)
+        shift_ns, latency = await watch.shift(command)
+        if latency is None:
+            continue
+        shifts_ns.append(shift_ns)
+        latencies.append(latency)
+        history.add(rows, shift_ns / history.row_ns, watch.phase.noise_ns / history.row_ns)
+    step_ns = common_step(shifts_ns, watch.phase.noise_ns * sqrt(2.0 / PLACE_FRAMES))
+    seen = Moves(
+        commands=min(moves, MOVES),
+        effective=len(shifts_ns),
+        latency_frames=(min(latencies), max(latencies)) if latencies else None,
+        step_ns=step_ns,
+        reason=_reason(len(shifts_ns), step_ns),
+    )
+    return _with_rows(seen, facts, history)
+
+
+def _command(
+    facts: CameraFacts, number: int, stretch_ns: int, history: InjectionHistory
+) -> tuple[CameraCommand, int]:
+    """A command that lengthens one frame, and the rows that it exposes, or lasts, for."""
+    wanted_ns = facts.period_ns + FIRST_STRETCH_NS + stretch_ns
+    rows = round(wanted_ns / history.row_ns)
+    # Now even and now odd: shifts by even rows alone would look like those of rows twice as long.
+    rows += (rows + number) % 2
+    asked_ns = round((rows + INSIDE_ROW) * history.row_ns)
+    if facts.phase_control is PhaseControl.INJECTION:
+        return InjectFrame(min(asked_ns, facts.max_exposure_ns or asked_ns)), rows
+    return SetFrameDuration(min(asked_ns, facts.max_frame_duration_ns or asked_ns)), rows
+
+
+def _with_rows(seen: Moves, facts: CameraFacts, history: InjectionHistory) -> Moves:
+    """The same, with what the step and the injections say of rows."""
+    if facts.phase_control is PhaseControl.FRAME_DURATION:
+        return replace(seen, row_time_ns=seen.step_ns)
+    if not history.moved:
+        return seen
+    profile = history.fit()
+    row_ns = None if seen.step_ns is None else seen.step_ns / profile.gain
+    overhead_ns = facts.period_ns - profile.neutral_rows * profile.row_time_ns
+    return replace(seen, row_time_ns=row_ns, injection=profile, overhead_ns=overhead_ns)
+
+
+def _reason(effective: int, step_ns: float | None) -> str:
+    if not effective:
+        return "no command moved its phase"
+    if effective < LEAST_SHIFTS:
+        return f"too few moves for rows to show: {LEAST_SHIFTS} are needed"
+    return "" if step_ns is not None else "its stamps scatter too much for rows to show in its shifts"
+
+
+def _injections(facts: CameraFacts) -> InjectionActuator:
+    return InjectionActuator(
+        period_ns=facts.period_ns,
+        row_time_ns=facts.row_time_ns,
+        min_exposure_ns=facts.min_exposure_ns,
+        max_exposure_ns=facts.max_exposure_ns,
+    )
+
+
+SETTLING_FRAMES = 40
+"""Frames before anything is counted: a stream that has just begun may stutter."""
+AFTER_START_FRAMES = 12
+"""Frames watched after each start."""
+GOLDEN = 0.618
+"""Restarts begin at places of the period that are spread evenly, however many there are."""
+
+
+async def characterize(
+    spec: str,
+    open_camera: Callable[[], Camera],
+    clock: NodeClock,
+    *,
+    modes: str = "",
+    seconds: float = 10.0,
+    starts: int = 8,
+    moves: int = MOVES,
+    talk: Callable[[str], None] = lambda _: None,
+) -> Character:
+    """Open the camera of `spec` and measure it; `clock` is that of its stamps, `modes` what it offers.
+
+    It is watched for so many seconds, started so many times, and told to move so many times. Raises
+    CameraError where it cannot be opened or gives no frames, and what `open_camera` raises.
+    """
+    watch = StreamWatch(open_camera(), clock)
+    latencies_ns: list[int] = []
+    try:
+        talk("starting")
+        await watch.start()
+        # A driver knows some of it only once it streams.
+        facts = watch.camera.facts
+        await watch.frames(SETTLING_FRAMES)
+        watch.deliveries_ns.clear()
+        wanted = max(SETTLING_FRAMES, round(seconds * 1e9 / facts.period_ns))
+        talk(f"watching {count(wanted, 'frame')}")
+        least_ns = most_ns = watch.exposure_ns
+        for _ in range(wanted):
+            await watch.frames(1)
+            if watch.exposure_ns is not None and least_ns is not None and most_ns is not None:
+                least_ns, most_ns = min(least_ns, watch.exposure_ns), max(most_ns, watch.exposure_ns)
+        phase = watch.phase
+        character = Character(
+            spec=spec,
+            camera=facts,
+            modes=modes,
+            frames=phase.frames,
+            drops=phase.drops,
+            period_ns=phase.period_ns,
+            rate_error_ppm=(facts.period_ns / phase.period_ns - 1.0) * 1e6,
+            stamp_step_ns=phase.quantum_ns,
+            stamp_jitter_ns=phase.noise_ns,
+            delivery_ns=round(median(watch.deliveries_ns)),
+            slowest_delivery_ns=max(watch.deliveries_ns),
+            exposures_ns=None if least_ns is None or most_ns is None else (least_ns, most_ns),
+        )
+        if moves and facts.phase_control in (PhaseControl.INJECTION, PhaseControl.FRAME_DURATION):
+            talk(f"moving its phase {count(moves, 'time')}")
+            character = replace(character, moves=await measure_moves(watch, facts, moves))
+        by_restart = facts.phase_control is PhaseControl.RESET
+        talk(f"starting it {count(starts, 'time')}")
+        for number in range(starts):
+            if by_restart:
+                delay_ns = round(number * GOLDEN % 1.0 * facts.period_ns)
+                latencies_ns.append(await watch.restart(delay_ns))
+            else:
+                await watch.camera.stop()
+                watch = StreamWatch(open_camera(), clock)
+                latencies_ns.append(await watch.start())
+            await watch.frames(AFTER_START_FRAMES)
+    finally:
+        await watch.camera.stop()
+    if not latencies_ns:
+        return character
+    return replace(character, starts=Starts(latencies_ns=tuple(latencies_ns), by_restart=by_restart))
+
+
+def save(character: Character, profiles: DeviceProfiles) -> Character:
+    """Keep what nodes use of it in this machine's profiles; return it with whether that was possible."""
+    saved = False
+    moves, starts = character.moves, character.starts
+    if moves is not None and moves.injection is not None:
+        saved = profiles.save_injection(character.camera, moves.injection)
+    if starts is not None and starts.by_restart:
+        period_ns = character.period_ns
+        shares_ns = tuple(round(latency % period_ns) for latency in starts.latencies_ns)
+        saved = profiles.save_start_latencies(character.camera, shares_ns)
+    return replace(character, saved=saved)

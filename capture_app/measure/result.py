@@ -1,0 +1,95 @@
+"""What a measurement returns: figures that sum up errors, tables to print, pictures to draw."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from capture_app.errors import BadInputError
+from capture_app.optional_packages import load_optional
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Figures = Mapping[str, Any]
+"""Numbers by name, the unit last in the name (`_us`, `_s`, `_ppm`; none for counts); nested at will."""
+
+Kind = Literal["simulated", "emulated link", "real"]
+
+
+class Result(msgspec.Struct, frozen=True, kw_only=True):
+    """The figures of a measurement: ours, those of the baselines in the same run, and the paper's."""
+
+    name: str
+    kind: Kind
+    seed: int
+    trials: int
+    ours: Figures
+    baseline: Figures
+    paper: Figures
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table to print; cells are text, the first column names the row."""
+
+    head: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    title: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A result with its faces: tables, notes, pictures."""
+
+    result: Result
+    tables: tuple[Table, ...]
+    notes: tuple[str, ...]
+    draw: Callable[[Path], list[Path]]
+    """Draws into a folder that exists and returns the files; see `new_figure`."""
+
+
+def error_figures(errors: list[float]) -> dict[str, float]:
+    """Return `mean_abs`, `max`, `std` and `bias` of errors, in their unit; raises ValueError for none."""
+    if not errors:
+        raise ValueError("no errors to sum up")
+    bias = sum(errors) / len(errors)
+    return {
+        "mean_abs": sum(abs(e) for e in errors) / len(errors),
+        "max": max(abs(e) for e in errors),
+        "std": sqrt(sum((e - bias) ** 2 for e in errors) / len(errors)),
+        "bias": bias,
+    }
+
+
+def require_plots(folder: Path) -> None:
+    """Make the folder of pictures before any work is done; raises NotAvailableError and BadInputError."""
+    new_figure()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInputError(f"cannot draw into {folder}: {error.strerror}", hint="name a folder") from None
+
+
+def new_figure(**options: Any) -> "Figure":
+    """Return an empty figure; options as of `matplotlib.figure.Figure`. Raises NotAvailableError."""
+    load_optional("matplotlib", "plots", "drawing figures")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(layout="constrained", **options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: "Figure", path: Path) -> Path:
+    """Write the figure as the suffix says (.png, .jpg or .svg), with the same bytes for the same figure."""
+    from matplotlib import rc_context
+
+    nameless = {".png": {"Software": None}, ".svg": {"Date": None}}
+    with rc_context({"svg.hashsalt": path.stem}):
+        figure.savefig(path, dpi=120, metadata=nameless.get(path.suffix))
+    return path

@@ -1,0 +1,183 @@
+"""The paper's tables and figures: what a study may hand over, and the page made of it."""
+
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from benchmarks.paper import five_phones, page
+from benchmarks.paper import led_panel as panel_part
+from benchmarks.paper import phase_paper as phase_part
+from benchmarks.paper.__main__ import main
+from benchmarks.paper.report import PARTS, PaperReport, all_of_the_paper, make_report
+from benchmarks.paper.reproduction import Measured, Reproduction
+from benchmarks.paper.trials import share_of
+from benchmarks.paper.values import (
+    FIGURE_6,
+    INJECTIONS,
+    RESTARTS,
+    TABLE_2,
+    TABLE_3,
+    WORST_PAIR,
+)
+from capture_app.errors import ExitCode
+
+
+def test_a_number_of_the_paper_by_its_name() -> None:
+    assert (TABLE_2["total.max"], TABLE_3["bias.least"]) == (121.0, 19.0)
+    with pytest.raises(KeyError):
+        TABLE_2["total.median"]
+
+
+def test_names_and_keys_are_used_once() -> None:
+    keys = [one.key for one in all_of_the_paper()]
+    assert len(set(keys)) == len(keys) >= 16
+    for one in all_of_the_paper():
+        assert len(set(one.names)) == len(one.names) > 0
+    measured = [key for keys in PARTS.values() for key in keys]
+    assert len(set(measured)) == len(measured)
+    assert set(measured) <= set(keys)
+
+
+def test_a_name_that_the_paper_does_not_have_is_refused() -> None:
+    ours = Measured({"total.mean": 20.0, "total.median": 15.0}, 5, "tolerance 20 us")
+    with pytest.raises(ValueError, match=r"table-2 has no total\.median"):
+        Reproduction(of=TABLE_2, seed=1, protocol=ours, default=None, simulated="All.")
+
+
+def test_a_figure_without_a_drawing_is_refused() -> None:
+    ours = Measured({"total.max": 60.0}, 5, "tolerance 20 us")
+    with pytest.raises(ValueError, match="figure-6 is a figure"):
+        Reproduction(of=FIGURE_6, seed=1, protocol=ours, default=None, simulated="All.")
+
+
+@pytest.mark.parametrize(("share", "trials"), [(1.0, 239), (0.1, 24), (0.001, 2)])
+def test_a_share_of_the_trials(share: float, trials: int) -> None:
+    assert share_of(239, share) == trials
+
+
+def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    talk: list[str] = []
+    keys = frozenset(("figure-3", "figure-4"))
+    report = page.run(
+        tmp_path, quick=True, seed=1, talk=talk.append, markdown=tmp_path / "docs" / "them.md", only=keys
+    )
+    assert [entry.key for entry in report.figures] == ["figure-3", "figure-4"]
+    assert msgspec.json.decode((tmp_path / "paper.json").read_bytes(), type=PaperReport) == report
+    plain = (tmp_path / "paper.md").read_text()
+    markdown = (tmp_path / "docs" / "them.md").read_text()
+    for entry in report.figures:
+        assert entry.files == (f"{entry.key}.svg",)
+        assert (tmp_path / entry.files[0]).stat().st_size > 10_000
+        assert (tmp_path / "docs" / "images" / f"them-{entry.key}.svg").exists()
+        assert f"]({entry.files[0]})" in plain
+        assert f"](images/them-{entry.key}.svg)" in markdown
+        for text in (plain, markdown):
+            assert entry.title in text
+            assert entry.rows[0].label in text
+    drawn = {row.name: row for row in report.figures[0].rows}
+    for ours in (attrgetter("protocol"), attrgetter("default")):
+        assert 0.0 < ours(drawn["error"]) <= ours(drawn["bound"]) == ours(drawn["round_trip"]) / 2
+    moves = {row.name: row for row in report.figures[1].rows}
+    assert moves["left"].protocol <= 500.0
+    assert moves["left"].default <= 500.0
+    assert moves["left_injected"].protocol < 12.0
+    assert moves["left_injected"].default <= 30.0
+    pictures = [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures]
+    again = page.run(tmp_path, quick=True, seed=1, talk=talk.append, only=keys)
+    assert again == report
+    assert [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures] == pictures
+
+
+def test_five_phones_start_and_take_a_burst() -> None:
+    pairs, start, burst = five_phones.paper_part(share=0.001, seed=1, talk=lambda _: None)
+    for ours in (pairs.protocol, pairs.default):
+        assert 0.0 < ours.values["pair.max"] < WORST_PAIR["pair.max"]
+    assert start.protocol.values["five.max"] < 10.0
+    assert start.default is not None
+    assert start.default.values["five.mean"] <= start.default.values["ready.mean"]
+    assert burst.protocol.values["missing"] <= 5.0
+    assert burst.protocol.values["apart.max"] >= pairs.protocol.values["pair.max"]
+
+
+def test_a_number_put_into_the_model_is_no_success() -> None:
+    ours = Measured({"bias.mean": 372.0, "bias.least": 10.0, "difference.least": 30.0}, 1, "")
+    one = Reproduction(
+        of=TABLE_3, seed=1, protocol=ours, default=None, simulated="All.", given=("bias.mean",)
+    )
+    report = make_report({"table-3": one}, (), Path(), quick=False, seed=1, talk=print)
+    verdicts = {row.name: row.verdict for row in report.tables[0].rows}
+    assert (verdicts["bias.mean"], verdicts["bias.least"]) == ("put in", "better")
+    assert (verdicts["difference.least"], verdicts["messages"]) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (None, "us", "–"),
+        (3012.4, "us", "3,012 µs"),
+        (0.97, "", "0.97"),
+        (5.5, "", "5.50"),
+        (28.7, "s", "28.7 s"),
+    ],
+)
+def test_numbers_as_they_are_printed(value: float | None, unit: str, text: str) -> None:
+    assert page.number(value, unit).replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_work(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "page"
+    assert main(["paper", "--out", str(out)]) == ExitCode.BAD_INPUT
+    assert "name a folder" in capsys.readouterr().err
+
+
+def test_two_phones_at_the_papers_protocol() -> None:
+    table, panel, histograms = panel_part.paper_part(share=0.001, seed=1, talk=lambda _: None)
+    assert (table.protocol.trials, panel.given) == (1, ("tau", "exposure", "repeats"))
+    values = table.protocol.values
+    assert set(values) == set(TABLE_2.names)
+    assert values["total.max"] < TABLE_2["total.max"]
+    assert values["total.mean"] <= values["phase.mean"] + values["clock.mean"] + 10.0
+    assert panel.protocol.values["apart"] == pytest.approx(values["total.mean"])
+    assert histograms.default is not None
+    assert set(histograms.default.values) == set(FIGURE_6.names)
+
+
+def test_injections_and_restarts_at_the_papers_protocol() -> None:
+    injections, restarts = phase_part.paper_part(share=0.01, seed=1, talk=lambda _: None)
+    assert injections.protocol.values["moves.mean"] < INJECTIONS["moves.mean"]
+    assert injections.protocol.values["all_s"] < INJECTIONS["all_s"]
+    assert restarts.default is not None
+    # The window is four times as wide.
+    assert restarts.default.values["tries.mean"] < restarts.protocol.values["tries.mean"]
+    assert 0.5 < restarts.protocol.values["each_s"] < RESTARTS["each_s"]
+
+
+def test_every_table_and_figure_is_measured() -> None:
+    measured = [key for keys in PARTS.values() for key in keys]
+    assert sorted(measured) == sorted(one.key for one in all_of_the_paper())
+    for module in PARTS:
+        assert import_module(f"benchmarks.paper.{module}").paper_part
+
+
+def test_the_command_prints_numbers_and_writes_the_page(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    command = ["paper", "--out", str(tmp_path), "--quick", "--only", "table-1"]
+    assert main(command) == ExitCode.OK
+    printed = capsys.readouterr().out
+    assert "Table I: triggered by a selfie stick, mean" in printed
+    assert f"{tmp_path / 'paper.md'}" in printed
+    assert main([*command, "--only", "figure-3", "--json"]) == ExitCode.OK
+    report = msgspec.json.decode(capsys.readouterr().out, type=PaperReport)
+    assert report == msgspec.json.decode((tmp_path / "paper.json").read_bytes(), type=PaperReport)
+    assert [entry.key for entry in (*report.tables, *report.figures)] == ["table-1", "figure-3"]
+    assert {row.paper for row in report.tables[0].rows} >= {103.0, 69.0, 123.0}

@@ -1,0 +1,101 @@
+"""What all studies share: their figures, and the command line that runs them."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from benchmarks.paper import __main__ as runner
+from capture_app.errors import ExitCode
+from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
+
+RESULT = Result(
+    name="fake",
+    kind="simulated",
+    seed=3,
+    trials=2,
+    ours={"total_us": {"mean_abs": 12.345, "max": 40.0}},
+    baseline={"total_us": {"mean_abs": 376.0}},
+    paper={"total_us": {"mean_abs": 32, "max": 121}, "tries": 5},
+)
+
+
+def fake_run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
+    talk("working")
+    assert (trials, seed) == (None, 3)
+
+    def draw(folder: Path) -> list[Path]:
+        figure = new_figure(figsize=(2, 2))
+        figure.subplots().plot([0, 1])
+        return [save(figure, folder / "fake.png")]
+
+    return Outcome(RESULT, (Table(("figure", "ours"), [("total", "12.3")]),), ("a note",), draw)
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "STUDIES", {"fake": "a made-up one"})
+    monkeypatch.setitem(sys.modules, "benchmarks.paper.fake", SimpleNamespace(run=fake_run))  # type: ignore[arg-type]
+
+
+def test_error_figures() -> None:
+    figures = error_figures([3.0, -5.0])
+    assert figures == {"mean_abs": 4.0, "max": 5.0, "std": 4.0, "bias": -1.0}
+    with pytest.raises(ValueError, match="no errors"):
+        error_figures([])
+
+
+@pytest.mark.usefixtures("fake")
+def test_json_is_data_and_talk_is_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    assert runner.main(["fake", "--seed", "3", "--json"]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["ours"] == {"total_us": {"mean_abs": 12.345, "max": 40.0}}
+    assert "working\n" in printed.err
+
+
+@pytest.mark.usefixtures("fake")
+def test_table_and_pictures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "deep" / "plots"
+    assert runner.main(["fake", "--seed", "3", "--out", str(folder)]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert (folder / "fake.png").stat().st_size > 1000
+    assert "fake: simulated, 2 trials, seed 3" in printed.out
+    assert "12.3" in printed.out
+    assert "a note" in printed.out
+    assert "fake.png" in printed.err
+
+
+@pytest.mark.usefixtures("fake")
+def test_without_a_name_all_of_it_runs(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    assert runner.main(["--seed", "3", "--json", "--only", "figure-3"]) == ExitCode.OK
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == ["fake", "paper"]
+    assert [figure["key"] for figure in found["paper"]["figures"]] == ["figure-3"]
+    assert {"fake.png", "figure-3.svg", "paper.md", "paper.json"} <= {
+        path.name for path in (tmp_path / "paper").iterdir()
+    }
+
+
+def test_a_missing_extra_is_said_before_the_work(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert runner.main(["naive", "--out", str(tmp_path)]) == ExitCode.NOT_AVAILABLE
+    assert "matplotlib" in capsys.readouterr().err
+
+
+def test_an_unknown_name_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        runner.main(["nonsense"])
+    assert ended.value.code == ExitCode.USAGE
+    said = capsys.readouterr().err
+    assert "nonsense" in said
+    assert "--full" in said

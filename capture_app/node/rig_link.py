@@ -1,18 +1,8 @@
-"""A screen's connection to a leader: updates in, orders out.
-
-What an operator is told as it happens.
-
-A screen's connection to a leader, which is opened again whenever it is lost.
-
-The rig as the screens know it: updates in, orders out, over a connection to its leader.
-
-`capture_app.node.rig_link.RigLink` is the real one. What it yields lies in `capture_app.node.wire`:
-`RigStatus` in `status`, `NewsLine`, `Preview` and `NodeDetail` in `views`, `BurstRequest` in `messages`.
-"""
+"""A screen's connection to a leader: updates in, orders out; it is opened again whenever it is lost."""
 
 import asyncio
 from collections.abc import AsyncIterator
-from typing import Any, Protocol
+from typing import Any
 
 from msgspec import Struct
 
@@ -30,8 +20,6 @@ from capture_app.node.requests import (
     receive_answer,
 )
 from capture_app.node.wire import messages, operating
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.operating import PhoneInvited
 from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import BurstStatus, NewsLine, NodeDetail, Preview, RigStatus
 from capture_app.trust.known_machines import Role
@@ -53,7 +41,7 @@ RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 
 class RigLink:
-    """See `capture_app.node.rig_link.RigSource`, which it is the real one of."""
+    """A leader and its cameras. All but `updates` raise SimulshotError: the leader's own, or NetworkError."""
 
     def __init__(self, leader: Address) -> None:
         self._leader = leader
@@ -63,11 +51,16 @@ class RigLink:
 
     @property
     def leader(self) -> Address:
-        """Where the leader is reached from here."""
+        """Where the leader is reached from here; `RigStatus.leader` is what other machines are told."""
         return self._leader
 
     async def updates(self) -> AsyncIterator[Update]:
-        """Yield status, news and previews for ever; a lost connection is told and opened again."""
+        """Yield what changes, for ever: for one reader at a time.
+
+        At first, and after each `LinkLost`, come the status and the latest news that were not yielded before;
+        then a `RigStatus` whenever it has changed, at most ten a second. A lost connection is opened again
+        and again; the first status after `LinkLost` says that it is back.
+        """
         failures = 0
         while True:
             try:
@@ -90,7 +83,11 @@ class RigLink:
             failures += 1
 
     async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
-        """Ask for previews of these cameras, None for all; 0 `fps` for none."""
+        """Ask for small pictures of these cameras among the updates: None for all, 0 `fps` for none.
+
+        At most `fps` a second of each, fewer where the link or the screen is slow, none while a burst is
+        selected or sent. Kept over reconnections; does not wait for an answer.
+        """
         self._wish = operating.PreviewsWanted(cameras=cameras, width=width, fps=fps)
         if self._channel is not None:
             try:
@@ -99,19 +96,19 @@ class RigLink:
                 self._channel.abort()  # whoever reads it opens it again, and tells this wish
 
     def burst(self, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
-        """Take a burst and yield its progress until it is done."""
+        """Take a burst and yield its progress until it is done; leaving it early does not cancel it."""
         return ask_burst(self._leader, request)
 
     async def cancel_burst(self, burst: int) -> None:
-        """Wait no longer for the images of a burst."""
+        """Wait no longer for the images of a burst: it is saved with what has come."""
         await give_order(self._leader, operating.CancelBurst(burst=burst))
 
     async def invite(self) -> Invited:
-        """Make a code by which one machine with a camera becomes known."""
+        """Make a code by which one further machine with a camera becomes known to the leader."""
         return await ask_invitation(self._leader, Role.CAMERA)
 
     async def invite_phone(self) -> operating.PhoneInvited:
-        """Serve the page by which the next phone becomes a camera."""
+        """Serve the page by which the next phone becomes a camera; asked again, the present one."""
         return await ask_phone_invitation(self._leader)
 
     async def end_burst(self, burst: int) -> None:
@@ -119,27 +116,27 @@ class RigLink:
         await give_order(self._leader, operating.EndBurst(burst=burst))
 
     async def add_camera(self, spec: str, name: str | None = None) -> None:
-        """Start a camera of the leader's machine."""
+        """Start a camera of the leader's machine; returns when its process runs, before it has joined."""
         await give_order(self._leader, operating.AddCamera(spec=spec, name=name))
 
     async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
-        """Start simulated cameras on the leader's machine."""
+        """Start so many further simulated cameras on the leader's machine."""
         await give_order(self._leader, operating.AddSimulated(cameras=cameras, scene=scene))
 
     async def remove_camera(self, name: str) -> None:
-        """End a node of the leader's, or forget one that is lost."""
+        """End a node of the leader's (`NodeStatus.on_leader`), or forget one that is lost."""
         await give_order(self._leader, operating.RemoveCamera(name=name))
 
     async def detail(self, name: str) -> NodeDetail:
-        """Ask a node for all it knows of itself."""
+        """Ask a node for what is too much for the status: once or twice a second, not more."""
         return await ask_detail(self._leader, name)
 
     async def match_cameras(self, source: str) -> list[ControlledCamera]:
-        """Hold what one camera has chosen, and set it on all others that can."""
+        """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
         return await match_cameras(self._leader, source)
 
     async def stop_rig(self) -> None:
-        """End the leader and the cameras that are its children."""
+        """End the leader's process and the cameras that are its children; bursts are saved as they are."""
         await give_order(self._leader, operating.StopRig())
 
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
@@ -164,59 +161,3 @@ class RigLink:
                 )
             case _:
                 pass
-
-
-class RigSource(Protocol):
-    """A leader and its cameras. All but `updates` raise SimulshotError: the leader's own, or NetworkError."""
-
-    @property
-    def leader(self) -> Address:
-        """Where the leader is reached from here; `RigStatus.leader` is what other machines are told."""
-
-    def updates(self) -> AsyncIterator[Update]:
-        """Yield what changes, for ever: for one reader at a time.
-
-        At first, and after each `LinkLost`, come the status and the latest news that were not yielded before;
-        then a `RigStatus` whenever it has changed, at most ten a second. A lost connection is opened again
-        and again; the first status after `LinkLost` says that it is back.
-        """
-
-    async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
-        """Ask for small pictures of these cameras among the updates: None for all, 0 `fps` for none.
-
-        At most `fps` a second of each, fewer where the link or the screen is slow, none while a burst is
-        picked or sent. Kept over reconnections; does not wait for an answer.
-        """
-
-    def burst(self, request: BurstRequest) -> AsyncIterator[BurstStatus]:
-        """Take a burst and yield its progress until it is done; leaving it early does not cancel it."""
-
-    async def cancel_burst(self, burst: int) -> None:
-        """Wait no longer for the images of a burst: it is saved with what has come."""
-
-    async def invite(self) -> Invited:
-        """Make a code by which one further machine with a camera becomes known to the leader."""
-
-    async def invite_phone(self) -> PhoneInvited:
-        """Serve the page by which the next phone becomes a camera; asked again, the present one."""
-
-    async def end_burst(self, burst: int) -> None:
-        """Let a recording, or a long burst, end now: it is saved with what was taken."""
-
-    async def add_camera(self, spec: str, name: str | None = None) -> None:
-        """Start a camera of the leader's machine; returns when its process runs, before it has joined."""
-
-    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
-        """Start so many further simulated cameras on the leader's machine."""
-
-    async def remove_camera(self, name: str) -> None:
-        """End a node of the leader's (`NodeStatus.on_leader`), or forget one that is lost."""
-
-    async def detail(self, name: str) -> NodeDetail:
-        """Ask a node for what is too much for the status: to be asked once or twice a second, not more."""
-
-    async def match_cameras(self, source: str) -> list[ControlledCamera]:
-        """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
-
-    async def stop_rig(self) -> None:
-        """End the leader's process and the cameras that are its children; bursts are saved as they are."""

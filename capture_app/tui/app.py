@@ -22,7 +22,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import LinkLost, RigLink, RigSource
+from capture_app.node.rig_link import LinkLost, RigLink
 from capture_app.node.wire.status import NewsLine, RigStatus
 from capture_app.rig_process import AttachedRig
 from capture_app.sync.wire.messages import NodeState
@@ -116,7 +116,7 @@ class SimulshotApp(App[None]):
 
     def __init__(
         self,
-        source: RigSource,
+        source: RigLink,
         *,
         settings: Settings,
         sessions: Path,

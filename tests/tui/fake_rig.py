@@ -10,7 +10,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.errors import NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.requests import ControlledCamera
-from capture_app.node.rig_link import LinkLost, Update
+from capture_app.node.rig_link import LinkLost, RigLink, Update
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.operating import PhoneInvited
 from capture_app.node.wire.pairing import Invited
@@ -64,10 +64,11 @@ def make_rig(cameras: int) -> tuple[NodeStatus, ...]:
     return tuple(nodes)
 
 
-class FakeRig:
-    """A RigSource without a network: `nodes` are its cameras, `asked` what it was told to do, in order."""
+class FakeRig(RigLink):
+    """A link without a network: `nodes` are its cameras, `asked` what it was told to do, in order."""
 
     def __init__(self, cameras: int = 0) -> None:
+        super().__init__(Address("127.0.0.1", 47010))
         self.nodes = make_rig(cameras)
         self.asked: list[tuple[object, ...]] = []
         self.failure: SimulshotError | None = None
@@ -88,10 +89,6 @@ class FakeRig:
         self.burst_status: BurstStatus | None = None
         self.told = 0
         self._updates: asyncio.Queue[Update] = asyncio.Queue()
-
-    @property
-    def leader(self) -> Address:
-        return Address("127.0.0.1", 47010)
 
     def status(self) -> RigStatus:
         plain: dict[str, Any] = {

@@ -13,7 +13,7 @@ from textual.notifications import SeverityLevel
 
 from capture_app.camera_facts import Control, describe
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigSource
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.status import NodeDetail, NodeStatus
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.sync.wire.messages import WITHOUT_CAMERA
@@ -49,7 +49,7 @@ class CameraScreen(Dialog[None]):
         ),
     ]
 
-    def __init__(self, name: str, source: RigSource, record: RigRecord) -> None:
+    def __init__(self, name: str, source: RigLink, record: RigRecord) -> None:
         super().__init__()
         self._camera = name
         self._source = source

@@ -18,7 +18,7 @@ from textual.content import Content
 from textual.screen import ModalScreen
 
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigSource
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.operating import PhoneInvited
 from capture_app.text import printable
 from capture_app.trust.pairing import show_code
@@ -34,7 +34,7 @@ _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False
 NOT_INVITED = "A machine that is not known here yet asks for a number, once: press i."
 
 
-async def invitation(source: RigSource) -> str:
+async def invitation(source: RigLink) -> str:
     """Let the leader make a code for the next machine, and return what to say of it, or why there is none."""
     try:
         invited = await source.invite()
@@ -85,7 +85,7 @@ class PhonesScreen(Dialog[None], ModalScreen[None]):
     PhonesScreen #phones-code { width: auto; height: auto; }
     """
 
-    def __init__(self, source: RigSource) -> None:
+    def __init__(self, source: RigLink) -> None:
         super().__init__()
         self._source = source
         self._words, self._code = Lines(id="phones-words"), Lines(id="phones-code")

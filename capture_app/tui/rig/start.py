@@ -25,7 +25,7 @@ from capture_app.cameras.specs import DRIVERS
 from capture_app.errors import SimulshotError
 from capture_app.net.address import DEFAULT_PORT
 from capture_app.node.leader.local_nodes import VIEWS
-from capture_app.node.rig_link import RigSource
+from capture_app.node.rig_link import RigLink
 from capture_app.text import count, printable
 from capture_app.tui.rig.joining import NOT_INVITED, PhonesScreen, invitation, joining_line, qr_lines
 from capture_app.tui.rig_record import Mishap, SessionsRequested
@@ -119,7 +119,7 @@ class StartPanel(Vertical):
         Binding("r", "rescan", "Look again", id="start.rescan", tooltip="for cameras of this machine"),
     ]
 
-    def __init__(self, source: RigSource, settings: Settings, sessions: Path, *, local: bool) -> None:
+    def __init__(self, source: RigLink, settings: Settings, sessions: Path, *, local: bool) -> None:
         super().__init__(id="start")
         self._source = source
         self._settings = settings

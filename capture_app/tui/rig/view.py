@@ -17,7 +17,7 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigSource
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.status import NewsLine, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import printable
@@ -91,7 +91,7 @@ class RigView(ModeView):
     ]
 
     def __init__(
-        self, source: RigSource, record: RigRecord, settings: Settings, sessions: Path, *, local: bool
+        self, source: RigLink, record: RigRecord, settings: Settings, sessions: Path, *, local: bool
     ) -> None:
         """`local`: the leader is on this machine, and can run its cameras."""
         super().__init__()

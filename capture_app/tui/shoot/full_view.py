@@ -15,7 +15,7 @@ from textual.content import Content
 from textual.timer import Timer
 
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigSource
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.status import NodeStatus, Preview
 from capture_app.session.reading.decoding import decode_image
 from capture_app.text import duration, printable
@@ -98,7 +98,7 @@ class CameraScreen(Dialog[str]):
     """
 
     def __init__(
-        self, rig: RigSource, cameras: Sequence[str], camera: str, *, clock: Callable[[], float]
+        self, rig: RigLink, cameras: Sequence[str], camera: str, *, clock: Callable[[], float]
     ) -> None:
         """`clock`: seconds that only grow."""
         super().__init__()

@@ -16,7 +16,7 @@ from textual.message import Message
 from textual.widgets import ContentSwitcher, Digits
 
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigSource
+from capture_app.node.rig_link import RigLink
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import printable
 from capture_app.tui.rig_record import Mishap
@@ -102,7 +102,7 @@ class Stage(ContentSwitcher):
     class Changed(Message):
         """It shows something else."""
 
-    def __init__(self, rig: RigSource, clock: Callable[[], float]) -> None:
+    def __init__(self, rig: RigLink, clock: Callable[[], float]) -> None:
         """`clock`: seconds."""
         self._rig, self._clock = rig, clock
         self._asked: tuple[int, float] = (0, 0.0)

@@ -20,7 +20,7 @@ from textual.widgets import Static
 from textual.worker import Worker, get_current_worker
 
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigSource
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.session.library.trash import trash_session
@@ -61,7 +61,7 @@ class BurstControl(ModeView):
             tooltip="ahead, or being saved",
         ),
     ]
-    _rig: RigSource
+    _rig: RigLink
     _status: RigStatus | None
 
     def action_cancel_burst(self) -> None:
@@ -204,9 +204,7 @@ class ShootView(BurstControl):
     ShootView.narrow.sheet #shoot-side { display: none; }
     """
 
-    def __init__(
-        self, rig: RigSource, settings: Settings, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, rig: RigLink, settings: Settings, clock: Callable[[], float] = time.monotonic) -> None:
         """`clock`: seconds."""
         super().__init__(id="shoot")
         self._rig, self._clock = rig, clock

@@ -81,6 +81,7 @@ class WebcamCamera(Camera):
         self._facts: CameraFacts | None = None
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
+        self._has_failed = False
         self._restart_ns: int | None = None
         self._restarted: asyncio.Future[None] | None = None
         self._loop: asyncio.AbstractEventLoop
@@ -114,7 +115,7 @@ class WebcamCamera(Camera):
         asked_ns = time.monotonic_ns()
         if not isinstance(command, RestartStream):
             raise CameraError("a webcam cannot change single frames", hint="restart its stream instead")
-        if self._thread is None or self._closing.is_set() or not self._thread.is_alive():
+        if self._thread is None or self._closing.is_set() or self._has_failed:
             raise CameraError("the webcam does not stream")
         self._restarted = self._loop.create_future()
         self._restart_ns = asked_ns + command.delay_ns
@@ -191,6 +192,8 @@ class WebcamCamera(Camera):
             self._on_frame(frame)
 
     def _fail(self, error: CameraError) -> None:
+        # The thread still closes the webcam, and restarts nothing any more.
+        self._has_failed = True
         self._end_restart()
         if not self._begun.done():
             self._begun.set_exception(error)

@@ -1,5 +1,6 @@
 """Webcams by OpenCV: arrival stamps, restarts by opening anew, and how little is promised."""
 
+import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -16,7 +17,7 @@ from capture_app.cameras.webcam import Webcam, WebcamCamera, WebcamRequest
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, patience, until
 
 
 class FakeWebcam:
@@ -27,6 +28,8 @@ class FakeWebcam:
     def __init__(self) -> None:
         self.closed = self.unplugged = False
         self.opened_ns = time.monotonic_ns()
+        self.may_close = threading.Event()
+        self.may_close.set()
 
     def next_frame(self) -> tuple[int, NDArray[np.uint8]] | None:
         assert not self.closed
@@ -36,6 +39,7 @@ class FakeWebcam:
         return time.monotonic_ns(), np.full((48, 64, 3), 90, np.uint8)
 
     def close(self) -> None:
+        assert self.may_close.wait(PATIENCE_S)
         self.closed = True
 
 
@@ -101,11 +105,15 @@ async def test_a_restart_opens_it_anew_at_the_time_asked_for(streaming: Streamin
 
 async def test_one_that_goes_away_is_told(streaming: Streaming) -> None:
     await streaming.start()
-    streaming.opened[0].unplugged = True
+    webcam = streaming.opened[0]
+    webcam.may_close.clear()
+    webcam.unplugged = True
     await until(lambda: streaming.failures)
     assert "webcam 3 gives no pictures" in str(streaming.failures[0])
-    with pytest.raises(CameraError, match="does not stream"):
-        await streaming.camera.apply(RestartStream(0))
+    async with patience("a refusal while it is being closed"):
+        with pytest.raises(CameraError, match="does not stream"):
+            await streaming.camera.apply(RestartStream(0))
+    webcam.may_close.set()
 
 
 async def test_one_that_does_not_open_is_told(streaming: Streaming) -> None:

@@ -1,6 +1,10 @@
 """The calibration of a rig, `calibration.json`: intrinsics and `cam_from_rig` of each camera."""
 
+import math
+
 from msgspec import Struct
+
+from capture_app.errors import BadInputError
 
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
@@ -25,6 +29,23 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     rotation: Matrix3
     translation: Vector3
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def check_lens(where: str, camera: CameraCalibration) -> None:
+    """Raise BadInputError, beginning with `where`, for numbers that no camera of this model has."""
+    import numpy as np  # slow to import, and this module is in every command's way
+
+    rotation, distortion = np.array(camera.rotation), camera.distortion
+    lens = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.translation, *distortion)
+    if not all(map(math.isfinite, lens)) or not np.isfinite(rotation).all():
+        raise BadInputError(f"{where} has numbers that are not finite")
+    if camera.fx <= 0 or camera.fy <= 0:
+        raise BadInputError(f"{where} has no camera matrix with positive focal lengths")
+    if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+        raise BadInputError(f"{where} has a rotation matrix that is not orthonormal")
+    if any(distortion[5:]):
+        what = f"{where} has {len(distortion)} distortion coefficients; 5 are supported"
+        raise BadInputError(what, hint="calibrate with k1, k2, p1, p2, k3")
 
 
 class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -1,7 +1,6 @@
 """What an export reads: a session's images in order, each checked against its record."""
 
 import hashlib
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.calibration import Calibration, CameraCalibration, check_lens
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
@@ -197,11 +196,4 @@ def _check_camera(where: str, camera: CameraCalibration, size: tuple[int, int]) 
     if (camera.width, camera.height) != size:
         made, taken = f"{camera.width}x{camera.height}", f"{size[0]}x{size[1]}"
         raise BadInputError(f"{where} is calibrated for {made} pixels, but its images are {taken}")
-    numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.translation, *camera.distortion]
-    rotation = np.array(camera.rotation)
-    if not all(math.isfinite(number) for number in numbers) or camera.fx <= 0 or camera.fy <= 0:
-        raise BadInputError(f"{where} has no focal lengths or numbers that are not finite")
-    if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise BadInputError(f"{where} has a rotation matrix that is not orthonormal")
-    if any(camera.distortion[5:]):
-        raise BadInputError(f"{where} has more than 5 distortion coefficients")
+    check_lens(where, camera)

@@ -1,24 +1,13 @@
-"""Calibrations of Caliscope, EasyMocap, OpenCap, Qualisys.
+"""Calibrations of motion capture programs: Caliscope and Anipose, EasyMocap, OpenCap, Qualisys.
 
-Caliscope's `camera_array.toml` (and Anipose's, which has the same tables): lengths in metres.
-
-EasyMocap's calibration: `intri.yml` and `extri.yml` in one folder, in OpenCV's YAML.
-
-Keys and conventions are those of its easymocap/mytools/camera_utils.py (read_camera, write_camera): `names`
-lists the cameras; K_NAME and dist_NAME (older: D_NAME) are OpenCV's, R_NAME a Rodrigues vector and T_NAME
-the translation of x_cam = R x_world + T, H_NAME and W_NAME the images' size where it was known.
-
-OpenCap's `Videos/CamN/cameraIntrinsicsExtrinsics.pickle`: a camera each, lengths in mm.
-
-By opencap-core's utilsChecker.py: intrinsicMat 3x3, distortion (1, 5), imageSize (height, width), rotation
-3x3 and translation of x_cam = R x_board + t, the board's squares in mm. A pickle can hold anything, also
-programs: arrays and numbers are taken, all else is refused.
-
-Qualisys Track Manager's calibration (.qca.txt, XML): lengths in mm, pixels in 64ths.
-
-Its cameras look along -z with y up, and `transform` holds the camera's axes as rows (r11 r12 r13 is the
-camera's x axis in the room) and its position. The distortion is OpenCV's, in units of the focal length:
-of all numbers it alone is not in 64ths.
+EasyMocap's keys and conventions are those of its easymocap/mytools/camera_utils.py (read_camera,
+write_camera): `names` lists the cameras; K_NAME and dist_NAME (older: D_NAME) are OpenCV's, R_NAME a
+Rodrigues vector and T_NAME the translation of x_cam = R x_world + T, H_NAME and W_NAME the images' size where
+it was known. OpenCap's are those of opencap-core's utilsChecker.py: imageSize is (height, width), the board's
+squares are in mm. A pickle can hold anything, also programs: arrays and numbers are taken, all else is
+refused. Qualisys's cameras look along -z with y up, and `transform` holds the camera's axes as rows (r11 r12
+r13 is the camera's x axis in the room) and its position. Pixels are in 64ths; the distortion, OpenCV's, is
+not.
 """
 
 import io
@@ -33,7 +22,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.importers.calibrations.opencv import read_storage
-from capture_app.session.importers.calibrations.views import Array, View, Views, from_rodrigues
+from capture_app.session.importers.calibrations.views import Array, View, Views, numbers, rotation_of
 
 
 def read_caliscope(path: Path) -> Views:
@@ -55,37 +44,20 @@ def read_caliscope(path: Path) -> Views:
     views = {}
     for key, table in found.items():
         label = str(table.get("name", table.get("cam_id", table.get("port", key))))
-        views[label] = _caliscope_view(f"{path}: camera {label}", table)
+        where = f"{path}: camera {label}"
+        width, height = numbers(where, table, "size", 2)
+        views[label] = View(
+            matrix=numbers(where, table, "matrix", 9).reshape(3, 3),
+            distortion=numbers(where, table, "distortions", 4, 5, 8),
+            rotation=rotation_of(where, numbers(where, table, "rotation", 3, 9)),
+            translation=numbers(where, table, "translation", 3),
+            size=(int(width), int(height)),
+        )
     return Views(views, path.name)
-
-
-def _caliscope_view(where: str, table: dict[str, Any]) -> View:
-    size = _caliscope_numbers(where, table, "size", 2)
-    rotation = _caliscope_numbers(where, table, "rotation", 3, 9)
-    return View(
-        matrix=_caliscope_numbers(where, table, "matrix", 9).reshape(3, 3),
-        distortion=_caliscope_numbers(where, table, "distortions", 4, 5, 8),
-        rotation=rotation.reshape(3, 3) if rotation.size == 9 else from_rodrigues(rotation),
-        translation=_caliscope_numbers(where, table, "translation", 3),
-        size=(int(size[0]), int(size[1])),
-    )
-
-
-def _caliscope_numbers(where: str, table: dict[str, Any], key: str, *counts: int) -> Array:
-    try:
-        values = np.asarray(table[key], np.float64).ravel()
-    except KeyError:
-        raise BadInputError(f"{where} has no {key}", hint="is the calibration complete?") from None
-    except (TypeError, ValueError):
-        raise BadInputError(f"{where}: {key} is not made of numbers") from None
-    if values.size not in counts:
-        raise BadInputError(f"{where}: {key} has {values.size} numbers, not {' or '.join(map(str, counts))}")
-    return values
 
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 LONGEST_SIDE_PX = 1e6
-Content = dict[str, Any]
 
 
 def is_easymocap(path: Path) -> bool:
@@ -98,58 +70,39 @@ def is_easymocap(path: Path) -> bool:
 def read_easymocap(path: Path) -> Views:
     """Read both files of a folder, or of the folder of one of them. Raises BadInputError for what lacks."""
     folder = path if path.is_dir() else path.parent
-    for name in (INTRINSICS, EXTRINSICS):
+    content: dict[str, Any] = {}
+    for name in (EXTRINSICS, INTRINSICS):
         if not (folder / name).is_file():
             raise BadInputError(
                 f"no {name} in {folder}", hint=f"EasyMocap needs both: {INTRINSICS}, {EXTRINSICS}"
             )
-    lenses, poses = read_storage(folder / INTRINSICS), read_storage(folder / EXTRINSICS)
-    names = _names(folder / INTRINSICS, lenses)
-    views = {name: _easymocap_view(folder, name, lenses, poses) for name in names}
-    return Views(views, f"{INTRINSICS}, {EXTRINSICS}")
-
-
-def _names(where: Path, storage: Content) -> list[str]:
-    listed = storage.get("names")
-    names = [
-        f"{name:g}" if isinstance(name, int | float) else str(name)
-        for name in (listed if isinstance(listed, list) else ())
-    ]
-    names = [name for name in names if name not in ("", "none")]
-    if not names:
-        raise BadInputError(f"{where} has no list of cameras, names", hint="is it EasyMocap's?")
-    return names
-
-
-def _easymocap_view(folder: Path, name: str, lenses: Content, poses: Content) -> View:
-    where = f"{folder}: camera {name}"
-    distortion = _matrix(lenses, f"dist_{name}")
-    if distortion is None:
-        distortion = _matrix(lenses, f"D_{name}")
-    sides = [
-        round(side)
-        for side in (lenses.get(f"{key}_{name}") for key in "WH")
-        if isinstance(side, int | float) and 0 < side < LONGEST_SIDE_PX
-    ]
-    return View(
-        matrix=_needed(where, lenses, f"K_{name}", 9).reshape(3, 3),
-        distortion=np.zeros(5) if distortion is None else distortion.ravel(),
-        rotation=from_rodrigues(_needed(where, poses, f"R_{name}", 3)),
-        translation=_needed(where, poses, f"T_{name}", 3).ravel(),
-        size=(sides[0], sides[1]) if len(sides) == 2 else None,
+        content |= read_storage(folder / name)
+    listed = content.get("names") if isinstance(content.get("names"), list) else ()
+    labels = [f"{one:g}" if isinstance(one, int | float) else str(one) for one in listed or ()]
+    labels = [label for label in labels if label not in ("", "none")]
+    if not labels:
+        raise BadInputError(f"{folder / INTRINSICS} has no list of cameras, names", hint="is it EasyMocap's?")
+    return Views(
+        {name: _easymocap_view(folder, name, content) for name in labels}, f"{INTRINSICS}, {EXTRINSICS}"
     )
 
 
-def _needed(where: str, storage: Content, key: str, count: int) -> Array:
-    found = _matrix(storage, key)
-    if found is None or found.size != count:
-        raise BadInputError(f"{where} has no {key} of {count} numbers")
-    return found
-
-
-def _matrix(storage: Content, key: str) -> Array | None:
-    found = storage.get(key)
-    return found if isinstance(found, np.ndarray) else None
+def _easymocap_view(folder: Path, name: str, content: dict[str, Any]) -> View:
+    where = f"{folder}: camera {name}"
+    given = (content.get(f"{key}_{name}") for key in ("dist", "D"))
+    distortion = next((one.ravel() for one in given if isinstance(one, np.ndarray)), np.zeros(5))
+    sides = [
+        round(side)
+        for side in (content.get(f"{key}_{name}") for key in "WH")
+        if isinstance(side, int | float) and 0 < side < LONGEST_SIDE_PX
+    ]
+    return View(
+        matrix=numbers(where, content, f"K_{name}", 9).reshape(3, 3),
+        distortion=distortion,
+        rotation=rotation_of(where, numbers(where, content, f"R_{name}", 3)),
+        translation=numbers(where, content, f"T_{name}", 3),
+        size=(sides[0], sides[1]) if len(sides) == 2 else None,
+    )
 
 
 PARAMETERS = "cameraIntrinsicsExtrinsics.pickle"
@@ -172,9 +125,7 @@ class _ArraysOnly(pickle.Unpickler):
 
 def is_opencap(path: Path) -> bool:
     """Whether a path is such a pickle, or a folder of cameras that have one each."""
-    if path.is_dir():
-        return any(path.glob(f"*/{PARAMETERS}"))
-    return path.suffix in (".pickle", ".pkl")
+    return any(path.glob(f"*/{PARAMETERS}")) if path.is_dir() else path.suffix in (".pickle", ".pkl")
 
 
 def read_opencap(paths: Sequence[tuple[str, Path]]) -> Views:
@@ -198,26 +149,15 @@ def _opencap_view(file: Path) -> View:
         raise BadInputError(f"cannot read the calibration {file}: {error}") from error
     if not isinstance(content, dict):
         raise BadInputError(f"{file} does not hold OpenCap's camera parameters")
-    height, width = _opencap_numbers(file, content, "imageSize", 2)
+    where = str(file)
+    size = numbers(where, content, "imageSize", 2)
     return View(
-        matrix=_opencap_numbers(file, content, "intrinsicMat", 9).reshape(3, 3),
-        distortion=_opencap_numbers(file, content, "distortion", 4, 5),
-        rotation=_opencap_numbers(file, content, "rotation", 9).reshape(3, 3),
-        translation=_opencap_numbers(file, content, "translation", 3),
-        size=(round(width), round(height)),
+        matrix=numbers(where, content, "intrinsicMat", 9).reshape(3, 3),
+        distortion=numbers(where, content, "distortion", 4, 5),
+        rotation=numbers(where, content, "rotation", 9).reshape(3, 3),
+        translation=numbers(where, content, "translation", 3),
+        size=(round(size[1]), round(size[0])),
     )
-
-
-def _opencap_numbers(file: Path, content: dict[Any, Any], key: str, *counts: int) -> Array:
-    try:
-        values = np.asarray(content[key], np.float64).ravel()
-    except KeyError:
-        raise BadInputError(f"{file} has no {key}", hint="is the camera calibrated?") from None
-    except (TypeError, ValueError):
-        raise BadInputError(f"{file}: {key} is not made of numbers") from None
-    if values.size not in counts or not np.isfinite(values).all():
-        raise BadInputError(f"{file}: {key} does not have {' or '.join(map(str, counts))} numbers")
-    return values
 
 
 _SUBPIXELS = 64.0
@@ -240,33 +180,26 @@ def read_qualisys(path: Path) -> Views:
 
 
 def _qualisys_view(where: str, camera: ET.Element) -> View:
-    left, top, right, bottom = _qualisys_numbers(where, camera, "fov_video", "left", "top", "right", "bottom")
-    fu, fv, cu, cv, skew = _qualisys_numbers(
-        where, camera, "intrinsic", "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew"
+    left, top, right, bottom = _attributes(where, camera, "fov_video", "left", "top", "right", "bottom")
+    fu, fv, cu, cv, skew = (
+        _attributes(
+            where, camera, "intrinsic", "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew"
+        )
+        / _SUBPIXELS
     )
-    radial = _qualisys_numbers(where, camera, "intrinsic", *(f"radialDistortion{n}" for n in (1, 2, 3)))
-    tangential = _qualisys_numbers(where, camera, "intrinsic", *(f"tangentalDistortion{n}" for n in (1, 2)))
-    axes = _qualisys_numbers(
-        where, camera, "transform", *(f"r{row}{column}" for row in "123" for column in "123")
-    )
-    position = _qualisys_numbers(where, camera, "transform", "x", "y", "z")
+    bends = [*(f"radialDistortion{n}" for n in (1, 2)), *(f"tangentalDistortion{n}" for n in (1, 2))]
+    axes = _attributes(where, camera, "transform", *(f"r{row}{column}" for row in "123" for column in "123"))
     rotation = _OPENCV_FROM_QUALISYS @ axes.reshape(3, 3)
     return View(
-        matrix=np.array(
-            [
-                [fu / _SUBPIXELS, skew / _SUBPIXELS, cu / _SUBPIXELS - left],
-                [0.0, fv / _SUBPIXELS, cv / _SUBPIXELS - top],
-                [0.0, 0.0, 1.0],
-            ]
-        ),
-        distortion=np.concatenate([radial[:2], tangential, radial[2:]]),
+        matrix=np.array([[fu, skew, cu - left], [0.0, fv, cv - top], [0.0, 0.0, 1.0]]),
+        distortion=_attributes(where, camera, "intrinsic", *bends, "radialDistortion3"),
         rotation=rotation,
-        translation=-rotation @ position,
+        translation=-rotation @ _attributes(where, camera, "transform", "x", "y", "z"),
         size=(round(right - left) + 1, round(bottom - top) + 1),
     )
 
 
-def _qualisys_numbers(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
+def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
     element = camera.find(tag)
     if element is None:
         raise BadInputError(f"{where} has no <{tag}>")

@@ -1,11 +1,8 @@
-"""Calibrations as OpenCV saves them.
+"""Calibrations as OpenCV's users save them: .npz, or YAML and XML of cv2.FileStorage.
 
-Reads OpenCV's YAML and XML files (cv2.FileStorage) without OpenCV, whose parser broken files corrupt.
-
-The format by OpenCV's documentation of FileStorage: a map of names to numbers, texts, lists and matrices, the
-latter with rows, cols (or sizes), dt (a letter for the type, the number of channels before it) and data.
-
-OpenCV's calibrations, as people save them: .npz, or YAML and XML of cv2.FileStorage.
+The latter are read without OpenCV, whose parser broken files corrupt, by its documentation of FileStorage: a
+map of names to numbers, texts, lists and matrices, which have rows, cols (or sizes), dt (a letter for the
+type, the number of channels before it) and data.
 """
 
 import math
@@ -20,7 +17,7 @@ import yaml
 
 from capture_app.errors import BadInputError
 from capture_app.session.files.strangers import read_arrays, read_regular
-from capture_app.session.importers.calibrations.views import Array, View, Views, from_rodrigues
+from capture_app.session.importers.calibrations.views import Array, View, Views, numbers, rotation_of
 
 MOST_BYTES = 8 << 20
 """A calibration has some kilobytes, also with all points it was made of."""
@@ -107,6 +104,7 @@ def _items(value: Any) -> list[Any]:
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
 _ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
+_SIDES = ("image_width", "image_height")
 _SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
 
 Content = Mapping[str, Array]
@@ -124,9 +122,7 @@ def read_opencv(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vi
     contents = {name: _load(path) for name, path in own.items()}
     if pair is not None:
         contents.update(_split_pair(_load(pair), pair, cameras, contents))
-    elif len(contents) > 1 and not any(
-        _find(content, _ROTATION) is not None for content in contents.values()
-    ):
+    elif len(contents) > 1 and all(_find(content, _ROTATION) is None for content in contents.values()):
         raise BadInputError(
             "these calibrations have no R and T", hint="give the stereo calibration's file too"
         )
@@ -186,30 +182,18 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
 
 
 def _load(path: Path) -> Content:
+    """The numbers that a file has, by names in small letters."""
     if path.suffix.lower() not in _SUFFIXES:
         hint = (
             "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, COLMAP, nerfstudio, ..."
         )
         raise BadInputError(f"{path} is not a calibration file of a known format", hint=hint)
-    return _load_npz(path) if path.suffix.lower() == ".npz" else _load_storage(path)
-
-
-def _load_npz(path: Path) -> Content:
+    values = read_arrays(path) if path.suffix.lower() == ".npz" else read_storage(path)
     return {
-        key.lower(): value.astype(np.float64)
-        for key, value in read_arrays(path).items()
-        if np.issubdtype(value.dtype, np.number)
+        key.lower(): np.atleast_1d(np.asarray(value, np.float64))
+        for key, value in values.items()
+        if isinstance(value, int | float) or (isinstance(value, np.ndarray) and value.dtype.kind in "biuf")
     }
-
-
-def _load_storage(path: Path) -> Content:
-    content = {}
-    for key, value in read_storage(path).items():
-        if isinstance(value, np.ndarray):
-            content[key.lower()] = value
-        elif isinstance(value, int | float):
-            content[key.lower()] = np.array([float(value)])
-    return content
 
 
 def _split_pair(
@@ -229,14 +213,13 @@ def _split_pair(
         numbered = {
             key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(str(number))
         }
-        sizes = {key: content[key] for key in ("image_width", "image_height") if key in content}
+        sizes = {key: content[key] for key in _SIDES if key in content}
         split[name] = {**sizes, **numbered, **own.get(name, {}), **pose}
     return split
 
 
 def _view(where: str, content: Content) -> View:
-    matrix, distortion = _find(content, _MATRIX), _find(content, _DISTORTION)
-    rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
+    matrix, rotation, translation = (_find(content, keys) for keys in (_MATRIX, _ROTATION, _TRANSLATION))
     if matrix is None or matrix.shape != (3, 3):
         raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"looked for {', '.join(_MATRIX)}")
     if rotation is None or translation is None:
@@ -244,14 +227,14 @@ def _view(where: str, content: Content) -> View:
     if rotation.size not in (3, 9) or translation.size != 3:
         shapes = f"{rotation.shape} and {translation.shape}"
         raise BadInputError(f"{where}: R and T have shapes {shapes}, not those of a pose")
-    sizes = [content.get(key) for key in ("image_width", "image_height")]
-    size = None if any(n is None for n in sizes) else tuple(int(n.ravel()[0]) for n in sizes if n is not None)
+    distortion = _find(content, _DISTORTION)
+    sides = [int(numbers(where, content, key, 1)[0]) for key in _SIDES if key in content]
     return View(
         matrix=matrix,
         distortion=np.zeros(5) if distortion is None else distortion.ravel(),
-        rotation=from_rodrigues(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
+        rotation=rotation_of(where, rotation.ravel()),
         translation=translation.ravel(),
-        size=(size[0], size[1]) if size else None,
+        size=(sides[0], sides[1]) if len(sides) == 2 else None,
     )
 
 

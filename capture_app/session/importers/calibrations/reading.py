@@ -1,15 +1,10 @@
-"""Calibrations of other programs, converted to this project's convention.
+"""Calibrations of other programs, told apart by what is in them, and converted to this project's convention.
 
-Calibrations in JSON: our own, nerfstudio's and COLMAP's rigs, told apart by what is in them.
-
-nerfstudio's `transforms.json`: a pose for every image, in OpenGL's camera axes.
-
-By docs.nerf.studio ("Nerfstudio dataset format") and nerfstudio/data/dataparsers/nerfstudio_dataparser.py:
-fl_x, fl_y, cx, cy, w, h and the distortion k1, k2, k3, p1, p2 stand in each frame or once for all;
-`transform_matrix` is the camera's place in the world, x right, y up, z backwards; the first pixel's centre
-is (0.5, 0.5). Older files give camera_angle_x, the horizontal field of view in radians, instead of fl_x.
-
-A session's own `calibration.json`.
+nerfstudio's `transforms.json` gives a pose for every image, in OpenGL's camera axes. By docs.nerf.studio
+("Nerfstudio dataset format") and nerfstudio/data/dataparsers/nerfstudio_dataparser.py: fl_x, fl_y, cx, cy, w,
+h and the distortion k1, k2, k3, p1, p2 stand in each frame or once for all; `transform_matrix` is the
+camera's place in the world, x right, y up, z backwards; the first pixel's centre is (0.5, 0.5). Older files
+give camera_angle_x, the horizontal field of view in radians, instead of fl_x.
 """
 
 import math
@@ -22,10 +17,34 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration, Matrix3, Vector3
+from capture_app.session.format.calibration import (
+    METRES,
+    Calibration,
+    CameraCalibration,
+    Matrix3,
+    check_lens,
+)
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.manifest import CALIBRATION
-from capture_app.session.importers.calibrations.views import Array, View, Views, camera_of, views_of_images
+from capture_app.session.importers.calibrations.colmap import find_model, read_colmap, views_of_rig_config
+from capture_app.session.importers.calibrations.motion_capture import (
+    is_easymocap,
+    is_opencap,
+    read_caliscope,
+    read_easymocap,
+    read_opencap,
+    read_qualisys,
+)
+from capture_app.session.importers.calibrations.opencv import read_opencv
+from capture_app.session.importers.calibrations.views import (
+    Array,
+    View,
+    Views,
+    camera_of,
+    numbers,
+    pinhole,
+    views_of_images,
+)
 from capture_app.session.importers.rate_or_table import match_name
 
 
@@ -51,14 +70,10 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
         if not path.exists():
             raise BadInputError(f"no calibration at {path}")
     first = paths[0][1]
-    from capture_app.session.importers.calibrations.motion_capture import is_opencap, read_opencap
-
     if is_opencap(first):
         return read_opencap(paths)
     views = _of_all(first, cameras)
     if views is None:
-        from capture_app.session.importers.calibrations.opencv import read_opencv
-
         return read_opencv(paths, cameras)
     if len(paths) > 1:
         raise BadInputError(f"{first} holds all cameras", hint="give that one only")
@@ -71,27 +86,15 @@ def _of_all(path: Path, cameras: Sequence[str]) -> Views | None:
         if (path / name).is_file():
             path = path / name
     if path.suffix.lower() == ".toml":
-        from capture_app.session.importers.calibrations.motion_capture import read_caliscope
-
         return read_caliscope(path)
     if path.suffix.lower() == ".json":
-        return read_json(path, cameras)
+        return _read_json(path, cameras)
     if _is_qualisys(path):
-        from capture_app.session.importers.calibrations.motion_capture import read_qualisys
-
         return read_qualisys(path)
-    from capture_app.session.importers.calibrations.motion_capture import is_easymocap, read_easymocap
-
     if is_easymocap(path):
         return read_easymocap(path)
-    from capture_app.session.importers.calibrations.colmap import find_model
-
     model = find_model(path)
-    if model is not None:
-        from capture_app.session.importers.calibrations.colmap import read_colmap
-
-        return read_colmap(model, cameras)
-    return None
+    return None if model is None else read_colmap(model, cameras)
 
 
 def fit_calibration(
@@ -122,33 +125,33 @@ def fit_calibration(
 
 
 def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
-    matrix, rotation, distortion = view.matrix, view.rotation, np.ravel(view.distortion)
-    every = np.concatenate([matrix.ravel(), rotation.ravel(), view.translation.ravel(), distortion])
-    if not np.isfinite(every).all():
-        raise BadInputError(f"{where} has numbers that are not finite")
-    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or abs(matrix[2] - [0, 0, 1]).max() > 1e-6:
-        raise BadInputError(f"{where} has no camera matrix with positive focal lengths")
-    if abs(matrix[0, 1]) > 0.01:
-        raise BadInputError(f"{where} has a skew of {matrix[0, 1]:.3g} pixels; only a skew of 0 is supported")
-    if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise BadInputError(f"{where} has a rotation matrix that is not orthonormal")
-    if distortion[5:].any():
-        hint = "calibrate with k1, k2, p1, p2, k3"
-        raise BadInputError(
-            f"{where} has {len(distortion)} distortion coefficients; 5 are supported", hint=hint
-        )
-    x, y = _factors(where, view.size, size, fit)
-    left, _, right = np.linalg.svd(rotation)
-    return CameraCalibration(
+    (fx, skew, cx), (_, fy, cy), _ = view.matrix.tolist()
+    camera = CameraCalibration(
         width=size[0],
         height=size[1],
-        fx=float(matrix[0, 0] * x),
-        fy=float(matrix[1, 1] * y),
-        cx=float((matrix[0, 2] + 0.5) * x - 0.5),
-        cy=float((matrix[1, 2] + 0.5) * y - 0.5),
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        rotation=_rows(view.rotation),
+        translation=(*(view.translation.ravel() * metres).tolist(),),
+        distortion=(*view.distortion.ravel().tolist(),),
+    )
+    check_lens(where, camera)
+    if abs(skew) > 0.01:
+        raise BadInputError(f"{where} has a skew of {skew:.3g} pixels; only a skew of 0 is supported")
+    if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
+        raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1")
+    x, y = _factors(where, view.size, size, fit)
+    left, _, right = np.linalg.svd(view.rotation)
+    return msgspec.structs.replace(
+        camera,
+        fx=fx * x,
+        fy=fy * y,
+        cx=(cx + 0.5) * x - 0.5,
+        cy=(cy + 0.5) * y - 0.5,
         rotation=_rows(left @ right),
-        translation=_vector(view.translation.ravel() * metres),
-        distortion=tuple(float(k) for k in np.pad(distortion[:5], (0, max(0, 5 - len(distortion))))),
+        distortion=(*camera.distortion, *[0.0] * 5)[:5],
     )
 
 
@@ -171,13 +174,8 @@ def _factors(
 
 
 def _rows(matrix: Array) -> Matrix3:
-    first, second, third = matrix
-    return _vector(first), _vector(second), _vector(third)
-
-
-def _vector(vector: Array) -> Vector3:
-    x, y, z = vector
-    return float(x), float(y), float(z)
+    first, second, third = (tuple(row) for row in matrix.tolist())
+    return first, second, third
 
 
 def _is_qualisys(path: Path) -> bool:
@@ -187,7 +185,7 @@ def _is_qualisys(path: Path) -> bool:
         return b"<calibration" in file.read(4096)
 
 
-def read_json(path: Path, cameras: Sequence[str]) -> Views:
+def _read_json(path: Path, cameras: Sequence[str]) -> Views:
     """Read a calibration.json, transforms.json or rig_config.json. Raises BadInputError for anything else."""
     try:
         content = msgspec.json.decode(path.read_bytes())
@@ -196,16 +194,27 @@ def read_json(path: Path, cameras: Sequence[str]) -> Views:
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise BadInputError(f"{path} is not JSON: {error}") from error
     if isinstance(content, dict) and isinstance(content.get("frames"), list):
-        return views_of_transforms(path, content, cameras)
+        return _views_of_transforms(path, content, cameras)
     rigs = content if isinstance(content, list) else []
     if rigs and all(isinstance(rig, dict) and isinstance(rig.get("cameras"), list) for rig in rigs):
-        from capture_app.session.importers.calibrations.colmap import views_of_rig_config
-
         return views_of_rig_config(path, rigs)
     if isinstance(content, dict) and isinstance(content.get("cameras"), dict):
-        return read_own(path)
+        own = read_struct(path, Calibration, 1)
+        return Views(
+            {name: _own_view(of) for name, of in own.cameras.items()}, own.source or path.name, own.unit
+        )
     hint = "known: simulshot's calibration.json, nerfstudio's transforms.json, COLMAP's rig_config.json"
     raise BadInputError(f"{path} is not a calibration", hint=hint)
+
+
+def _own_view(camera: CameraCalibration) -> View:
+    return View(
+        matrix=pinhole(camera.fx, camera.fy, camera.cx, camera.cy),
+        distortion=np.array(camera.distortion, np.float64),
+        rotation=np.array(camera.rotation, np.float64),
+        translation=np.array(camera.translation, np.float64),
+        size=(camera.width, camera.height),
+    )
 
 
 _HALF_PIXEL = 0.5
@@ -213,16 +222,15 @@ _PERSPECTIVE = ("OPENCV", "PINHOLE", "PERSPECTIVE", "SIMPLE_PINHOLE", "SIMPLE_RA
 _OPENCV_FROM_OPENGL = np.array([1.0, -1.0, -1.0])
 
 
-def views_of_transforms(path: Path, content: Mapping[str, Any], cameras: Sequence[str]) -> Views:
+def _views_of_transforms(path: Path, content: Mapping[str, Any], cameras: Sequence[str]) -> Views:
     """The cameras of a decoded transforms.json; an image is of the camera that its path names.
 
     The unit is arbitrary unless the file has `unit`, as our own exports do. Raises BadInputError, with the
     image, for what is missing, for fisheye lenses and for cameras that move.
     """
-    frames = content.get("frames")
-    if not isinstance(frames, list) or not frames:
+    if not content["frames"]:
         raise BadInputError(f"{path} has no frames", hint="is it nerfstudio's transforms.json?")
-    images = [_image(path, content, frame, cameras) for frame in frames]
+    images = [_image(path, content, frame, cameras) for frame in content["frames"]]
     hint = "a rig stands still: give the file of one instant, with one image a camera"
     unit = content.get("unit")
     return Views(
@@ -245,17 +253,14 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
         raise BadInputError(f"{where} has a distortion k4; k1, k2, p1, p2, k3 are supported")
     name = frame.get("camera")
     label = name if isinstance(name, str) else camera_of(file, cameras)
-    pose = np.asarray(_numbers(where, all_of.get("transform_matrix"), "transform_matrix"), np.float64)
-    if pose.shape not in ((4, 4), (3, 4)):
-        raise BadInputError(f"{where}: transform_matrix is not 4x4")
+    pose = numbers(where, all_of, "transform_matrix", 12, 16).reshape(-1, 4)
     rotation = (pose[:3, :3] * _OPENCV_FROM_OPENGL).T
     width, height = (round(_number(where, all_of, key)) for key in ("w", "h"))
     fx = _number(where, all_of, "fl_x", _focal_length(where, all_of, "camera_angle_x", width))
     fy = _number(where, all_of, "fl_y", _focal_length(where, all_of, "camera_angle_y", height) or fx)
-    cx = _number(where, all_of, "cx", width / 2) - _HALF_PIXEL
-    cy = _number(where, all_of, "cy", height / 2) - _HALF_PIXEL
+    cx, cy = (_number(where, all_of, key, side / 2) for key, side in (("cx", width), ("cy", height)))
     view = View(
-        matrix=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
+        matrix=pinhole(fx, fy, cx - _HALF_PIXEL, cy - _HALF_PIXEL),
         distortion=np.array([_number(where, all_of, key, 0.0) for key in ("k1", "k2", "p1", "p2", "k3")]),
         rotation=rotation,
         translation=-rotation @ pose[:3, 3],
@@ -275,27 +280,3 @@ def _number(where: str, given: Mapping[str, Any], key: str, otherwise: float | N
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise BadInputError(f"{where} has no number {key}")
     return float(value)
-
-
-def _numbers(where: str, value: Any, key: str) -> Any:
-    try:
-        return np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise BadInputError(f"{where}: {key} is not made of numbers") from None
-
-
-def read_own(path: Path) -> Views:
-    """Read a `calibration.json` as docs/session-format.md describes it. Raises BadInputError if broken."""
-    calibration = read_struct(path, Calibration, 1)
-    views = {name: _view(camera) for name, camera in calibration.cameras.items()}
-    return Views(views, calibration.source or path.name, calibration.unit)
-
-
-def _view(camera: CameraCalibration) -> View:
-    return View(
-        matrix=np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], np.float64),
-        distortion=np.array(camera.distortion, np.float64),
-        rotation=np.array(camera.rotation, np.float64),
-        translation=np.array(camera.translation, np.float64),
-        size=(camera.width, camera.height),
-    )

@@ -1,13 +1,9 @@
-"""Cameras of a calibration, in one form.
-
-The cameras of a calibration file, in one form for all file formats.
-
-Poses that a format gives to images: of a rig that stands still they are its cameras'.
-"""
+"""The cameras of a calibration file, in one form for all formats: read by name, and told apart by image."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +36,43 @@ class Views:
     source: str
     unit: str | None = None
     assumed_unit: str = "m"
-    """Where neither the file nor the user says: `arbitrary` of formats that know no scale."""
+    """The unit where neither the file nor the user says one: `arbitrary` of formats that know no scale."""
+
+
+def numbers(
+    where: str, content: Mapping[Any, Any], key: str, *counts: int, hint: str = "is the calibration complete?"
+) -> Array:
+    """The numbers at a key, in one row. Raises BadInputError where they lack or cannot be."""
+    if content.get(key) is None:
+        raise BadInputError(f"{where} has no {key}", hint=hint)
+    try:
+        values = np.asarray(content[key], np.float64).ravel()
+    except (TypeError, ValueError):
+        raise BadInputError(f"{where}: {key} is not made of numbers") from None
+    if values.size not in counts:
+        raise BadInputError(f"{where}: {key} has {values.size} numbers, not {' or '.join(map(str, counts))}")
+    if not np.isfinite(values).all():
+        raise BadInputError(f"{where}: {key} has numbers that are not finite")
+    return values
+
+
+def pinhole(fx: float, fy: float, cx: float, cy: float) -> Array:
+    """The camera matrix, 3x3, of focal lengths and a principal point in pixels."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+
+
+def rotation_of(where: str, values: Array) -> Array:
+    """The rotation matrix (3x3) of as many numbers, a quaternion (w, x, y, z) or a Rodrigues vector.
+
+    Raises BadInputError, beginning with `where`, for a quaternion of length 0 or that is not finite.
+    """
+    if values.size == 4:
+        return from_quaternion(where, values)
+    if values.size == 3:
+        import cv2
+
+        return np.asarray(cv2.Rodrigues(values.reshape(3, 1))[0], np.float64)
+    return values.reshape(3, 3)
 
 
 def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
@@ -60,13 +92,6 @@ def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def from_rodrigues(vector: Array) -> Array:
-    """Rotation matrix (3x3) of a Rodrigues vector (3,), in radians."""
-    import cv2
-
-    return np.asarray(cv2.Rodrigues(vector.reshape(3, 1))[0], np.float64)
 
 
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
@@ -96,18 +121,15 @@ def views_of_images(where: str, images: Iterable[tuple[str, View]], hint: str) -
     Raises BadInputError, beginning with `where`, for a camera that moves between its images or changes.
     """
     views: dict[str, View] = {}
-    rest: list[tuple[str, View]] = []
-    for name, view in images:
-        if views.setdefault(name, view) is not view:
-            rest.append((name, view))
+    rest = [(name, view) for name, view in images if views.setdefault(name, view) is not view]
     extent = max((float(np.linalg.norm(view.translation)) for view in views.values()), default=0.0)
     for name, view in rest:
-        if not same_view(views[name], view, extent):
+        if not _same_view(views[name], view, extent):
             raise BadInputError(f"{where}: camera {name} is not in one place in all of its images", hint=hint)
     return views
 
 
-def same_view(one: View, other: View, extent: float) -> bool:
+def _same_view(one: View, other: View, extent: float) -> bool:
     """Whether two views have one pose and one lens; `extent` is the rig's, in the unit of translations."""
     return (
         one.size == other.size

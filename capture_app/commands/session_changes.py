@@ -221,14 +221,13 @@ _replace_option = click.option("--replace", is_flag=True, help="Replace an earli
 @json_option
 def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) -> None:
     """Write the contact sheet of SESSION: cameras across, instants down."""
-    import cv2
-
+    from capture_app.session.reading.decoding import encode_image
     from capture_app.session.reading.sheet_pictures import contact_sheet
 
     suffix = _check_file(out, (".jpg", ".jpeg", ".png"), replace=replace)
     opened = TakeSheet.open(session)
     picture = contact_sheet(opened, width, show_count("images"))
-    _write(out, bytes(cv2.imencode(suffix, picture)[1].tobytes()))
+    _write(out, encode_image(picture, suffix))
     if as_json:
         about = {"cameras": opened.cameras, "instants": opened.instants}
         size = {"width": picture.shape[1], "height": picture.shape[0]}

@@ -18,8 +18,8 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.journal import frame_record
 from capture_app.session.format.manifest import CameraRecord, ImageRecord
 from capture_app.session.importers.embedded_times import has_video_times
-from capture_app.session.importers.sources import JPEG_BEGIN, JPEG_QUALITY, Source, Video
-from capture_app.session.reading.decoding import decode_image
+from capture_app.session.importers.sources import JPEG_BEGIN, Source, Video
+from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import Session
 
 
@@ -281,6 +281,4 @@ def _jpeg(data: bytes) -> JpegPicture | None:
     image = decode_image(data, colour=True)
     if image is None:
         return None
-    import cv2
-
-    return JpegPicture(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes())
+    return JpegPicture(encode_image(image))

@@ -1,14 +1,8 @@
-"""Cameras aligned by flashes that both saw.
+"""Cameras aligned by flashes that both saw, on the rows of a rolling shutter that were exposing just then.
 
-How bright each part of a camera's frames is, row by row, and the flashes that it saw.
-
-A rolling shutter shows a flash on the rows that were exposing just then: where they begin and end tells when,
-far finer than a frame.
-
-Offset and rate of a camera's times against another's, from flashes that both saw.
-
-How long a camera exposes and reads its rows is not known of a video. Where on its frames flashes begin and
-end allows some of both, and with each of those an offset: the answer is all that, not the likeliest.
+Where those rows begin and end tells when, far finer than a frame. How long a camera exposes and reads its
+rows is not known of a video. Where on its frames flashes begin and end allows some of both, and with each of
+those an offset: the answer is all that, not the likeliest.
 """
 
 from collections.abc import Sequence
@@ -141,23 +135,21 @@ class Lights:
         return Edge(float(self.times_s[frame]), (place + 0.5) / size)
 
 
-def read_lights(path: Path) -> Lights | None:
-    """The brightness of a video's frames, as the sensor read them; None without any, or PyAV."""
+def read_lights(path: Path) -> Lights | str:
+    """The brightness of a video's frames, as the sensor read them; else why there is none."""
     found: list[tuple[float, Array]] = []
-    read_container(path, lambda _, container: _read(container, found))
+    why = read_container(path, lambda _, container: _read(container, found))
     if not found:
-        return None
+        return why or "it has no pictures"
     found.sort(key=lambda one: one[0])
     return Lights(np.array([at for at, _ in found]), np.stack([bands for _, bands in found]))
 
 
 def _read(container: Any, into: list[tuple[float, Array]]) -> None:
     """Add each frame's own time and bands: those before a fault of the video are kept."""
-    if not container.streams.video:
-        return
-    stream = container.streams.video[0]
-    stream.thread_type = "AUTO"
-    for frame in container.decode(stream):
+    for stream in container.streams.video[:1]:
+        stream.thread_type = "AUTO"
+    for frame in container.decode(video=0) if container.streams.video else ():
         if frame.pts is None:
             continue
         height = min(BANDS, frame.height)
@@ -186,7 +178,7 @@ Pair = tuple[Flash, Flash]
 Range = tuple[float, float]
 
 
-def match_flashes(reference: Lights, camera: Lights, source: str = "flash") -> CameraTimes:
+def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
     """The camera's times against the reference's; without an offset, why there is none."""
     seen = reference.flashes(), camera.flashes()
     for name, of in zip(("the reference", "it"), seen, strict=True):
@@ -198,7 +190,7 @@ def match_flashes(reference: Lights, camera: Lights, source: str = "flash") -> C
     for pairs in _agreeing(*seen, max(periods)):
         if best is not None and len(pairs) < most:
             break
-        found = _fit_most(pairs, periods, source)
+        found = _fit_most(pairs, periods)
         if found.offset_ns is None:
             continue
         if best is not None:
@@ -231,16 +223,16 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
     return [pairs for _, pairs in distinct[:CANDIDATES]]
 
 
-def _fit_most(pairs: list[Pair], periods: tuple[float, float], source: str) -> CameraTimes:
+def _fit_most(pairs: list[Pair], periods: tuple[float, float]) -> CameraTimes:
     """The fit of all these pairs, or of all but one: that may be two flashes that ran into each other."""
     choices = [pairs]
     if len(pairs) > LEAST:
         choices += [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs))]
-    found = (_fit(choice, *periods, source) for choice in choices)
+    found = (_fit(choice, *periods) for choice in choices)
     return next((one for one in found if one.offset_ns is not None), CameraTimes())
 
 
-def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float, source: str) -> CameraTimes:
+def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTimes:
     """The middle of all offsets and rates that the edges allow, with their reach; empty where none fits."""
     if len(pairs) > MOST:
         pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MOST)]
@@ -262,7 +254,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float, source: str
                 rate_ppm=round(sum(rates) / 2 * 1e6, 4),
                 rate_uncertainty_ppm=round((rates[1] - rates[0]) / 2 * 1e6, 4),
                 epoch_local_ns=round(epoch * 1e9),
-                source=source,
+                source="flash",
             )
     return CameraTimes()
 

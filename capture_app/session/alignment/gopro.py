@@ -22,6 +22,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.session.alignment.clock_line import Moments, compose, fit_clock_line
+from capture_app.session.alignment.tracks import read_container
 from capture_app.session.format.common_times import CameraTimes
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
@@ -230,66 +232,49 @@ class GpsClock:
 
 def read_gps_clock(path: Path) -> GpsClock | str:
     """What a video's GPS says of UTC; else why it says nothing."""
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
-        return "PyAV is not installed"
-    timed: list[tuple[float, float, Payload]] = []
-    try:
-        with av.open(str(path)) as container:
-            _skip_pictures(container.streams)
-            tracks = container.streams.data
-            for packet in container.demux(tracks) if tracks else ():
-                if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES:
-                    continue
-                payload = parse_payload(bytes(packet), worst_dilution=WORST_DILUTION)
-                if payload.streams:
-                    begin_s, long_s = (
-                        float(n * packet.time_base) for n in (packet.pts, packet.duration or 0)
-                    )
-                    timed.append((begin_s, long_s, payload))
-                if len(timed) == PAYLOADS:
-                    break
-    except (av.FFmpegError, OSError, ValueError):
-        return "its metadata cannot be read"
-    if not timed:
-        return "no GPS metadata of a GoPro"
-    reasons = []
-    for key in RECEIVERS:
-        clock = _clock(key, timed)
-        if not isinstance(clock, str):
-            return clock
-        reasons.append(clock)
-    return next((why for why in reasons if why), "no GPS metadata of a GoPro")
+    timed = read_container(path, lambda _, container: list(islice(_payloads(container), PAYLOADS)))
+    if isinstance(timed, str):
+        return timed
+    clocks = [_clock(key, timed) for key in RECEIVERS]
+    good = next((clock for clock in clocks if isinstance(clock, GpsClock)), None)
+    return good or next((why for why in clocks if isinstance(why, str) and why), "no GPS metadata of a GoPro")
 
 
-def _skip_pictures(streams: Any) -> None:
-    """Read only what is data from the disk, where PyAV can."""
-    skip = getattr(importlib.import_module("av.stream"), "Discard", None)
-    if skip is not None:
-        for stream in streams:
-            stream.discard = skip.default if stream.type == "data" else skip.all
+def _payloads(container: Any) -> Iterator[tuple[float, float, Payload]]:
+    """When each payload with a GPS stream begins, how long it is, both s of the video, and what it tells."""
+    # Only what is data is read from the disk, where PyAV can.
+    skip: Any = getattr(importlib.import_module("av.stream"), "Discard", None)
+    for stream in container.streams if skip is not None else ():
+        stream.discard = skip.default if stream.type == "data" else skip.all
+    tracks = container.streams.data
+    for packet in container.demux(tracks) if tracks else ():
+        if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES:
+            continue
+        payload = parse_payload(bytes(packet), worst_dilution=WORST_DILUTION)
+        if payload.streams:
+            begin_s, long_s = (float(n * packet.time_base) for n in (packet.pts, packet.duration or 0))
+            yield begin_s, long_s, payload
 
 
-def match_gps_clocks(reference: GpsClock, camera: GpsClock, source: str) -> CameraTimes:
+def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
     """The camera's times against the reference's, each by UTC; without an offset, why there is none."""
     later_s = camera.began_utc_s - reference.began_utc_s
     apart_s = max(later_s - reference.end_s, -later_s - camera.end_s)
     if apart_s > RECEIVERS[reference.key].late_s + RECEIVERS[camera.key].late_s:
         return CameraTimes(reason=f"by their GPS, {apart_s:.1f} s lie between them")
     zero_s = math.floor(reference.utc_s[0])
-    back = _line(reference, zero_s, source, of_utc=True)
-    return compose(back, _line(camera, zero_s, source, of_utc=False))
+    back = _line(reference, zero_s, of_utc=True)
+    return compose(back, _line(camera, zero_s, of_utc=False))
 
 
-def _line(clock: GpsClock, zero_s: float, source: str, *, of_utc: bool) -> CameraTimes:
+def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
     """A camera's times against UTC since `zero_s`; or UTC's against the camera's."""
     receiver = RECEIVERS[clock.key]
     utc_s = clock.utc_s - zero_s
     # What wanders slowly is no less for many fixes; so wide, evenly spread ones tell no better rate.
     sd_s = np.full(len(utc_s), receiver.wander_s * math.sqrt(len(utc_s) / 12))
     pair = (utc_s, clock.video_s) if of_utc else (clock.video_s, utc_s)
-    return fit_clock_line(Moments(*pair, sd_s), source, systematic_s=receiver.late_s)
+    return fit_clock_line(Moments(*pair, sd_s), "gopro", systematic_s=receiver.late_s)
 
 
 def _clock(key: str, timed: list[tuple[float, float, Payload]]) -> GpsClock | str:

@@ -1,13 +1,8 @@
-"""What a video's other tracks tell: sound, timecode.
+"""What videos hold beside pictures: sound, laid one over the other, and the timecode of their first frame.
 
-Opens videos for what they hold beside their pictures.
-
-When cameras heard the same: their sound tracks, laid one over the other.
-
-First roughly, by where each becomes louder (which a clap and speech do), over the whole length; then by the
-waveforms in short windows (generalized cross-correlation with phase transform, Knapp and Carter 1976).
-
-The timecode that a camera wrote into its video: which frame of the day is its first (SMPTE ST 12-1).
+Sound is matched roughly first, by where each becomes louder (which a clap and speech do), over the whole
+length; then by the waveforms in short windows (generalized cross-correlation with phase transform, Knapp and
+Carter 1976). A timecode is that of SMPTE ST 12-1.
 """
 
 import importlib
@@ -21,22 +16,23 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.session.alignment.clock_line import Moments
+from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, Moments, fit_clock_line
+from capture_app.session.format.common_times import CameraTimes
 
 Found = TypeVar("Found")
 
 
-def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | None:
-    """What `read` finds with PyAV in the opened video; None where PyAV is not installed, or FFmpeg fails."""
+def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | str:
+    """What `read` finds with PyAV in the opened video; else why there is nothing."""
     try:
         av: Any = importlib.import_module("av")
     except ImportError:
-        return None
+        return "PyAV is not installed"
     try:
         with av.open(str(path)) as container:
             return read(av, container)
-    except av.FFmpegError:
-        return None
+    except (av.FFmpegError, OSError, ValueError):
+        return "it cannot be decoded"
 
 
 RATE_HZ = 16_000
@@ -65,14 +61,14 @@ class Sound:
     start_s: float
 
 
-def read_sound(path: Path) -> Sound | None:
-    """The sound of a video; None where it has none, or PyAV is not installed."""
+def read_sound(path: Path) -> Sound | str:
+    """The sound of a video; else why there is none."""
     return read_container(path, _read_sound)
 
 
-def _read_sound(av: Any, container: Any) -> Sound | None:
+def _read_sound(av: Any, container: Any) -> Sound | str:
     if not container.streams.audio:
-        return None
+        return "it has no sound"
     parts: list[Samples] = []
     start_s, length = 0.0, 0
     resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
@@ -90,14 +86,17 @@ def _read_sound(av: Any, container: Any) -> Sound | None:
             length += len(parts[-1])
     parts += [made.to_ndarray().ravel().astype(np.float32) for made in resampler.resample(None)]
     samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
-    return Sound(samples, start_s) if np.any(samples) else None
+    return Sound(samples, start_s) if np.any(samples) else "it has no sound"
 
 
-def match_sounds(reference: Sound, camera: Sound) -> Moments | str:
-    """Moments that both heard, by their own times; else why there are none."""
+def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:
+    """The camera's times against the reference's; without an offset, why there is none.
+
+    `error_s` (95 %): what the sounds of two cameras' pictures may be apart though they were one.
+    """
     rough_s = _rough_offset(reference, camera)
     if isinstance(rough_s, str):
-        return rough_s
+        return CameraTimes(reason=rough_s)
     found = []
     size = round(WINDOW_S * RATE_HZ)
     for at in _loud_windows(camera.samples, size):
@@ -109,9 +108,10 @@ def match_sounds(reference: Sound, camera: Sound) -> Moments | str:
         if lag is not None:
             found.append((centre_s, reference.start_s + (wanted + lag + size / 2) / RATE_HZ))
     if not found:
-        return "their sounds are loud at the same moments, but are not alike"
+        return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
     camera_s, reference_s = np.array(found).T
-    return Moments(camera_s, reference_s, np.full(len(found), WINDOW_SD_S))
+    moments = Moments(camera_s, reference_s, np.full(len(found), WINDOW_SD_S))
+    return fit_clock_line(moments, "sound", systematic_s=error_s)
 
 
 def _rough_offset(reference: Sound, camera: Sound) -> float | str:
@@ -186,32 +186,35 @@ class Timecode:
     period_s: float
     wall_clock: bool
 
-    def offset_from(self, reference: "Timecode") -> float | None:
-        """What makes the reference's times of this camera's, s; None where they count differently."""
-        alike = abs(self.period_s - reference.period_s) < 1e-9
-        if not (self.wall_clock and reference.wall_clock) and not (
-            alike and self.wall_clock == reference.wall_clock
-        ):
-            return None
-        apart = (self.day_s - reference.day_s + DAY_S / 2) % DAY_S - DAY_S / 2
-        return apart + reference.first_s - self.first_s
+
+def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
+    """The camera's times against the reference's; without an offset, why there is none."""
+    alike = abs(camera.period_s - reference.period_s) < 1e-9 and camera.wall_clock == reference.wall_clock
+    if not alike and not (camera.wall_clock and reference.wall_clock):
+        return CameraTimes(reason="their timecodes count at different rates")
+    apart_s = (camera.day_s - reference.day_s + DAY_S / 2) % DAY_S - DAY_S / 2
+    # A timecode names a frame: within it, the exposures of two cameras lie anywhere.
+    return CameraTimes(
+        offset_ns=round((apart_s + reference.first_s - camera.first_s) * 1e9),
+        uncertainty_ns=round(max(reference.period_s, camera.period_s) * 1e9),
+        rate_uncertainty_ppm=SIGMAS * CRYSTAL_PPM,
+        epoch_local_ns=round(camera.first_s * 1e9),
+        source="timecode",
+    )
 
 
-def read_timecode(path: Path) -> Timecode | None:
-    """The timecode of a video; None where it has none, or PyAV is not installed."""
-    return read_container(path, _read_timecode)
+def read_timecode(path: Path, first_s: float) -> Timecode | str:
+    """The timecode of a video whose first frame is shown at `first_s`; else why there is none."""
 
+    def read(_: Any, container: Any) -> Timecode | str:
+        streams = container.streams
+        places = (*(stream.metadata for stream in streams), container.metadata)
+        text = next((place["timecode"] for place in places if "timecode" in place), "")
+        rate = streams.video and (streams.video[0].guessed_rate or streams.video[0].average_rate)
+        found = parse_timecode(text, Fraction(rate), first_s) if rate else None
+        return found or "it has no timecode"
 
-def _read_timecode(_: Any, container: Any) -> Timecode | None:
-    if not container.streams.video:
-        return None
-    video = container.streams.video[0]
-    places = (*(stream.metadata for stream in container.streams), container.metadata)
-    text = next((place["timecode"] for place in places if "timecode" in place), "")
-    rate = video.guessed_rate or video.average_rate
-    first = next((packet.pts for packet in container.demux(video) if packet.pts is not None), 0)
-    first_s = float(first * video.time_base)
-    return None if not rate else parse_timecode(text, Fraction(rate), first_s)
+    return read_container(path, read)
 
 
 def parse_timecode(text: str, rate: Fraction, first_s: float = 0.0) -> Timecode | None:

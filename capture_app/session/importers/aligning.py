@@ -3,18 +3,17 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
+from functools import partial
+from typing import Any
 
 from capture_app.errors import BadInputError
-from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, chain_cameras, fit_clock_line
-from capture_app.session.alignment.flashes import Lights, match_flashes, read_lights
-from capture_app.session.alignment.gopro import GpsClock, match_gps_clocks, read_gps_clock
-from capture_app.session.alignment.tracks import Sound, Timecode, match_sounds, read_sound, read_timecode
+from capture_app.session.alignment.clock_line import chain_cameras
+from capture_app.session.alignment.flashes import match_flashes, read_lights
+from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock
+from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
 from capture_app.session.format.common_times import CameraTimes, CommonTimes, TimesState
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.sources import Source, Video
-
-Against = Callable[[str, str], CameraTimes]
-"""The times of the second camera against the first's; without an offset, why there is none."""
 
 
 class AlignBy(StrEnum):
@@ -57,19 +56,19 @@ def align_recording(
             f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
         )
     names = [source.name for source in videos]
-    starts_s = _starts_s(timeline)
-    makers: dict[AlignBy, Callable[[], Against]] = {
-        AlignBy.SOUND: lambda: _by_sound(videos, sound_error_s),
-        AlignBy.FLASH: lambda: _by_flash(videos),
+    starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
+    methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
+        AlignBy.SOUND: (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
+        AlignBy.FLASH: (lambda of: read_lights(of.path), match_flashes),
         # A GoPro's timecode is its own clock's, which is hardly ever set to the second.
-        AlignBy.GOPRO: lambda: _by_gopro(videos),
-        AlignBy.TIMECODE: lambda: _by_timecode(videos, starts_s),
+        AlignBy.GOPRO: (lambda of: read_gps_clock(of.path), match_gps_clocks),
+        AlignBy.TIMECODE: (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
     }
     reasons: list[str] = []
-    for method, make in makers.items():
+    for method, (read, match) in methods.items():
         if by not in (AlignBy.AUTO, method) or (method in _OF_VIDEO_TIMES and rate_given):
             continue
-        cameras = chain_cameras(names, make())
+        cameras = chain_cameras(names, partial(_against, match, {one.name: read(one) for one in videos}))
         lacking = {name: of.reason for name, of in cameras.items() if of.offset_ns is None}
         if not lacking:
             return CommonTimes(
@@ -81,91 +80,25 @@ def align_recording(
 
 def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
     """The same frames at the recording's times, matched anew."""
-    cameras: dict[str, list[TimedFrame]] = {}
-    for instant in timeline.instants:
-        for name, frame in instant.frames.items():
-            own_ns = frame.leader_ns if frame.local_ns is None else frame.local_ns
-            times = common.cameras[name]
-            moved = replace(
-                frame,
-                leader_ns=times.leader_from_local(own_ns),
-                local_ns=own_ns,
-                further={**frame.further, "uncertainty_ns": times.uncertainty_at_ns(own_ns)},
-            )
-            cameras.setdefault(name, []).append(moved)
+    cameras = {
+        name: [_at_common_time(frame, common.cameras[name]) for frame in frames]
+        for name, frames in timeline.cameras().items()
+    }
     return timeline_by_times("the recording", cameras)
 
 
-def _starts_s(timeline: Timeline) -> Mapping[str, float]:
-    """When each camera's first frame was taken, by its own times."""
-    starts: dict[str, float] = {}
-    for instant in timeline.instants:
-        for name, frame in instant.frames.items():
-            starts[name] = min(starts.get(name, frame.leader_ns / 1e9), frame.leader_ns / 1e9)
-    return starts
+def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
+    own_ns = frame.leader_ns if frame.local_ns is None else frame.local_ns
+    further = {**frame.further, "uncertainty_ns": times.uncertainty_at_ns(own_ns)}
+    return replace(frame, leader_ns=times.leader_from_local(own_ns), local_ns=own_ns, further=further)
 
 
-def _by_sound(videos: Sequence[Video], error_s: float) -> Against:
-    sounds: dict[str, Sound | None] = {video.name: read_sound(video.path) for video in videos}
-
-    def against(first: str, second: str) -> CameraTimes:
-        reference, camera = sounds[first], sounds[second]
-        if reference is None or camera is None:
-            return CameraTimes(reason=f"{first if reference is None else second} has no sound")
-        moments = match_sounds(reference, camera)
-        if isinstance(moments, str):
-            return CameraTimes(reason=moments)
-        return fit_clock_line(moments, AlignBy.SOUND, systematic_s=error_s)
-
-    return against
-
-
-def _by_flash(videos: Sequence[Video]) -> Against:
-    lights: dict[str, Lights | None] = {video.name: read_lights(video.path) for video in videos}
-
-    def against(first: str, second: str) -> CameraTimes:
-        reference, camera = lights[first], lights[second]
-        if reference is None or camera is None:
-            return CameraTimes(reason=f"{first if reference is None else second} cannot be decoded")
-        return match_flashes(reference, camera, AlignBy.FLASH)
-
-    return against
-
-
-def _by_gopro(videos: Sequence[Video]) -> Against:
-    clocks: dict[str, GpsClock | str] = {video.name: read_gps_clock(video.path) for video in videos}
-
-    def against(first: str, second: str) -> CameraTimes:
-        reference, camera = clocks[first], clocks[second]
-        if isinstance(reference, str):
-            return CameraTimes(reason=f"{first} tells no UTC: {reference}")
-        if isinstance(camera, str):
-            return CameraTimes(reason=camera)
-        return match_gps_clocks(reference, camera, AlignBy.GOPRO)
-
-    return against
-
-
-def _by_timecode(videos: Sequence[Video], starts_s: Mapping[str, float]) -> Against:
-    codes: dict[str, Timecode | None] = {}
-    for video in videos:
-        code = read_timecode(video.path)
-        codes[video.name] = None if code is None else replace(code, first_s=starts_s[video.name])
-
-    def against(first: str, second: str) -> CameraTimes:
-        reference, camera = codes[first], codes[second]
-        if reference is None or camera is None:
-            return CameraTimes(reason=f"{first if reference is None else second} has no timecode")
-        offset_s = camera.offset_from(reference)
-        if offset_s is None:
-            return CameraTimes(reason="their timecodes count at different rates")
-        # A timecode names a frame: within it, the exposures of two cameras lie anywhere.
-        return CameraTimes(
-            offset_ns=round(offset_s * 1e9),
-            uncertainty_ns=round(max(reference.period_s, camera.period_s) * 1e9),
-            rate_uncertainty_ppm=SIGMAS * CRYSTAL_PPM,
-            epoch_local_ns=round(camera.first_s * 1e9),
-            source=AlignBy.TIMECODE,
-        )
-
-    return against
+def _against(
+    match: Callable[[Any, Any], CameraTimes], read: Mapping[str, Any], first: str, second: str
+) -> CameraTimes:
+    """The second camera's times against the first's, by what was read of both; else why there are none."""
+    if isinstance(read[first], str):
+        return CameraTimes(reason=f"{first}: {read[first]}")
+    if isinstance(read[second], str):
+        return CameraTimes(reason=read[second])
+    return match(read[first], read[second])

@@ -42,6 +42,14 @@ class Timeline:
     period_ns: int
     camera_periods_ns: Mapping[str, int]
 
+    def cameras(self) -> dict[str, list[TimedFrame]]:
+        """The frames of each camera, in the order of the instants."""
+        cameras: dict[str, list[TimedFrame]] = {}
+        for instant in self.instants:
+            for name, frame in instant.frames.items():
+                cameras.setdefault(name, []).append(frame)
+        return cameras
+
 
 def timeline_by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]]) -> Timeline:
     """Match frames, in the order they were taken, by their times; `where` is what errors are about.

@@ -1,6 +1,4 @@
-"""Opens the cameras of a recording that a user named on the command line.
-
-Recordings of phones that were synchronized by libsoftwaresync or by RecSync, with the leader's times.
+"""Opens the cameras of a recording that a user named: images, videos, or phones with the leader's times.
 
 libsoftwaresync writes for each shot sync_metadata_TIME.txt (leader_sensor_timestamp_ns and
 local_sensor_timestamp_ns), and beside it img_TIME.jpg or img_TIME.nv21 with nv21_metadata_TIME.txt, in a
@@ -17,21 +15,21 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, is_name, natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.frame_matching import TimedFrame, check_order
 from capture_app.session.importers.sources import (
-    JPEG_QUALITY,
     ImageFolder,
+    Images,
     Source,
     Video,
     images_in,
-    read_images,
+    upright,
     videos_in,
 )
+from capture_app.session.reading.decoding import encode_image
 
 _METADATA = "sync_metadata_"
 _VIDEOS, _HEADING = "VID", "timestamp"
@@ -45,33 +43,25 @@ class _Shot:
     local_ns: int | None
 
 
-class PhoneShots(Source):
+class PhoneShots(Images):
     """The shots of one phone with libsoftwaresync, by the leader's time; JPEG bytes are kept as they are."""
 
-    kind = "libsoftwaresync"
-    suffix = ".jpg"
-    numbered = False
-    """Shots have times; their numbers are just the order."""
-
     def __init__(self, name: str, path: Path) -> None:
-        self.name, self.path = name, path
         shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
         if not shots:
             raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
         self._shots = sorted(shots, key=lambda shot: shot.leader_ns)
-        self.numbers = range(len(shots))
+        super().__init__(name, path, [shot.image for shot in self._shots], "libsoftwaresync")
+        # Shots have times; their numbers are just the order.
+        self.suffix, self.numbered = ".jpg", False
 
     def embedded_times(self) -> Sequence[TimedFrame]:
         """When each shot was taken, by the leader's clock and by the phone's."""
         return [TimedFrame(n, shot.leader_ns, shot.local_ns) for n, shot in enumerate(self._shots)]
 
-    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """See `Source.frames`."""
-        return read_images([shot.image for shot in self._shots], indices, _read_shot)
-
-
-def _read_shot(file: Path) -> bytes:
-    return file.read_bytes() if file.suffix == ".jpg" else _from_nv21(file)
+    def read(self, file: Path) -> bytes:
+        """See `Images.read`."""
+        return upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file)
 
 
 class PhoneVideo(Video):
@@ -195,9 +185,7 @@ def _from_nv21(file: Path) -> bytes:
     raw = np.frombuffer(file.read_bytes(), np.uint8)
     if width <= 0 or height <= 0 or width % 2 or height % 2 or raw.size != width * height * 3 // 2:
         raise BadInputError(f"{file} is not {width}x{height} pixels of NV21, as its metadata says")
-    image = cv2.cvtColor(raw.reshape(height * 3 // 2, width), cv2.COLOR_YUV2BGR_NV21)
-    encoded: Any = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
-    return bytes(encoded.tobytes())
+    return encode_image(cv2.cvtColor(raw.reshape(height * 3 // 2, width), cv2.COLOR_YUV2BGR_NV21))
 
 
 def _lines(table: Path) -> tuple[list[int], set[int]]:

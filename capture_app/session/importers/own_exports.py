@@ -1,12 +1,8 @@
-"""Our exports and MCAP read back.
+"""Our own exports are the session again that they were made of; of another MCAP, each topic is a camera.
 
-Our own exports: the session again that they were made of, by `frames.csv` and `simulshot.json`.
-
-MCAP: the compressed images of Foxglove's schema, its calibrations and transforms, a camera a topic.
-
-docs.foxglove.dev, "Message schemas": CompressedImage, CameraCalibration, and FrameTransform, which is where
-the child is in the parent's coordinates. Files of our own have the session's manifest and calibration
-attached as well, and are that session again.
+An export has `frames.csv` and `simulshot.json`, an MCAP of ours the session's manifest and calibration
+attached. The messages are Foxglove's (docs.foxglove.dev, "Message schemas"): CompressedImage,
+CameraCalibration, and FrameTransform, which is where the child is in the parent's coordinates.
 """
 
 import csv
@@ -28,7 +24,7 @@ from capture_app.session.format.checks import check_references, inside
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord, Manifest
 from capture_app.session.importers.calibrations.views import View, Views, from_quaternion
 from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importers.sources import VIDEO_SUFFIXES, Layout, Source, Video
+from capture_app.session.importers.sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
 from capture_app.session.reading.decoding import image_size
 from capture_app.text import UNREADABLE
 
@@ -41,31 +37,6 @@ _OF_THE_FRAME = (
     "sequence", "outlier_ns", "alignment_offset_ns", "substitute", "late",
 )  # fmt: skip
 _LEFT_OUT = "the export does not have it"
-
-
-class ExportedImages(Source):
-    """A camera's image files in an export, byte for byte."""
-
-    kind = "exported images"
-    numbered = True
-
-    def __init__(self, name: str, path: Path, files: Sequence[Path]) -> None:
-        self.name, self.path, self._files = name, path, files
-        self.numbers = range(len(files))
-        self.suffix = files[0].suffix.lower()
-
-    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """See `Source.frames`."""
-        for index in sorted(indices):
-            file = self._files[index]
-            try:
-                data = file.read_bytes()
-            except OSError as error:
-                raise BadInputError(f"cannot read {file}: {error.strerror}") from error
-            size = image_size(data)
-            if size is None:
-                raise BadInputError(f"{file} is not an image that can be decoded")
-            yield index, data, size
 
 
 class ExportedVideo(Source):
@@ -157,7 +128,7 @@ def _source(name: str, rows: Sequence[tuple[Path, int]], png: bool) -> Source:
     first = rows[0][0]
     if first.suffix.lower() in VIDEO_SUFFIXES:
         return ExportedVideo(name, first, [frame for _, frame in rows], png=png)
-    return ExportedImages(name, first.parent, [file for file, _ in rows])
+    return Images(name, first.parent, [file for file, _ in rows], "exported images")
 
 
 def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]) -> Timeline:

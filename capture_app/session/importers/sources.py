@@ -1,11 +1,8 @@
-"""The cameras of a recording: for each a folder of images or a video file.
-
-What a program's folder holds, in one form for all programs.
-"""
+"""The cameras of a recording, each of images or a video file, and what a program's folder holds of them."""
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,15 +14,14 @@ from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.calibrations.views import Views
 from capture_app.session.importers.embedded_times import video_pictures, video_times_ns
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline
-from capture_app.session.reading.decoding import decode_image, image_size
+from capture_app.session.reading.decoding import decode_image, encode_image, image_size
 from capture_app.session.reading.file_headers import read_exif
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
 """Videos that do not say how many frames they have."""
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", *UNCOUNTED_SUFFIXES)
-JPEG_QUALITY = 95
 TURNED_QUALITY = 98
-"""Of pictures that were JPEGs before."""
+"""The quality of pictures that were JPEGs before."""
 JPEG_BEGIN = b"\xff\xd8"
 
 
@@ -56,56 +52,57 @@ class Source(ABC):
         """
 
 
-class ImageFolder(Source):
-    """A folder of image files, in natural order, or one image.
+class Images(Source):
+    """Image files, one a frame, whose bytes are kept as they are."""
 
-    Their bytes are kept as they are, but for those that EXIF says to turn.
-    """
+    numbered = True
 
-    kind = "images"
+    def __init__(self, name: str, path: Path, files: Sequence[Path], kind: str) -> None:
+        self.name, self.path, self.files, self.kind = name, path, files, kind
+        self.numbers = range(len(files))
+        self.suffix = files[0].suffix.lower()
+
+    def read(self, file: Path) -> bytes:
+        """The bytes of the image that a file has. Raises OSError, BadInputError."""
+        return file.read_bytes()
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`; raises BadInputError for a file that cannot be read or decoded too."""
+        for index in sorted(indices):
+            try:
+                data = self.read(self.files[index])
+            except OSError as error:
+                raise BadInputError(f"cannot read {self.files[index]}: {error.strerror}") from error
+            size = image_size(data)
+            if size is None:
+                raise BadInputError(f"{self.files[index]} is not an image that can be decoded")
+            yield index, data, size
+
+
+class ImageFolder(Images):
+    """A folder of image files, in natural order, or one image; those that EXIF says to turn are turned."""
 
     def __init__(self, name: str, path: Path) -> None:
-        self.name, self.path = name, path
         found = [path] if path.is_file() else images_in(path)
-        self.files = sorted(found, key=lambda file: natural_order(file.name))
-        """In the order of the frames."""
-        if not self.files:
+        files = sorted(found, key=lambda file: natural_order(file.name))
+        if not files:
             raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
-        suffixes = {file.suffix.lower() for file in self.files}
+        super().__init__(name, path, files, "images")
+        suffixes = {file.suffix.lower() for file in files}
         if len(suffixes) > 1:
             raise BadInputError(
                 f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image"
             )
-        self.suffix = suffixes.pop()
-        in_names = [re.findall(r"\d+", file.stem) for file in self.files]
+        in_names = [re.findall(r"\d+", file.stem) for file in files]
         # The number of a single image is its camera's as often as its time's.
         last = [int(digits[-1]) for digits in in_names if digits and path.is_dir()]
-        self.numbered = len(set(last)) == len(self.files)
-        self.numbers = last if self.numbered else range(len(self.files))
+        self.numbered = len(set(last)) == len(files)
+        if self.numbered:
+            self.numbers = last
 
-    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """See `Source.frames`."""
-        return read_images(self.files, indices)
-
-
-def read_images(
-    files: Sequence[Path], indices: Sequence[int], read: Callable[[Path], bytes] = Path.read_bytes
-) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-    """Yield what `Source.frames` does from a file an index; `read` makes an image's bytes of a file.
-
-    Raises BadInputError for a file that cannot be read or decoded.
-    """
-    for index in sorted(indices):
-        file = files[index]
-        try:
-            data = read(file)
-        except OSError as error:
-            raise BadInputError(f"cannot read {file}: {error.strerror}") from error
-        data = upright(data)
-        size = image_size(data)
-        if size is None:
-            raise BadInputError(f"{file} is not an image that can be decoded")
-        yield index, data, size
+    def read(self, file: Path) -> bytes:
+        """See `Images.read`."""
+        return upright(file.read_bytes())
 
 
 def upright(data: bytes) -> bytes:
@@ -120,11 +117,7 @@ def upright(data: bytes) -> bytes:
     if not turned:
         return data
     image = decode_image(data, upright=True)
-    if image is None:
-        return data
-    import cv2
-
-    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, TURNED_QUALITY])[1].tobytes())
+    return data if image is None else encode_image(image, quality=TURNED_QUALITY)
 
 
 class Video(Source):
@@ -137,9 +130,9 @@ class Video(Source):
     def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
-        capture = self._open()
         import cv2
 
+        capture = self._open()
         self._times_ns: Sequence[int] = ()
         count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if path.suffix.lower() in UNCOUNTED_SUFFIXES:
@@ -160,22 +153,16 @@ class Video(Source):
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
-        import cv2
-
-        options = [] if self.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        for index, image in self._read_by_time(indices) if self._times_ns else self._read(indices):
-            yield index, cv2.imencode(self.suffix, image, options)[1].tobytes(), image.shape[1::-1]
-
-    def _read_by_time(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
-        """The frames (BGR) that are shown at the times of these indices; what does not decode is left out."""
-        wanted = {self._times_ns[index]: index for index in indices}
-        return ((wanted[at_ns], image) for at_ns, image in video_pictures(self.path, wanted))
+        # By their times, a frame that does not decode shifts no other.
+        wanted = {self._times_ns[index]: index for index in indices} if self._times_ns else {}
+        timed = ((wanted[at_ns], image) for at_ns, image in video_pictures(self.path, wanted))
+        for index, image in timed if self._times_ns else self._read(indices):
+            yield index, encode_image(image, self.suffix), image.shape[1::-1]
 
     def _read(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
         """The frames (BGR) of these indices by their order, up to the first that does not decode."""
-        capture = self._open()
+        capture, position = self._open(), 0
         try:
-            position = 0
             for index in sorted(indices):
                 while position < index and capture.grab():
                     position += 1

@@ -1,7 +1,4 @@
-"""Chooses where a recording's times come from, by the user's options and what the recording has.
-
-Whether the times of a recording's cameras are of one clock, by what the user and the recording say.
-"""
+"""Chooses where a recording's times come from, and says whether they are of one clock."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -108,6 +105,7 @@ def _own(source: Source, times: TimeSource, talk: Callable[[str], None]) -> list
 
 
 def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: TimeOptions) -> Timeline:
+    """Match frames by their times, those of each camera shifted as the user says."""
     offsets_ns = {name: round(options.offsets_ms.get(name, 0.0) * 1e6) for name in cameras}
     shifted = {
         name: [replace(frame, leader_ns=frame.leader_ns + offsets_ns[name]) for frame in frames]
@@ -118,13 +116,7 @@ def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: 
 
 def _shifted(timeline: Timeline, options: TimeOptions, where: str) -> Timeline:
     """The same frames, matched anew where a camera's times are moved."""
-    if not options.offsets_ms:
-        return timeline
-    cameras: dict[str, list[TimedFrame]] = {}
-    for instant in timeline.instants:
-        for name, frame in instant.frames.items():
-            cameras.setdefault(name, []).append(frame)
-    return _by_times(where, cameras, options)
+    return _by_times(where, timeline.cameras(), options) if options.offsets_ms else timeline
 
 
 EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
@@ -137,29 +129,25 @@ def clock_state(sources: Sequence[Source], options: TimeOptions) -> CommonTimes 
     """
     if len(sources) < 2:
         return None
-    if options.timestamps is not None:
-        return CommonTimes(state=TimesState.RECORDED, reason=f"the table {options.timestamps.name}")
-    if options.known is not None and not options.tell_times and not options.offsets_ms:
-        return CommonTimes(state=TimesState.RECORDED, reason="the times that its program wrote")
-    if options.synchronized:
-        return CommonTimes(state=TimesState.GIVEN, reason=EQUAL_NUMBERS)
-    if options.offsets_ms:
-        return CommonTimes(state=TimesState.GIVEN, reason="--time-shift-ms")
-    if options.uncertainty_ms is not None:
-        return CommonTimes(state=TimesState.GIVEN, reason="--uncertainty-ms")
     videos = any(isinstance(source, Video) for source in sources)
-    if options.fps is not None and not videos:
-        return CommonTimes(state=TimesState.GIVEN, reason=EQUAL_NUMBERS)
-    if options.times is TimeSource.NAME:
-        return CommonTimes(state=TimesState.GIVEN, reason="the times in file names are taken as of one clock")
-    if not options.tell_times and all(source.embedded_times() is not None for source in sources):
-        return CommonTimes(state=TimesState.RECORDED, reason="the recording's own table of times")
-    return CommonTimes(state=TimesState.UNKNOWN, reason=_why(sources, options, videos=videos))
-
-
-def _why(sources: Sequence[Source], options: TimeOptions, *, videos: bool) -> str:
-    if options.times is TimeSource.EXIF:
-        return "EXIF tells each camera's own clock"
-    if not videos:
-        return "nothing tells when these images were taken"
-    return "each video counts from its own beginning"
+    by_program = options.known is not None and not options.tell_times and not options.offsets_ms
+    by_table = not options.tell_times and all(source.embedded_times() is not None for source in sources)
+    table = options.timestamps and f"the table {options.timestamps.name}"
+    rules = (
+        (table, TimesState.RECORDED, str(table)),
+        (by_program, TimesState.RECORDED, "the times that its program wrote"),
+        (options.synchronized, TimesState.GIVEN, EQUAL_NUMBERS),
+        (options.offsets_ms, TimesState.GIVEN, "--time-shift-ms"),
+        (options.uncertainty_ms is not None, TimesState.GIVEN, "--uncertainty-ms"),
+        (options.fps is not None and not videos, TimesState.GIVEN, EQUAL_NUMBERS),
+        (
+            options.times is TimeSource.NAME,
+            TimesState.GIVEN,
+            "the times in file names are taken as of one clock",
+        ),
+        (by_table, TimesState.RECORDED, "the recording's own table of times"),
+        (options.times is TimeSource.EXIF, TimesState.UNKNOWN, "EXIF tells each camera's own clock"),
+        (not videos, TimesState.UNKNOWN, "nothing tells when these images were taken"),
+        (True, TimesState.UNKNOWN, "each video counts from its own beginning"),
+    )
+    return next(CommonTimes(state=state, reason=reason) for applies, state, reason in rules if applies)

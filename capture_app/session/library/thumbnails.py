@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.decoding import decode_image, encode_image
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,9 +47,7 @@ class ThumbnailCache:
 
     def _keep(self, path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
         """Keep it, and return it as it will be read again: coded with loss."""
-        import cv2
-
-        coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+        coded = encode_image(small, quality=85)
         # A cache that cannot be written costs time only.
         with suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)

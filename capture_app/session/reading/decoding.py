@@ -1,8 +1,9 @@
-"""Decodes image files."""
+"""Decodes and encodes image files."""
 
 import io
 from typing import TYPE_CHECKING
 
+from capture_app.errors import BadInputError
 from capture_app.session.reading.file_headers import size_of
 
 if TYPE_CHECKING:
@@ -53,3 +54,17 @@ def image_size(data: bytes) -> tuple[int, int] | None:
     """Width and height in pixels of an image file's bytes, decoded in full; None if they are not an image."""
     image = decode_image(data)
     return None if image is None else (image.shape[1], image.shape[0])
+
+
+JPEG_QUALITY = 95
+
+
+def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int = JPEG_QUALITY) -> bytes:
+    """The bytes of an image's file, as the suffix says; `quality` of a JPEG. Raises BadInputError."""
+    import cv2
+
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else []
+    made, data = cv2.imencode(suffix, image, options)
+    if not made:
+        raise BadInputError(f"the picture cannot be written as {suffix[1:].upper()}")
+    return bytes(data.tobytes())

@@ -94,7 +94,7 @@ def test_other_days_are_not_laid_over_each_other(tmp_path: Path) -> None:
     ]
     assert isinstance(clocks[0], GpsClock)
     assert isinstance(clocks[1], GpsClock)
-    found = match_gps_clocks(clocks[0], clocks[1], "gopro")
+    found = match_gps_clocks(clocks[0], clocks[1])
     assert found.offset_ns is None
     assert "86392.0 s lie between them" in found.reason
 
@@ -115,7 +115,7 @@ def test_long_recordings_tell_the_rate() -> None:
         video_s = (utc_s + late_s + wander + rng.uniform(0, 0.01, len(utc_s))) * (1 + ppm * 1e-6)
         return GpsClock("GPS9", video_s, 8e8 + utc_s, float(video_s[-1]))
 
-    found = match_gps_clocks(clock(25, 0.05), clock(-15, 0.1), "gopro")
+    found = match_gps_clocks(clock(25, 0.05), clock(-15, 0.1))
     assert found.rate_uncertainty_ppm is not None
     assert abs(found.rate_ppm - 40) < found.rate_uncertainty_ppm < 25
 

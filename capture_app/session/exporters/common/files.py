@@ -11,6 +11,7 @@ import numpy as np
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture, Redraw
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
+from capture_app.session.reading.decoding import encode_image
 
 _SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
 
@@ -29,7 +30,7 @@ def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: Expor
     data, pixels = burst.load(image)
     target.parent.mkdir(parents=True, exist_ok=True)
     if _ending(burst, image) != target.suffix:
-        target.write_bytes(_encode(image, pixels, ".png"))
+        target.write_bytes(encode_image(pixels, ".png"))
     elif options.link and not isinstance(image, FrameRecord):
         os.link(burst.session.image_file(image).resolve(), target)
     else:
@@ -39,7 +40,7 @@ def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: Expor
 def place_redrawn(burst: ExportedBurst, image: ImageRecord, target: Path, redraw: Redraw | None) -> None:
     """Put a changed picture at `target`: JPEG of quality 98, or PNG, as the ending says."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(_encode(image, burst.pixels(image, redraw), target.suffix))
+    target.write_bytes(encode_image(burst.pixels(image, redraw), target.suffix, quality=98))
 
 
 def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
@@ -49,16 +50,7 @@ def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
     """
     data, pixels = burst.load(image)
     kind = {".jpg": "jpeg", ".png": "png"}.get(_ending(burst, image))
-    return (data, kind) if kind else (_encode(image, pixels, ".png"), "png")
-
-
-def _encode(image: ImageRecord, pixels: Picture, suffix: str) -> bytes:
-    import cv2
-
-    done, data = cv2.imencode(suffix, pixels, [cv2.IMWRITE_JPEG_QUALITY, 98] if suffix == ".jpg" else [])
-    if not done:
-        raise BadInputError(f"{image.path} cannot be written as {suffix[1:].upper()}")
-    return bytes(data.tobytes())
+    return (data, kind) if kind else (encode_image(pixels, ".png"), "png")
 
 
 def _ending(burst: ExportedBurst, image: ImageRecord) -> str:
@@ -97,4 +89,4 @@ def write_mask(
     if redraw:
         white = np.where(redraw(white) > 127, 255, 0).astype(np.uint8)
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(cv2.imencode(".png", white if movers else 255 - white)[1].tobytes())
+    target.write_bytes(encode_image(white if movers else 255 - white, ".png"))

@@ -1,11 +1,7 @@
-"""How much memory this process can still take: of the machine, its control group and its own limit.
-
-The memory that dense work may take: one budget for a whole command, kept by scale or by fewer at once.
+"""The memory that dense work may take: one budget for a whole command, kept by scale or by fewer at once.
 
 A command sets it (`limited_memory`); whatever is about to take much memory asks `memory_budget()` at which
 scale, or how many at once, it may work. What the budget changes is noted, for the user and the result.
-
-Arrays kept for the next time, the longest unused dropped first, up to a number of bytes.
 """
 
 import os
@@ -16,9 +12,12 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError
-from reconstruction.common.geometry import Array
+
+if TYPE_CHECKING:
+    from reconstruction.common.geometry import Array
 
 _UNLIMITED = 1 << 62
 
@@ -182,14 +181,14 @@ def gigabytes(size: float) -> str:
 class ByteCache:
     """A function from keys to arrays whose last results are kept."""
 
-    def __init__(self, make: Callable[..., Array], limit_bytes: int) -> None:
+    def __init__(self, make: "Callable[..., Array]", limit_bytes: int) -> None:
         self._make = make
         self._limit_bytes = limit_bytes
         self._bytes = 0
         self._kept: OrderedDict[tuple[Hashable, ...], Array] = OrderedDict()
         self._lock = threading.Lock()
 
-    def __call__(self, *key: Hashable) -> Array:
+    def __call__(self, *key: Hashable) -> "Array":
         """The array of a key, kept or made."""
         with self._lock:
             if key in self._kept:

@@ -14,7 +14,6 @@ from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, in_node_clock
-from capture_app.cameras.replay.recordings import Playback, Recording
 from capture_app.cameras.specs import refuse_unknown
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError, CameraError, SimulshotError
@@ -104,8 +103,10 @@ STALL_NS = 500_000_000
 class ReplayCamera(Camera):
     """Plays a recording in the host's monotonic clock; a task waits for each frame's time."""
 
-    def __init__(self, recording: Recording, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, recording: "Recording", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         """`now_ns` reads the host's monotonic clock."""
+        from capture_app.cameras.replay.recordings import Playback  # heavy, as above
+
         self._recording = recording
         self._now_ns = now_ns
         self._playback = Playback(

@@ -1,9 +1,4 @@
-"""Files that may be anybody's: regular, of bounded size.
-
-Reads files that may be of strangers: regular ones only, as a pipe keeps a reader waiting for ever.
-
-Reads numpy's .npz files of strangers: arrays of numbers, of no more bytes than there is use for.
-"""
+"""Files that may be anybody's: regular ones only, as a pipe keeps a reader waiting for ever, and of bounded size."""
 
 import errno
 import io
@@ -11,11 +6,13 @@ import os
 import stat
 import zipfile
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 def read_regular(path: Path) -> bytes:
@@ -31,8 +28,10 @@ MOST_BYTES = 1 << 30
 """Of all arrays of a file together, unpacked."""
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[np.generic]]:
+def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
     """The arrays of a .npz file, by name. Raises BadInputError for a file that cannot be read as one."""
+    import numpy as np  # slow to import, and this module is in every command's way
+
     try:
         data = io.BytesIO(read_regular(path))
         with zipfile.ZipFile(data) as archive:

@@ -1,7 +1,4 @@
-"""Conditions of a comparison or a batch: how late each camera's images are.
-
-Which two frames of a burst are compared as "offset": those about so many milliseconds apart.
-"""
+"""Conditions of a comparison or a batch: how late each camera's images are, and so which frames they show."""
 
 import math
 import random
@@ -10,10 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
 from capture_app.errors import BadInputError
-from reconstruction.session.dataset import Dataset
 
 if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
@@ -166,7 +160,7 @@ def nearest_frame_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: 
 
 
 def pairs_with_images(
-    dataset: Dataset, offset: FrameOffset, reference: str, other: str
+    dataset: "Dataset", offset: FrameOffset, reference: str, other: str
 ) -> list[tuple[int, int]]:
     """The instants for which both conditions have all their images."""
     return [
@@ -182,4 +176,4 @@ def evenly_spread(items: Sequence[Item], limit: int) -> list[Item]:
         return list(items)
     if limit == 1:
         return [items[len(items) // 2]]
-    return [items[round(i)] for i in np.linspace(0, len(items) - 1, limit)]
+    return [items[round(i * (len(items) - 1) / (limit - 1))] for i in range(limit)]

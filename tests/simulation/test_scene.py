@@ -51,10 +51,15 @@ def test_unknown_scene_and_view_name_what_there_is(scene):
 
 
 def test_a_leader_starts_cameras_for_the_views_there_are():
-    definitions = {"studio": studio, "pinwheel": stages, "crossing": stages, "board": stages}
+    definitions = {
+        "studio": studio.DEFINITION,
+        "pinwheel": stages.PINWHEEL,
+        "crossing": stages.CROSSING,
+        "board": stages.HELD_BOARD,
+    }
     assert set(SCENES) == set(definitions) == set(VIEWS) - set(FLAT_SCENES)
-    for name, module in definitions.items():
-        assert VIEWS[name] == tuple(module.DEFINITION.cameras)
+    for name, definition in definitions.items():
+        assert VIEWS[name] == tuple(definition.cameras)
 
 
 def test_scene_is_built_once(scene):

@@ -1,4 +1,4 @@
-"""Files that may be anybody's: regular ones only, as a pipe keeps a reader waiting for ever, and of bounded size."""
+"""Files that may be anybody's: regular ones of bounded size, as a pipe keeps a reader waiting for ever."""
 
 import errno
 import io

@@ -95,7 +95,6 @@ def _run(options: Namespace, names: Sequence[str]) -> None:
                 options.out,
                 quick=options.quick,
                 seed=options.seed,
-                talk=talk,
                 compared=options.compared,
                 markdown=options.markdown,
                 only=frozenset(options.only),
@@ -120,7 +119,7 @@ def _measure(name: str, options: Namespace) -> Outcome:
     if trials is None and options.quick:
         trials = max(1, round(page.QUICK_SHARE * study.TRIALS))
     if study is not scale:
-        outcome: Outcome = study.run(trials=trials, seed=options.seed, talk=talk)
+        outcome: Outcome = study.run(trials=trials, seed=options.seed)
         return outcome
     size = scale.ScaleOptions(
         sizes=options.clients or (scale.FULL_SIZES if options.full else scale.SIZES),
@@ -128,21 +127,12 @@ def _measure(name: str, options: Namespace) -> Outcome:
         jobs=options.jobs,
         shapes=(options.shape,) if options.shape else scale.SHAPES,
     )
-    return scale.run(trials=trials, seed=options.seed, talk=talk, options=size)
+    return scale.run(trials=trials, seed=options.seed, options=size)
 
 
 def _print_headlines(report: PaperReport, out: Path) -> None:
-    rows = [
-        (
-            f"{entry.place}: {row.label}",
-            page.papers(row),
-            page.ours(row),
-            page.sign(row),
-            page.by_default(row),
-        )
-        for entry, row in page.headlines(report)
-    ]
-    print_table((*page.HEAD[:3], "", page.HEAD[3]), rows)
+    rows = [(f"{entry.place}: {row.label}", *page.cells(row)) for entry, row in page.headlines(report)]
+    print_table(page.HEAD, rows)
     print_line(f"\n{out / page.PAGE}")
 
 

@@ -1,6 +1,6 @@
 """Clock estimators in virtual time: the paper's section 4 with its filters, ours, and other laws of delay."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import exp, log
@@ -39,6 +39,7 @@ from benchmarks.paper.trials import call_all
 from benchmarks.paper.values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_3
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
 from capture_app.simulation.paper_link import LINKS_BY_LAW
+from capture_app.terminal import talk
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +185,6 @@ def run(
     *,
     trials: int | None,
     seed: int,
-    talk: Callable[[str], None],
     size: StudySize = FULL_SIZE,
 ) -> Outcome:
     """Run it; `size` says how much is measured beside the trials of each law."""

@@ -1,7 +1,7 @@
 """The paper's section 4 and the figures of its supplement that show clocks."""
 
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,8 +22,9 @@ from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_7, FIGURE_S1, FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_3
 from capture_app.measure.result import error_figures, new_figure, save
 from capture_app.simulation.exchanges import START_TRUE_NS, TURNAROUND_NS
-from capture_app.simulation.links import Channel, Link
+from capture_app.simulation.links import Channel
 from capture_app.simulation.paper_link import LATE_NS, PACE_NS, PAPER_LINK
+from capture_app.terminal import talk
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,21 +51,15 @@ class Message:
         return (self.to_client_us - self.to_leader_us) / 2.0
 
 
-def leader_first(
-    link: Link, rng: random.Random, *, count: int = MESSAGES, pace_ns: int = PACE_NS
-) -> Iterator[Message]:
-    """Yield messages that a leader begins, one each `pace_ns`; those that are lost are left out."""
-    channel = Channel(link)
-    for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * pace_ns, pace_ns):
+def run_of_messages(seed: str, count: int = MESSAGES) -> list[Message]:
+    """A run on the paper's link: messages that the leader begins, at the paper's pace, but those lost."""
+    channel, rng, found = Channel(PAPER_LINK), random.Random(seed), []
+    for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * PACE_NS, PACE_NS):
         for there_ns in channel.deliveries("to_client", sent_ns, rng)[:1]:
             answered_ns = sent_ns + there_ns + TURNAROUND_NS
             for back_ns in channel.deliveries("to_leader", answered_ns, rng)[:1]:
-                yield Message(there_ns / 1000.0, back_ns / 1000.0)
-
-
-def run_of_messages(seed: str, count: int = MESSAGES) -> list[Message]:
-    """The messages of a run on the paper's link."""
-    return list(leader_first(PAPER_LINK, random.Random(seed), count=count))
+                found.append(Message(there_ns / 1000.0, back_ns / 1000.0))
+    return found
 
 
 def quickest(messages: Sequence[Message]) -> Message:
@@ -73,7 +68,7 @@ def quickest(messages: Sequence[Message]) -> Message:
 
 
 def one_way_table(messages: Sequence[Message]) -> Mapping[str, float]:
-    """Table III of a run, by the names of `paper_values.TABLE_3`; in us."""
+    """Table III of a run, by the names of `TABLE_3`; in us."""
     kept = [message for message in messages if message.round_trip_us <= LATE_NS / 1000.0]
     best = quickest(messages)
     to_client_us, to_leader_us = mean(m.to_client_us for m in kept), mean(m.to_leader_us for m in kept)
@@ -186,7 +181,7 @@ BEGINS = (
 )
 
 
-def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Sequence[Reproduction]:
+def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     """Measure Table III, the least round trips, figure 7 and the supplement's figures."""
     runs = share_of(RUNS, share)
     talk(f"{runs} runs of {MESSAGES} messages")
@@ -226,7 +221,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
     return [
         Reproduction(
             of=TABLE_3,
-            seed=seed,
             protocol=every,
             default=Measured(started, len(first), f"the first {FIRST} messages"),
             simulated=SIMULATED,
@@ -243,7 +237,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
         ),
         Reproduction(
             of=LEAST_ROUND_TRIP,
-            seed=seed,
             protocol=Measured(
                 {str(count): sum(values) / len(values) for count, values in least.items()},
                 short[FIRST],
@@ -255,26 +248,23 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
         ),
         Reproduction(
             of=FIGURE_7,
-            seed=seed,
-            protocol=_part_of(every, FIGURE_7.names),
+            protocol=every.only(FIGURE_7.names),
             default=None,
             simulated=SIMULATED,
             given=FIGURE_7.names,
             notes=("Means and floors are the paper's; the shape between them is assumed.",),
-            draw=partial(_draw, "figure-7", partial(draw_one_way, done[0])),
+            draw=partial(draw_one_way, done[0]),
         ),
         Reproduction(
             of=FIGURE_S1,
-            seed=seed,
-            protocol=_part_of(every, FIGURE_S1.names),
+            protocol=every.only(FIGURE_S1.names),
             default=None,
             simulated=SIMULATED,
             given=FIGURE_S1.names,
-            draw=partial(_draw, "figure-s1", partial(draw_wedge, done[0])),
+            draw=partial(draw_wedge, done[0]),
         ),
         Reproduction(
             of=FIGURE_S2,
-            seed=seed,
             protocol=convergence[0],
             default=convergence[1],
             simulated=SIMULATED,
@@ -288,16 +278,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
                 f"{at_first['ours']['mean_abs']:.0f} and {at_first['ours']['max']:.0f} "
                 f"({short[1000]} trials). In the end both stand on the asymmetry that was put in.",
             ),
-            draw=partial(
-                _draw, "figure-s2", partial(draw_convergence, {AS_THE_PAPER: papers, BY_DEFAULT: ours})
-            ),
+            draw=partial(draw_convergence, {AS_THE_PAPER: papers, BY_DEFAULT: ours}),
         ),
     ]
-
-
-def _part_of(measured: Measured, names: Sequence[str]) -> Measured:
-    return Measured({name: measured.values[name] for name in names}, measured.trials, measured.setup)
-
-
-def _draw(name: str, draw: Callable[[Path], Path], folder: Path) -> list[Path]:
-    return [draw(folder / f"{name}.png")]

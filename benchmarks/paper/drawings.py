@@ -1,8 +1,9 @@
 """Figures 3 and 4: what the paper draws by hand, drawn from simulated messages and frames."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,7 +71,6 @@ def figure_3(seed: int) -> Reproduction:
     papers, ours = exchange("leader", rng), exchange("client", rng)
     return Reproduction(
         of=FIGURE_3,
-        seed=seed,
         protocol=Measured(papers.figures(), 1, "the leader asks"),
         default=Measured(ours.figures(), 1, "the client asks"),
         simulated="Two messages on the paper's link, drawn at their true times.",
@@ -78,7 +78,8 @@ def figure_3(seed: int) -> Reproduction:
             "The paper's leader asks each client in turn. Here each client asks, so that any number of them "
             "can do so at once and the leader keeps nothing about them; the estimate is the same.",
         ),
-        draw=lambda folder: [_draw_exchanges(papers, ours, folder / "figure-3.svg")],
+        draw=partial(_draw_exchanges, papers, ours),
+        suffix=".svg",
     )
 
 
@@ -223,14 +224,14 @@ def figure_4(seed: int) -> Reproduction:
     }
     return Reproduction(
         of=FIGURE_4,
-        seed=seed,
         protocol=Measured(papers, 1, "a random sleep before each restart; an ideal sensor"),
         default=Measured(
             ours, 1, "a webcam's aimed restarts into the same window; a phone that nobody has seen, to 20 us"
         ),
         simulated="Frames of simulated sensors at their true times; clocks are known exactly.",
         notes=("One camera each, for the drawing; how many it takes on average is in the tables.",),
-        draw=lambda folder: [_draw_phases(restarts, injected, aimed, learned, folder / "figure-4.svg")],
+        draw=partial(_draw_phases, restarts, injected, aimed, learned),
+        suffix=".svg",
     )
 
 
@@ -319,6 +320,6 @@ def _injections(axes: "Axes", learned: Aligned) -> None:
     axes.set_title("ours: the engine learns a phone that nobody has seen", loc="left")
 
 
-def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Sequence[Reproduction]:
+def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     """Draw both; each shows single messages and cameras, whatever the share."""
     return [figure_3(seed), figure_4(seed)]

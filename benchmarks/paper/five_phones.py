@@ -1,7 +1,7 @@
 """Five phones: how long their clocks take, how far apart the worst pair is, and a burst of five views."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,6 +16,7 @@ from capture_app.simulation.links import LOOPBACK, Channel
 from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig import NodeSpec, VirtualRig
+from capture_app.terminal import talk
 
 TRIALS = 100
 PHONES, FRAMES = 5, 5
@@ -49,7 +50,7 @@ class RigTrial:
     """Frames of the burst that some phone did not have."""
 
 
-def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Sequence[Reproduction]:
+def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     """Measure the worst pair, the start and the bursts; the same trials give all three."""
     count = share_of(TRIALS, share, least=1)
     tolerances_ns = (PAPERS_TOLERANCE_NS, DEFAULT_TOLERANCE_NS)
@@ -76,7 +77,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
     return [
         Reproduction(
             of=WORST_PAIR,
-            seed=seed,
             protocol=pairs(papers, setups[0]),
             default=pairs(ours, setups[1]),
             simulated=SIMULATED,
@@ -87,7 +87,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
         ),
         Reproduction(
             of=START_UP,
-            seed=seed,
             protocol=Measured(
                 {
                     "five.max": max(sum(seconds) for seconds in in_turn),
@@ -112,7 +111,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
         ),
         Reproduction(
             of=BURST,
-            seed=seed,
             protocol=bursts(papers, setups[0]),
             default=bursts(ours, setups[1]),
             simulated=SIMULATED,

@@ -5,7 +5,7 @@ sees lit tell when its picture was taken (paper, section 6.1).
 """
 
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,60 +18,17 @@ from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_5, FIGURE_6, TABLE_2
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
 from capture_app.panel.simulated import Image
+from capture_app.terminal import talk
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from benchmarks.paper.panel_trial import Trial
-
-
-def draw_led_panel(
-    done: "Sequence[Trial]",
-    pictures: tuple[Image, Image],
-    paper: Mapping[str, Mapping[str, float]],
-    folder: Path,
-) -> list[Path]:
-    """Draw the errors of all trials with the paper's figures, and the first trial's two pictures."""
-    figure = new_figure(figsize=(13, 4))
-    panels: list[tuple[str, str, list[float]]] = [
-        ("total, read off the pictures", "total_us", [t.decoded_us for t in done]),
-        ("clock's part", "clock_us", [t.clock_us for t in done]),
-        ("phase's part", "phase_us", [t.phase_us for t in done]),
-    ]
-    for axes, (title, name, errors_us) in zip(figure.subplots(1, 3), panels, strict=True):
-        _histogram(axes, errors_us, title)
-        if name in paper:
-            largest, mean = paper[name]["max"], paper[name]["mean_abs"]
-            for at, style, label in ((mean, "--", "mean"), (largest, ":", "largest")):
-                axes.axvline(at, color="tab:red", linestyle=style, label=f"paper, real phones: {label}")
-                axes.axvline(-at, color="tab:red", linestyle=style)
-            axes.set_ylim(top=1.3 * axes.get_ylim()[1])
-            axes.legend(loc="upper right", fontsize="small")
-    pair = pictures_figure(pictures, (10, 4))
-    return [save(figure, folder / "led-panel.png"), save(pair, folder / "led-panel-pictures.png")]
-
-
-def pictures_figure(pictures: tuple[Image, Image], inches: tuple[float, float]) -> "Figure":
-    """Two pictures of an instant (BGR), the leader's and the client's, side by side."""
-    figure = new_figure(figsize=inches)
-    for axes, picture, title in zip(figure.subplots(1, 2), pictures, ("leader", "client"), strict=True):
-        axes.imshow(picture[..., ::-1])
-        axes.set_title(title)
-        axes.set_axis_off()
-    return figure
-
-
-def _histogram(axes: "Axes", errors_us: Sequence[float], title: str) -> None:
-    axes.hist(errors_us, bins=min(30, max(5, len(errors_us) // 4)))
-    axes.set(title=f"{title}, {len(errors_us)} trials", xlabel="client minus leader, us", ylabel="trials")
 
 
 PARTS = {"phase": "phase", "clock": "clock", "total": "phase and clock"}
 BINS = 41
 
 
-def draw_histograms(trials: "Mapping[str, Sequence[Trial]]", folder: Path) -> list[Path]:
+def draw_histograms(trials: Mapping[str, Sequence[Trial]], path: Path) -> Path:
     """Draw the errors of phase, clock and both, a row for each set-up, with the paper's figures dashed."""
     figure = new_figure(figsize=(12, 3.2 * len(trials)))
     rows = figure.subplots(len(trials), len(PARTS), squeeze=False, sharex="col")
@@ -98,7 +55,7 @@ def draw_histograms(trials: "Mapping[str, Sequence[Trial]]", folder: Path) -> li
         axes_of[0].set_ylabel("trials")
     lines, labels = rows[0][0].get_legend_handles_labels()
     figure.legend(lines, labels, loc="outside lower center", ncols=len(labels))
-    return [save(figure, folder / "figure-6.png")]
+    return save(figure, path)
 
 
 def _mark(axes: "Axes", part: str) -> None:
@@ -110,9 +67,14 @@ def _mark(axes: "Axes", part: str) -> None:
         axes.axvline(-at, color="tab:red", linestyle=style, lw=1)
 
 
-def draw_panel(pictures: tuple[Image, Image], folder: Path) -> list[Path]:
-    """Draw what the leader's phone and the client's phone see of the panel at one instant."""
-    return [save(pictures_figure(pictures, (12, 4.7)), folder / "figure-5.jpg")]
+def draw_panel(pictures: tuple[Image, Image], path: Path) -> Path:
+    """Draw what the leader's phone and the client's phone see of the panel at one instant (BGR)."""
+    figure = new_figure(figsize=(12, 4.7))
+    for axes, picture, title in zip(figure.subplots(1, 2), pictures, ("leader", "client"), strict=True):
+        axes.imshow(picture[..., ::-1])
+        axes.set_title(title)
+        axes.set_axis_off()
+    return save(figure, path)
 
 
 TRIALS = 239
@@ -143,7 +105,7 @@ NOTES = (
 )
 
 
-def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
+def run(*, trials: int | None, seed: int) -> Outcome:
     """Run it; simulated throughout: clocks, link, sensors, panel. Nothing is kept between trials."""
     count = TRIALS if trials is None else trials
     few = max(1, round(SCATTER_SHARE * count))
@@ -179,7 +141,10 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcom
         result,
         _tables(result),
         NOTES,
-        lambda folder: draw_led_panel(papers, pictures, PAPER, folder),
+        lambda folder: [
+            draw_histograms({"at the paper's protocol": papers}, folder / "led-panel.png"),
+            draw_panel(pictures, folder / "led-panel-pictures.png"),
+        ],
     )
 
 
@@ -254,7 +219,7 @@ SIMULATED = (
 )
 
 
-def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Sequence[Reproduction]:
+def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     """Measure both phones as often as the paper did, at its protocol and by default."""
     count = share_of(TRIALS, share, least=1)
     calls = [
@@ -285,7 +250,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
     return [
         Reproduction(
             of=TABLE_2,
-            seed=seed,
             protocol=tables[0],
             default=tables[1],
             simulated=SIMULATED,
@@ -303,7 +267,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
         ),
         Reproduction(
             of=FIGURE_5,
-            seed=seed,
             protocol=Measured(
                 {
                     "tau": TAU_US,
@@ -318,12 +281,12 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
             simulated=SIMULATED,
             given=("tau", "exposure", "repeats"),
             draw=partial(draw_panel, first.pictures),
+            suffix=".jpg",
         ),
         Reproduction(
             of=FIGURE_6,
-            seed=seed,
-            protocol=Measured(_only(tables[0], FIGURE_6.names), count, setups[0]),
-            default=Measured(_only(tables[1], FIGURE_6.names), count, setups[1]),
+            protocol=tables[0].only(FIGURE_6.names),
+            default=tables[1].only(FIGURE_6.names),
             simulated=SIMULATED,
             draw=partial(draw_histograms, histograms),
         ),
@@ -338,7 +301,3 @@ def _figures(trials: Sequence[Trial]) -> dict[str, float]:
     }
     names = {"mean": "mean_abs", "max": "max", "std": "std"}
     return {f"{part}.{name}": figures[key] for part, figures in errors.items() for name, key in names.items()}
-
-
-def _only(measured: Measured, names: Sequence[str]) -> dict[str, float]:
-    return {name: measured.values[name] for name in names}

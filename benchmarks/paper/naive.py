@@ -13,6 +13,7 @@ from benchmarks.paper.values import TABLE_1, TABLE_2
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
 from capture_app.simulation.links import Channel
 from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.terminal import talk
 
 FRAME_MS = 33.0
 """A camera that streams takes the frame nearest to the key: up to half a period early or late (CameraX, "zero
@@ -105,9 +106,7 @@ def draw_sizes(seed: str, count: int) -> dict[str, list[float]]:
     return sizes
 
 
-def run(
-    *, trials: int | None, seed: int, talk: Callable[[str], None], least_chain_trials: int = CHAIN_LEAST
-) -> Outcome:
+def run(*, trials: int | None, seed: int, least_chain_trials: int = CHAIN_LEAST) -> Outcome:
     """Run it: the modelled triggers, and our chain read off pictures of the LED panel."""
     count = TRIALS if trials is None else trials
     sizes_ms = draw_sizes(str(seed), count)
@@ -171,7 +170,7 @@ def _draw(sizes_ms: Mapping[str, list[float]], path: Path) -> Path:
     return save(figure, path)
 
 
-def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Sequence[Reproduction]:
+def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     """Set what known mechanisms explain beside what the paper measured."""
     count = share_of(TRIALS, share, least=200)
     talk(f"{count} triggers of each kind")
@@ -184,7 +183,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
     return [
         Reproduction(
             of=TABLE_1,
-            seed=seed,
             protocol=Measured(values, count, "only mechanisms with published numbers"),
             default=None,
             simulated="Everything: no phone was triggered. The paper's figures stand as it gives them.",

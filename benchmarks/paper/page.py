@@ -2,10 +2,10 @@
 
 import re
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.paper.applications import Application, Measure, read_compared
+from benchmarks.paper.applications import Application, read_compared
 from benchmarks.paper.report import Entry, PaperReport, Row, SetUp, make_report, measure_all
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
@@ -42,32 +42,18 @@ def number(value: float | None, unit: str, *, digits: int | None = None) -> str:
     return f"{text}\N{NO-BREAK SPACE}{UNITS.get(unit, unit)}" if unit else text
 
 
-def papers(row: Row) -> str:
+def cells(row: Row) -> tuple[str, str, str]:
+    """Write the paper's number, ours at its protocol with how it compares, and ours by default."""
+    ours = f"{number(row.protocol, row.unit)} {SIGNS[row.verdict]}".strip()
+    return _papers(row), ours, number(row.default, row.unit)
+
+
+def _papers(row: Row) -> str:
     """Write the paper's number, as the paper does."""
     if row.paper is None:
         return NOTHING
     text = number(row.paper, row.unit, digits=len(f"{row.paper:.6g}".partition(".")[2]))
     return f"≤\N{NO-BREAK SPACE}{text}" if row.paper_at_most else text
-
-
-def ours(row: Row) -> str:
-    """Write ours at the paper's protocol."""
-    return number(row.protocol, row.unit)
-
-
-def sign(row: Row) -> str:
-    """Return what stands beside ours at the paper's protocol: how it compares, if it does."""
-    return SIGNS[row.verdict]
-
-
-def by_default(row: Row) -> str:
-    """Write ours by default."""
-    return number(row.default, row.unit)
-
-
-def condition(measure: Measure, name: str) -> str:
-    """Write an application's number in a condition, `synced` or `offset`."""
-    return number(getattr(measure, name), measure.unit)
 
 
 def set_ups(entry: Entry) -> tuple[str, ...]:
@@ -147,8 +133,8 @@ def _application(one: Application, pictures: str) -> Iterator[str]:
         yield f"|  | {' | '.join(names)} |"
         yield "|---|---:|---:|"
         for measure in one.measures:
-            cells = (condition(measure, name) for name in CONDITIONS)
-            yield f"| {measure.label} | {' | '.join(cells)} |"
+            written = (number(getattr(measure, name), measure.unit) for name in CONDITIONS)
+            yield f"| {measure.label} | {' | '.join(written)} |"
     yield ""
     yield f"`{one.command}`" + ("" if one.measures else " (not run for this page)")
 
@@ -183,8 +169,7 @@ def _table(rows: "Iterator[tuple[Row, str]]") -> Iterator[str]:
     yield f"| {' | '.join(HEAD)} |"
     yield "|---|---:|---:|---:|"
     for row, label in rows:
-        at_protocol = f"{ours(row)} {sign(row)}".strip()
-        yield f"| {label} | {papers(row)} | {at_protocol} | {by_default(row)} |"
+        yield f"| {label} | {' | '.join(cells(row))} |"
 
 
 QUICK_SHARE = 0.25
@@ -196,7 +181,6 @@ def run(
     *,
     quick: bool,
     seed: int,
-    talk: Callable[[str], None],
     compared: Sequence[Path] = (),
     markdown: Path | None = None,
     only: frozenset[str] = frozenset(),
@@ -208,9 +192,9 @@ def run(
     or written, NotAvailableError without matplotlib.
     """
     applications = read_compared(compared, out)
-    found = measure_all(share=QUICK_SHARE if quick else 1.0, seed=seed, talk=talk, only=only)
+    found = measure_all(share=QUICK_SHARE if quick else 1.0, seed=seed, only=only)
     try:
-        report = make_report(found, applications, out, quick=quick, seed=seed, talk=talk)
+        report = make_report(found, applications, out, quick=quick, seed=seed)
         write_atomic(out / NUMBERS, pretty_json(report))
         write_atomic(out / PAGE, render_markdown(report, "").encode())
         if markdown is not None:

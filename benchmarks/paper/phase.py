@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import nan
 from pathlib import Path
 from statistics import pstdev, quantiles
 from typing import TYPE_CHECKING
@@ -27,6 +28,7 @@ from benchmarks.paper.values import INJECTIONS, RESTARTS
 from capture_app.measure.result import Figures, Outcome, Result, Table, new_figure, save
 from capture_app.simulation.bench import Bench
 from capture_app.simulation.profiles import PROFILES, SensorProfile
+from capture_app.terminal import talk
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,39 +43,18 @@ GROUP_TITLES = {
 COLORS = {"uniform": "tab:blue", "aimed": "tab:orange", "aimed-with-profile": "tab:green"}
 
 
-def mean_moves(attempts: Sequence[Attempt]) -> float:
-    """Mean injections or restarts of the trials that arrived; nan if none did."""
-    done = [attempt.moves for attempt in attempts if attempt.seconds is not None]
-    return sum(done) / len(done) if done else float("nan")
-
-
-def std_moves(attempts: Sequence[Attempt]) -> float:
-    """Standard deviation of the same."""
-    done = [attempt.moves for attempt in attempts if attempt.seconds is not None]
-    return pstdev(done) if done else float("nan")
-
-
-def moves_of_one(attempts: Sequence[Attempt]) -> dict[str, float]:
-    """Mean, deviation and 95 % quantile of one camera's restarts, and seconds for each."""
-    done = [attempt for attempt in attempts if attempt.seconds is not None]
-    seconds, moves = sum(attempt.seconds or 0.0 for attempt in done), sum(attempt.moves for attempt in done)
+def sum_up(attempts: Sequence[Attempt]) -> dict[str, float]:
+    """Moves and seconds of the trials that arrived, nan if none did, and the share of those that did not."""
+    moves = [attempt.moves for attempt in attempts if attempt.seconds is not None]
+    seconds = [attempt.seconds for attempt in attempts if attempt.seconds is not None]
     return {
-        "mean": mean_moves(attempts),
-        "std": std_moves(attempts),
-        "for_95": quantile(sorted(float(attempt.moves) for attempt in done), 0.95),
-        "each_s": seconds / moves if moves else float("nan"),
+        "mean": sum(moves) / len(moves) if moves else nan,
+        "std": pstdev(moves) if moves else nan,
+        "for_95": quantile(sorted(map(float, moves)), 0.95),
+        "each_s": sum(seconds) / sum(moves) if sum(moves) else nan,
+        "seconds": sum(seconds) / len(seconds) if seconds else nan,
+        "never": (len(attempts) - len(moves)) / len(attempts),
     }
-
-
-def mean_seconds(attempts: Sequence[Attempt]) -> float:
-    """Mean seconds of the trials that arrived; nan if none did."""
-    done = [attempt.seconds for attempt in attempts if attempt.seconds is not None]
-    return sum(done) / len(done) if done else float("nan")
-
-
-def never_share(attempts: Sequence[Attempt]) -> float:
-    """Share of the trials that did not arrive."""
-    return sum(attempt.seconds is None for attempt in attempts) / len(attempts)
 
 
 def tables(result: Result) -> tuple[Table, ...]:
@@ -248,7 +229,6 @@ def run(
     *,
     trials: int | None,
     seed: int,
-    talk: Callable[[str], None],
     groups: Mapping[int, float] = GROUPS,
     servo_s: int = SERVO_S,
     cases: tuple[Case, ...] = CASES,
@@ -304,21 +284,21 @@ def run(
         seed=seed,
         trials=count,
         ours={
-            "injections_mean": _figures(ours.injections, mean_moves),
-            "injections_std": _figures(ours.injections, std_moves),
-            "restarts_mean": _figures(ours.restarts, mean_moves),
-            "one_phone_restarts": moves_of_one(alone_ours),
-            "seconds_mean": _figures({**ours.injections, **ours.restarts}, mean_seconds),
+            "injections_mean": _figures(ours.injections, "mean"),
+            "injections_std": _figures(ours.injections, "std"),
+            "restarts_mean": _figures(ours.restarts, "mean"),
+            "one_phone_restarts": _of_one_phone(alone_ours),
+            "seconds_mean": _figures({**ours.injections, **ours.restarts}, "seconds"),
             "group_trials": {str(cameras): max(2, round(share * count)) for cameras, share in groups.items()},
             "servo_us": servo,
         },
         baseline={
-            "injections_mean": _figures(theirs.injections, mean_moves),
-            "restarts_mean": _figures(theirs.restarts, mean_moves),
-            "one_phone_restarts": moves_of_one(alone_theirs),
-            "seconds_mean": _figures({**theirs.injections, **theirs.restarts}, mean_seconds),
-            "never_share": _figures({**theirs.injections, **theirs.restarts}, never_share),
-            "ten_phones_seconds_mean": {name: mean_seconds(ways) for name, ways in drifts.items()},
+            "injections_mean": _figures(theirs.injections, "mean"),
+            "restarts_mean": _figures(theirs.restarts, "mean"),
+            "one_phone_restarts": _of_one_phone(alone_theirs),
+            "seconds_mean": _figures({**theirs.injections, **theirs.restarts}, "seconds"),
+            "never_share": _figures({**theirs.injections, **theirs.restarts}, "never"),
+            "ten_phones_seconds_mean": {name: sum_up(ways)["seconds"] for name, ways in drifts.items()},
         },
         paper=PAPER,
         cases=run_cases(count, seed, cases=cases, jobs=jobs),
@@ -342,10 +322,15 @@ NOTES = (
 )
 
 
-def _figures(
-    ways: Mapping[str, Mapping[str, list[Attempt]]], figure: Callable[[Sequence[Attempt]], float]
-) -> dict[str, dict[str, float]]:
-    return {name: {way: figure(done) for way, done in by_way.items()} for name, by_way in ways.items()}
+def _figures(ways: Mapping[str, Mapping[str, list[Attempt]]], figure: str) -> dict[str, dict[str, float]]:
+    return {
+        name: {way: sum_up(done)[figure] for way, done in by_way.items()} for name, by_way in ways.items()
+    }
+
+
+def _of_one_phone(attempts: Sequence[Attempt]) -> dict[str, float]:
+    figures = sum_up(attempts)
+    return {name: figures[name] for name in ("mean", "std", "for_95", "each_s")}
 
 
 def _device(name: str, seed: int) -> SensorProfile:

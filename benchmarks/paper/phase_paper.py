@@ -1,7 +1,7 @@
 """The paper's section 5: injected frames to 20 us, and restarts into a window of 1 ms."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -14,6 +14,7 @@ from benchmarks.paper.trials import call_all, quantile, share_of
 from benchmarks.paper.values import INJECTIONS, RESTARTS
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS, RESET_TOLERANCE_NS
 from capture_app.simulation.bench import Bench
+from capture_app.terminal import talk
 
 TRIALS = 239
 """Of the paper's injections; it has ten of restarts."""
@@ -29,7 +30,7 @@ class Restarts:
     seconds: tuple[float, ...]
 
 
-def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Sequence[Reproduction]:
+def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     """Measure both ways into phase, at the paper's protocol and by default."""
     count = share_of(TRIALS, share)
     injected = call_all(
@@ -51,7 +52,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
     return [
         Reproduction(
             of=INJECTIONS,
-            seed=seed,
             protocol=_injections(injected[:count], TOLERANCE_NS),
             default=_injections(injected[count:], DEFAULT_TOLERANCE_NS),
             simulated=SIMULATED,
@@ -62,7 +62,6 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
         ),
         Reproduction(
             of=RESTARTS,
-            seed=seed,
             protocol=_restarts(restarted[:count], PAPERS_WINDOW_NS),
             default=_restarts(restarted[count:], RESET_TOLERANCE_NS),
             simulated=SIMULATED,

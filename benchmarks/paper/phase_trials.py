@@ -15,6 +15,8 @@ from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
 S = 1_000_000_000
 PAPERS_SLEEP_NS = S
 """The paper's way sleeps U(0, 1 s) before each start, and one frame shows the phase: 1.23 s in all."""
+ALONE_S, TOGETHER_S, PAPERS_S = 300, 600, 5000
+"""Who has not arrived by then never does: one camera, a group, a group in the paper's way."""
 PPM = 20.0
 """Crystals of cameras that restart are off by about so much."""
 LIB_OVERHEAD_NS = 200_000
@@ -67,7 +69,6 @@ def restart_like_the_paper(
     tolerance_ns: int,
     *,
     crystal_ppm: Callable[[random.Random], float] = uniform_ppm,
-    limit_s: float = 5000.0,
 ) -> Attempt:
     """The paper's way with restarts: each camera by itself, against one goal, until all are in at one moment.
 
@@ -92,7 +93,7 @@ def restart_like_the_paper(
         return now_ns + room_ns / max(abs(drift), 1e-12)
 
     landed = [False] * count
-    while due and now_ns < limit_s * S:
+    while due and now_ns < PAPERS_S * S:
         now_ns, camera = heapq.heappop(due)
         landed[camera] = True
         leaves_ns = inside_until(camera)
@@ -140,14 +141,13 @@ def align_one_camera(
     row_known: bool = True,
     aimed: bool = True,
     known: InjectionProfile | None = None,
-    limit_s: int = 300,
 ) -> Attempt:
     """Bring one camera within the tolerance with our engine, from any phase."""
     bench = Bench(profile, seed, tolerance_ns, row_known=row_known, aimed=aimed, known=known)
     begun = bench.run(30 * S, until=lambda _: bool(bench.commands) or bench.aligner.aligned)
     from_ns = begun[-1].now_ns
     if not bench.aligner.aligned:
-        looks = bench.run(limit_s * S, until=lambda look: look.aligned)
+        looks = bench.run(ALONE_S * S, until=lambda look: look.aligned)
         if not looks or not looks[-1].aligned:
             return Attempt(bench.aligner.corrections, None)
         return Attempt(bench.aligner.corrections, (looks[-1].now_ns - from_ns) / S)
@@ -162,7 +162,6 @@ def restart_together(
     *,
     aimed: bool,
     starts_known: int = 0,
-    limit_s: float = 600.0,
 ) -> Attempt:
     """Our way: cameras that can only restart get a shared goal and a meeting instant, until all are aligned.
 
@@ -188,7 +187,7 @@ def restart_together(
     heap = [(bench.due_ns, number) for number, bench in enumerate(benches)]
     heapq.heapify(heap)
     began_ns: int | None = None
-    while heap[0][0] < limit_s * S:
+    while heap[0][0] < TOGETHER_S * S:
         now_ns, number = heapq.heappop(heap)
         bench = benches[number]
         frame = bench.next_frame()

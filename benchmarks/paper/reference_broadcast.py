@@ -1,7 +1,7 @@
 """How far apart the clocks of clients are, with the reference broadcast and without it."""
 
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import hypot
@@ -16,6 +16,7 @@ from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.terminal import talk
 
 S, US, HOURS_NS = 1_000_000_000, 1_000, 9 * 3600 * 1_000_000_000
 EVERY_NS = S // 2
@@ -145,7 +146,6 @@ def run(
     *,
     trials: int | None,
     seed: int,
-    talk: Callable[[str], None],
     cases: Mapping[str, Case] = CASES,
     seconds: int = SECONDS,
     settled_s: int = SETTLED_S,

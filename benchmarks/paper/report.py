@@ -1,6 +1,6 @@
 """What `paper.json` holds: every table and figure of the paper, with ours beside it, measured and drawn."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Literal
@@ -9,8 +9,9 @@ import msgspec
 
 from benchmarks.paper.applications import Application
 from benchmarks.paper.reproduction import Measured, Reproduction
-from benchmarks.paper.values import FIGURES, TABLES, PaperFigure, PaperTable, PaperValue
+from benchmarks.paper.values import FIGURES, TABLES, PaperTable, PaperValue
 from capture_app.measure.result import Kind
+from capture_app.terminal import talk
 
 Verdict = Literal["better", "worse", "put in", ""]
 """Of ours at the paper's protocol: beside its number where less is better, or put into the model."""
@@ -80,23 +81,23 @@ def make_report(
     *,
     quick: bool,
     seed: int,
-    talk: Callable[[str], None],
 ) -> PaperReport:
     """Draw all pictures into a folder that exists, and put everything together."""
     tables: list[Entry] = []
     figures: list[Entry] = []
     for one in found.values():
-        files = [] if one.draw is None else one.draw(folder)
-        for path in files:
+        if one.draw is None:
+            tables.append(_entry(one, seed, ()))
+        else:
+            path = one.draw(folder / f"{one.of.key}{one.suffix}")
             talk(f"drew {path}")
-        entry = _entry(one, tuple(path.name for path in files))
-        (figures if isinstance(one.of, PaperFigure) else tables).append(entry)
+            figures.append(_entry(one, seed, (path.name,)))
     return PaperReport(
         quick=quick, seed=seed, tables=tuple(tables), figures=tuple(figures), applications=applications
     )
 
 
-def _entry(one: Reproduction, files: tuple[str, ...]) -> Entry:
+def _entry(one: Reproduction, seed: int, files: tuple[str, ...]) -> Entry:
     default = one.default or one.protocol
     rows = tuple(
         _row(value, one.protocol, default, put_in=value.name in one.given) for value in one.of.values
@@ -105,7 +106,7 @@ def _entry(one: Reproduction, files: tuple[str, ...]) -> Entry:
         key=one.of.key,
         title=one.of.title,
         place=one.of.place,
-        seed=one.seed,
+        seed=seed,
         simulated=one.simulated,
         protocol=_set_up(one.protocol),
         default=_set_up(default),
@@ -116,7 +117,7 @@ def _entry(one: Reproduction, files: tuple[str, ...]) -> Entry:
 
 
 def _set_up(measured: Measured) -> SetUp:
-    return SetUp(setup=measured.setup, trials=measured.trials, kind=measured.kind)
+    return SetUp(setup=measured.setup, trials=measured.trials, kind="simulated")
 
 
 def _row(value: PaperValue, protocol: Measured, default: Measured, *, put_in: bool) -> Row:
@@ -145,13 +146,11 @@ PARTS = {
     "naive": ("table-1",),
     "drawings": ("figure-3", "figure-4"),
 }
-"""What each module measures, by key: it has `paper_part(share, seed, talk)`, which returns a `Reproduction`
+"""What each module measures, by key: it has `paper_part(share, seed)`, which returns a `Reproduction`
 of each, with that share of the paper's number of trials."""
 
 
-def measure_all(
-    *, share: float, seed: int, talk: Callable[[str], None], only: frozenset[str] = frozenset()
-) -> dict[str, Reproduction]:
+def measure_all(*, share: float, seed: int, only: frozenset[str] = frozenset()) -> dict[str, Reproduction]:
     """Return all tables and figures by key, as their modules measure them; `only` names keys, empty for all.
 
     Raises ValueError where a module gives another table than it says.
@@ -162,7 +161,7 @@ def measure_all(
         if only and not only & set(keys):
             continue
         talk(f"{', '.join(keys)} ...")
-        part: Sequence[Reproduction] = import_module(name).paper_part(share=share, seed=seed, talk=talk)
+        part: Sequence[Reproduction] = import_module(name).paper_part(share=share, seed=seed)
         if {one.of.key for one in part} != set(keys):
             raise ValueError(f"{name} gives {', '.join(one.of.key for one in part)}")
         found |= {one.of.key: one for one in part}

@@ -1,11 +1,10 @@
 """A table or figure of the paper with our numbers beside it, by the names that `values` has."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.paper.values import PaperFigure, PaperTable
-from capture_app.measure.result import Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +15,10 @@ class Measured:
     trials: int
     setup: str
     """A clause that says what differs between protocol and default, such as "tolerance 20 us"."""
-    kind: Kind = "simulated"
+
+    def only(self, names: Sequence[str]) -> "Measured":
+        """Those numbers alone."""
+        return replace(self, values={name: self.values[name] for name in names})
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +29,6 @@ class Reproduction:
     """
 
     of: PaperTable
-    seed: int
     protocol: Measured
     default: Measured | None
     """What the program does where no option is given (`DEFAULT_TOLERANCE_NS`, no delay of a trigger); None
@@ -38,8 +39,10 @@ class Reproduction:
     """Names of numbers that went into the model, so that they agree by construction."""
     notes: tuple[str, ...] = ()
     """Sentences, such as what differs from the paper and why."""
-    draw: Callable[[Path], list[Path]] | None = None
-    """Draws into a folder that exists and returns the files, named after the figure's key."""
+    draw: Callable[[Path], Path] | None = None
+    """Draws a figure into the file that it is given, and returns that."""
+    suffix: str = ".png"
+    """What kind of picture it is drawn as."""
 
     def __post_init__(self) -> None:
         """Check the names."""

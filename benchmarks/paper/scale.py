@@ -1,7 +1,7 @@
 """Many clocks for long: one leader of them all beside a tree of relays, in virtual time."""
 
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
@@ -13,6 +13,7 @@ from typing import Any
 from benchmarks.paper.trials import call_all, quantile
 from capture_app.measure.result import Outcome, Result, Table, new_figure, save
 from capture_app.simulation.tree import TreeResult, TreeSpec, run_shard
+from capture_app.terminal import talk
 
 TRIALS = 1
 SIZES = (10, 40)
@@ -22,6 +23,7 @@ SHAPES = ("one_leader", "tree")
 SETTLED_S = 60.0
 """Errors of later instants count; those before it are in the picture."""
 SHARD_CLIENTS = 300
+CLIENT_PACE_S = 1.0
 PAIRS = 1000
 """Drawn at each instant."""
 PAPER = {"clients": 11}
@@ -34,7 +36,6 @@ class ScaleOptions:
     sizes: Sequence[int] = SIZES
     minutes: float = MINUTES
     jobs: int | None = None
-    client_pace_s: float = 1.0
     shapes: Sequence[str] = SHAPES
     shard_clients: int = SHARD_CLIENTS
     """Clients of a shard, which one process simulates at a time."""
@@ -99,16 +100,14 @@ class Run:
         }
 
 
-def run(
-    *, trials: int | None, seed: int, talk: Callable[[str], None], options: ScaleOptions | None = None
-) -> Outcome:
+def run(*, trials: int | None, seed: int, options: ScaleOptions | None = None) -> Outcome:
     """Simulate each size with one leader and with a tree of as many relays as each has clients."""
     options, count = options or ScaleOptions(), trials or TRIALS
     runs: dict[str, dict[str, Run]] = {shape: {} for shape in SHAPES}
     for clients in options.sizes:
         for shape in options.shapes:
             relays = max(2, isqrt(clients)) if shape == "tree" else 0
-            spec = TreeSpec(clients, relays, options.minutes * 60.0, options.client_pace_s)
+            spec = TreeSpec(clients, relays, options.minutes * 60.0, CLIENT_PACE_S)
             done = runs[shape][str(clients)] = _simulate(spec, seed, count, options)
             talk(f"{clients} clients, {shape.replace('_', ' ')}: {done.seconds:.1f} s")
     figures = {shape: {n: r.figures(seed) for n, r in sizes.items()} for shape, sizes in runs.items()}
@@ -126,7 +125,7 @@ def run(
     least = {k: 100.0 * min(f[k] for f in every) for k in ("coverage_hard_bound", "coverage_95")}
     notes = (
         f"{options.minutes:g} minutes on the paper's link, clocks of 20 ppm (one sigma) that wander with a "
-        f"room's temperature, an exchange each {options.client_pace_s:g} s and client on average. Pair "
+        f"room's temperature, an exchange each {CLIENT_PACE_S:g} s and client on average. Pair "
         f"errors are those after the first {SETTLED_S:g} s. The leader's share of a core was measured on "
         "this machine, its engine's alone.",
         f"The hard bound held in {least['coverage_hard_bound']:.2f} % of all judgements at least, the "

@@ -68,7 +68,6 @@ def test_the_page_shows_them_or_says_that_they_were_not_run(compared: Path, tmp_
         out,
         quick=True,
         seed=1,
-        talk=lambda _: None,
         compared=[compared],
         markdown=markdown,
         only=frozenset(["none of them"]),

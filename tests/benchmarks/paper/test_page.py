@@ -44,13 +44,13 @@ def test_names_and_keys_are_used_once() -> None:
 def test_a_name_that_the_paper_does_not_have_is_refused() -> None:
     ours = Measured({"total.mean": 20.0, "total.median": 15.0}, 5, "tolerance 20 us")
     with pytest.raises(ValueError, match=r"table-2 has no total\.median"):
-        Reproduction(of=TABLE_2, seed=1, protocol=ours, default=None, simulated="All.")
+        Reproduction(of=TABLE_2, protocol=ours, default=None, simulated="All.")
 
 
 def test_a_figure_without_a_drawing_is_refused() -> None:
     ours = Measured({"total.max": 60.0}, 5, "tolerance 20 us")
     with pytest.raises(ValueError, match="figure-6 is a figure"):
-        Reproduction(of=FIGURE_6, seed=1, protocol=ours, default=None, simulated="All.")
+        Reproduction(of=FIGURE_6, protocol=ours, default=None, simulated="All.")
 
 
 @pytest.mark.parametrize(("share", "trials"), [(1.0, 239), (0.1, 24), (0.001, 2)])
@@ -60,11 +60,8 @@ def test_a_share_of_the_trials(share: float, trials: int) -> None:
 
 def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    talk: list[str] = []
     keys = frozenset(("figure-3", "figure-4"))
-    report = page.run(
-        tmp_path, quick=True, seed=1, talk=talk.append, markdown=tmp_path / "docs" / "them.md", only=keys
-    )
+    report = page.run(tmp_path, quick=True, seed=1, markdown=tmp_path / "docs" / "them.md", only=keys)
     assert [entry.key for entry in report.figures] == ["figure-3", "figure-4"]
     assert msgspec.json.decode((tmp_path / "paper.json").read_bytes(), type=PaperReport) == report
     plain = (tmp_path / "paper.md").read_text()
@@ -87,13 +84,13 @@ def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path) -> None:
     assert moves["left_injected"].protocol < 12.0
     assert moves["left_injected"].default <= 30.0
     pictures = [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures]
-    again = page.run(tmp_path, quick=True, seed=1, talk=talk.append, only=keys)
+    again = page.run(tmp_path, quick=True, seed=1, only=keys)
     assert again == report
     assert [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures] == pictures
 
 
 def test_five_phones_start_and_take_a_burst() -> None:
-    pairs, start, burst = five_phones.paper_part(share=0.001, seed=1, talk=lambda _: None)
+    pairs, start, burst = five_phones.paper_part(share=0.001, seed=1)
     for ours in (pairs.protocol, pairs.default):
         assert 0.0 < ours.values["pair.max"] < WORST_PAIR["pair.max"]
     assert start.protocol.values["five.max"] < 10.0
@@ -105,10 +102,8 @@ def test_five_phones_start_and_take_a_burst() -> None:
 
 def test_a_number_put_into_the_model_is_no_success() -> None:
     ours = Measured({"bias.mean": 372.0, "bias.least": 10.0, "difference.least": 30.0}, 1, "")
-    one = Reproduction(
-        of=TABLE_3, seed=1, protocol=ours, default=None, simulated="All.", given=("bias.mean",)
-    )
-    report = make_report({"table-3": one}, (), Path(), quick=False, seed=1, talk=print)
+    one = Reproduction(of=TABLE_3, protocol=ours, default=None, simulated="All.", given=("bias.mean",))
+    report = make_report({"table-3": one}, (), Path(), quick=False, seed=1)
     verdicts = {row.name: row.verdict for row in report.tables[0].rows}
     assert (verdicts["bias.mean"], verdicts["bias.least"]) == ("put in", "better")
     assert (verdicts["difference.least"], verdicts["messages"]) == ("", "")
@@ -139,7 +134,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_work(
 
 
 def test_two_phones_at_the_papers_protocol() -> None:
-    table, panel, histograms = panel_part.paper_part(share=0.001, seed=1, talk=lambda _: None)
+    table, panel, histograms = panel_part.paper_part(share=0.001, seed=1)
     assert (table.protocol.trials, panel.given) == (1, ("tau", "exposure", "repeats"))
     values = table.protocol.values
     assert set(values) == set(TABLE_2.names)
@@ -151,7 +146,7 @@ def test_two_phones_at_the_papers_protocol() -> None:
 
 
 def test_injections_and_restarts_at_the_papers_protocol() -> None:
-    injections, restarts = phase_part.paper_part(share=0.01, seed=1, talk=lambda _: None)
+    injections, restarts = phase_part.paper_part(share=0.01, seed=1)
     assert injections.protocol.values["moves.mean"] < INJECTIONS["moves.mean"]
     assert injections.protocol.values["all_s"] < INJECTIONS["all_s"]
     assert restarts.default is not None

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +10,7 @@ import pytest
 from benchmarks.paper import __main__ as runner
 from capture_app.errors import ExitCode
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
+from capture_app.terminal import talk
 
 RESULT = Result(
     name="fake",
@@ -23,7 +23,7 @@ RESULT = Result(
 )
 
 
-def fake_run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
+def fake_run(*, trials: int | None, seed: int) -> Outcome:
     talk("working")
     assert (trials, seed) == (None, 3)
 

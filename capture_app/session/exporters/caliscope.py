@@ -3,14 +3,14 @@
 import re
 from pathlib import Path
 
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.lens import distortion_of, matrix_of, rodrigues, rotation_of
-from capture_app.session.exporters.common.tables import renaming_notes, toml_table, unit_note, write_frames
-from capture_app.session.exporters.common.videos import write_timeline
+from capture_app.session.exporters.common.tables import renaming_notes, toml_table, unit_note
+from capture_app.session.exporters.common.videos import at_own_times, write_camera
 from capture_app.session.format.calibration import METRES, Calibration
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write recordings/<session>/cam_N.mp4 and timestamps.csv, and camera_array.toml where calibrated.
 
     Cameras keep the numbers of names such as cam_3, else they are numbered in the session's order from 0;
@@ -19,22 +19,20 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     """
     recording = folder / "recordings" / burst.name
     recording.mkdir(parents=True)
-    frames, rows = [], ["sync_index,cam_id,frame_time\n"]
+    rows = ["sync_index,cam_id,frame_time\n"]
     numbers = camera_numbers(burst.cameras)
     for camera, number in numbers.items():
         file = f"recordings/{burst.name}/cam_{number}.mp4"
-        frames += write_timeline(burst, camera, folder / file, file, options)
-        for image in burst.images_of(camera):
-            seconds, nanos = divmod(image.leader_ns - burst.origin_ns, 10**9)
-            rows.append(f"{image.instant},{number},{seconds}.{nanos:09d}\n")
+        shown = at_own_times(burst, camera)
+        write_camera(burst, folder / file, shown, camera, file=file)
+        rows += [f"{n},{number},{at // 10**9}.{at % 10**9:09d}\n" for n, at, _ in shown]
     (recording / "timestamps.csv").write_text("".join(rows), encoding="utf-8")
-    write_frames(burst, folder, frames)
-    notes = renaming_notes({camera: f"cam_{number}" for camera, number in numbers.items()})
-    if burst.session.calibration() is None:
-        return [*notes, "the session has no calibration: calibrate in Caliscope"]
-    calibration = burst.calibration("Caliscope")
-    (folder / "camera_array.toml").write_text(_camera_array(numbers, calibration), encoding="utf-8")
-    return notes + unit_note(calibration, "m")
+    burst.notes += renaming_notes({camera: f"cam_{number}" for camera, number in numbers.items()})
+    uncalibrated = "the session has no calibration: calibrate in Caliscope"
+    calibration = burst.calibration_or_note("Caliscope", uncalibrated)
+    if calibration is not None:
+        (folder / "camera_array.toml").write_text(_camera_array(numbers, calibration), encoding="utf-8")
+        burst.notes += unit_note(calibration, "m")
 
 
 def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:

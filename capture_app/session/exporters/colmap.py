@@ -1,11 +1,12 @@
 """COLMAP (4.x): images of one rig, rig_config.json, and with a calibration a sparse model as text."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import place, suffix_for, write_mask
 from capture_app.session.exporters.common.lens import (
     Array,
@@ -15,16 +16,15 @@ from capture_app.session.exporters.common.lens import (
     translation_of,
 )
 from capture_app.session.exporters.common.point_cloud import read_ply
-from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from capture_app.session.format.manifest import RIG, ImageRecord
+from capture_app.session.format.manifest import RIG
 from capture_app.text import count
 
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
 _SPARSE = "sparse/0"
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write images/rig1/<camera>/<instant>, rig_config.json, and sparse/0 where the session is calibrated.
 
     The first camera is the rig's reference sensor; the model's world is the calibration's rig. An image that
@@ -37,32 +37,24 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
         if (image := burst.image_at(camera, instant)) is not None
     ]
     suffix = suffix_for(burst, kept)
-    names = {(image.camera, image.instant): _name(image, suffix) for image in kept}
-    calibration = None if burst.session.calibration() is None else burst.calibration("COLMAP")
-    for image in kept:
-        name = names[image.camera, image.instant]
-        place(burst, image, folder / "images" / name, options)
-        if options.masks:
-            # COLMAP finds no features where a mask is black.
-            write_mask(burst, options.masks, image, folder / "masks" / f"{name}.png", movers=0)
-    config = json.dumps(_rig_config(burst.cameras, calibration), indent=1)
-    (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
-    frames = [Frame(i.camera, i.instant, f"images/{names[i.camera, i.instant]}", 0, i) for i in kept]
-    write_frames(burst, folder, frames)
-    notes = []
+    names = {
+        (image.camera, image.instant): f"{RIG}/{image.camera}/{image.instant:06d}{suffix}" for image in kept
+    }
     if len(kept) < len(burst.images):
         left_out = count(len(burst.images) - len(kept), "image")
-        notes.append(f"left out: {left_out} of other moments than their instants")
-    if calibration is None:
-        return [*notes, "the session has no calibration: COLMAP finds the cameras itself"]
-    _write_model(burst, calibration, kept, names, folder / _SPARSE)
-    if options.points:
-        _write_points(options.points, folder / _SPARSE / "points3D.txt")
-    return notes
-
-
-def _name(image: ImageRecord, suffix: str) -> str:
-    return f"{RIG}/{image.camera}/{image.instant:06d}{suffix}"
+        burst.notes.append(f"left out: {left_out} of other moments than their instants")
+    uncalibrated = "the session has no calibration: COLMAP finds the cameras itself"
+    calibration = burst.calibration_or_note("COLMAP", uncalibrated)
+    for image in kept:
+        name = names[image.camera, image.instant]
+        place(burst, image, folder, f"images/{name}")
+        # COLMAP finds no features where a mask is black.
+        write_mask(burst, image, folder / "masks" / f"{name}.png", movers=0)
+        burst.put(image, f"images/{name}")
+    config = json.dumps(_rig_config(burst.cameras, calibration), indent=1)
+    (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
+    if calibration is not None:
+        _write_model(burst, calibration, names, folder / _SPARSE)
 
 
 def _rig_config(cameras: tuple[str, ...], calibration: Calibration | None) -> list[dict[str, object]]:
@@ -83,47 +75,41 @@ def _rig_config(cameras: tuple[str, ...], calibration: Calibration | None) -> li
 
 
 def _write_model(
-    burst: ExportedBurst,
-    calibration: Calibration,
-    images: list[ImageRecord],
-    names: dict[tuple[str, int], str],
-    folder: Path,
+    burst: ExportedBurst, calibration: Calibration, names: Mapping[tuple[str, int], str], folder: Path
 ) -> None:
-    folder.mkdir(parents=True)
+    """Write the model of these images, by camera and instant, and its points, which no image has seen."""
     numbers = {name: number for number, name in enumerate(burst.cameras, 1)}
-    reference = calibration.cameras[burst.cameras[0]]
-    cameras, sensors = [], []
+    lenses = {name: calibration.cameras[name] for name in numbers}
+    reference = lenses[burst.cameras[0]]
+    poses = {name: _pose(rotation_of(lens), translation_of(lens)) for name, lens in lenses.items()}
+    cameras = []
     for name, number in numbers.items():
-        camera = calibration.cameras[name]
-        model, parameters = _model(camera)
-        cameras.append(f"{number} {model} {camera.width} {camera.height} {_numbers(parameters)}")
-        if number > 1:
-            sensors.append(f"CAMERA {number} 1 {_pose(*_from_reference(reference, camera))}")
-    rig = " ".join([f"1 {len(numbers)} CAMERA 1", *sensors])
-    ids = {(image.camera, image.instant): number for number, image in enumerate(images, 1)}
-    of_world = _pose(rotation_of(reference), translation_of(reference))
+        model, parameters = _model(lenses[name])
+        cameras.append(f"{number} {model} {lenses[name].width} {lenses[name].height} {_numbers(parameters)}")
+    sensors = [
+        f"CAMERA {numbers[name]} 1 {_pose(*_from_reference(reference, lenses[name]))}"
+        for name in burst.cameras[1:]
+    ]
+    ids = {place: number for number, place in enumerate(names, 1)}
     frames = []
-    for instant in sorted({image.instant for image in images}):
+    for instant in sorted({instant for _, instant in ids}):
         data = [f"CAMERA {numbers[c]} {ids[c, instant]}" for c in burst.cameras if (c, instant) in ids]
-        frames.append(f"{instant + 1} 1 {of_world} {len(data)} {' '.join(data)}")
-    poses = []
-    for (name, instant), number in ids.items():
-        camera = calibration.cameras[name]
-        pose = _pose(rotation_of(camera), translation_of(camera))
-        poses.append(f"{number} {pose} {numbers[name]} {names[name, instant]}\n")
-    lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": poses, "points3D": []}
+        frames.append(f"{instant + 1} 1 {poses[burst.cameras[0]]} {len(data)} {' '.join(data)}")
+    images = [f"{ids[place]} {poses[place[0]]} {numbers[place[0]]} {name}\n" for place, name in names.items()]
+    points = []
+    if burst.options.points:
+        cloud = read_ply(burst.options.points)
+        points = [
+            f"{number} {_numbers(point)} {' '.join(map(str, colour))} 0"
+            for number, (point, colour) in enumerate(
+                zip(cloud.points.tolist(), cloud.colours.tolist(), strict=True), 1
+            )
+        ]
+    rig = " ".join([f"1 {len(numbers)} CAMERA 1", *sensors])
+    lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": images, "points3D": points}
+    folder.mkdir(parents=True)
     for file, content in lines.items():
         (folder / f"{file}.txt").write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
-
-
-def _write_points(source: Path, target: Path) -> None:
-    """Points that no image has seen: for programs that start from the model's points."""
-    cloud = read_ply(source)
-    rows = enumerate(zip(cloud.points.tolist(), cloud.colours.tolist(), strict=True), 1)
-    text = (
-        f"{number} {_numbers(point)} {' '.join(map(str, colour))} 0\n" for number, (point, colour) in rows
-    )
-    target.write_text("".join(text), encoding="utf-8")
 
 
 def _model(camera: CameraCalibration) -> tuple[str, list[float]]:

@@ -6,15 +6,13 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.files import place, place_redrawn, suffix_for, write_mask
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
+from capture_app.session.exporters.common.files import place, suffix_for, write_mask
 from capture_app.session.exporters.common.lens import distortion_of, matrix_of, redrawing
 from capture_app.session.exporters.common.tables import (
-    Frame,
     renaming_notes,
     unit_note,
     write_cameras,
-    write_frames,
     yaml_names,
 )
 from capture_app.session.exporters.common.videos import spacing_notes
@@ -23,7 +21,7 @@ from capture_app.session.format.calibration import CameraCalibration
 _HALF_PIXEL = 0.5  # EasyVolcap's rays leave the first pixel at (0.5, 0.5)
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write the instants that every camera has, counted from 0, the cameras in metres, and masks if given.
 
     EasyVolcap undoes a distortion with the first pixel at (0, 0) and sends its rays from (0.5, 0.5): with
@@ -41,30 +39,23 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     numbers = {instant: number for number, instant in enumerate(together)}
     images = [burst.images[camera, instant] for camera in burst.cameras for instant in together]
     redrawn = any(redraws.values())
-    suffix = ".png" if redrawn and options.lossless else ".jpg" if redrawn else suffix_for(burst, images)
-    frames = []
+    encoded = ".png" if burst.options.lossless else ".jpg"
+    suffix = encoded if redrawn else suffix_for(burst, images)
     for image in images:
-        number = numbers[image.instant]
-        file = f"images/{names[image.camera]}/{number:06d}{suffix}"
-        redraw = redraws[image.camera]
-        if redrawn:
-            place_redrawn(burst, image, folder / file, redraw)
-        else:
-            place(burst, image, folder / file, options)
-        if options.masks:
-            target = folder / "masks" / names[image.camera] / f"{number:06d}.png"
-            write_mask(burst, options.masks, image, target, movers=255, redraw=redraw)
-        frames.append(Frame(image.camera, image.instant, file, number, image))
+        number, redraw = numbers[image.instant], redraws[image.camera]
+        file = f"{names[image.camera]}/{number:06d}"
+        place(burst, image, folder, f"images/{file}{suffix}", redraw or np.asarray if redrawn else None)
+        write_mask(burst, image, folder / f"masks/{file}.png", movers=255, redraw=redraw)
+        burst.put(image, f"images/{file}{suffix}", number)
     cameras = msgspec.structs.replace(calibration, cameras=straight)
     write_cameras(folder, cameras, names, centre=_HALF_PIXEL)
-    write_frames(burst, folder, frames)
-    notes = renaming_notes(names)
+    burst.notes += renaming_notes(names)
     if len(together) < len({instant for _, instant in burst.images}):
-        notes.append("instants that not every camera has are left out")
+        burst.notes.append("instants that not every camera has are left out")
     if redrawn:
-        notes.append("the pictures are redrawn without distortion")
-    times_ns = [burst.instants_ns[instant] for instant in together]
-    return [*notes, *spacing_notes(times_ns, burst.period_ns), *unit_note(calibration, "m")]
+        burst.notes.append("the pictures are redrawn without distortion")
+    burst.notes += spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)
+    burst.notes += unit_note(calibration, "m")
 
 
 def _straight(camera: CameraCalibration) -> CameraCalibration:

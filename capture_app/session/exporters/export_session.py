@@ -1,10 +1,6 @@
-"""Exports a session in one of the formats, into a folder that appears whole or not at all.
-
-The formats that a session can be exported to.
-"""
+"""Exports a session in one of the formats, into a folder that appears whole or not at all."""
 
 import importlib
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -12,6 +8,7 @@ import msgspec
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.session.exchange import ExportRecord, write_record
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Progress
+from capture_app.session.exporters.common.tables import write_frames
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.reading.reader import Session
 
@@ -29,9 +26,6 @@ FORMATS = {
     "rrd": "one .rrd for Rerun",
 }
 """Names as typed after --to; each is the name of a module here with a function `write`."""
-
-
-Write = Callable[[ExportedBurst, Path, ExportOptions], list[str]]
 
 _ONLY_FOR = {
     "instant": ("colmap", "nerfstudio", "easyvolcap"),
@@ -69,15 +63,15 @@ def export_session(
     if out.resolve().is_relative_to(session.folder.resolve()):
         raise BadInputError(f"{out} lies inside the session", hint="choose a folder outside it")
     output = OutputFolder(out, replaces_nothing)
-    write: Write = importlib.import_module(f"{__package__}.{name}").write
     options = options or ExportOptions()
     for option, formats in _ONLY_FOR.items():
         if getattr(options, option) is not None and name not in formats:
             raise BadInputError(f"{name} takes no --{option}", hint=f"it is for {', '.join(formats)}")
-    burst = ExportedBurst(session, progress, options.instant)
+    burst = ExportedBurst(session, options, progress)
     try:
         with output:
-            notes = write(burst, output.folder, options)
+            importlib.import_module(f"{__package__}.{name}").write(burst, output.folder)
+            write_frames(burst, output.folder)
             calibration = session.calibration()
             if calibration is not None:
                 cameras = calibration.cameras | burst.drawn
@@ -85,6 +79,7 @@ def export_session(
             record = ExportRecord(format=name, manifest=session.manifest, calibration=calibration)
             write_record(output.folder, record)
     except OSError as error:
-        what = f"cannot write {error.filename or out}: {error.strerror or error}"
-        raise SimulshotError(what, hint="nothing was exported") from error
-    return ExportReport(folder=str(out), format=name, images=len(burst.images), notes=(*burst.notes, *notes))
+        raise SimulshotError(
+            f"cannot write {error.filename or out}: {error.strerror or error}", hint="nothing was exported"
+        ) from error
+    return ExportReport(folder=str(out), format=name, images=len(burst.images), notes=tuple(burst.notes))

@@ -4,17 +4,16 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Redraw
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, Redraw
 from capture_app.session.exporters.common.lens import redrawing, without_k3
 from capture_app.session.exporters.common.tables import camera_tables, paired_names, renaming_notes, unit_note
 from capture_app.session.exporters.common.videos import write_paired_videos
-from capture_app.session.format.calibration import Calibration
 
 _EXACT_PX = 0.01
 """A lens that is fitted better than this needs no redrawn pictures."""
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write synchronized_videos/<session>.id-<camera>.idx-N.mp4, as many frames each, and the calibration.
 
     FreeMoCap 2 finds a camera by the id in its video's name, FreeMoCap 1 by the order of the names; both
@@ -26,16 +25,26 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
         camera: f"synchronized_videos/{_stem(burst.name, found, number)}.mp4"
         for number, (camera, found) in enumerate(ids.items())
     }
-    renamed = renaming_notes(ids)
-    if burst.session.calibration() is None:
-        notes = write_paired_videos(burst, folder, files, options)
-        return [*renamed, *notes, "the session has no calibration: calibrate in FreeMoCap"]
-    calibration, redraws, lenses = _known_lenses(burst.calibration("FreeMoCap"), burst.cameras)
-    burst.drawn.update({name: calibration.cameras[name] for name in redraws})
-    notes = write_paired_videos(burst, folder, files, options, redraws)
-    text = camera_tables(calibration, ids, "mm", numbered=True)
-    (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")
-    return [*renamed, *notes, *lenses, *unit_note(calibration, "mm")]
+    burst.notes += renaming_notes(ids)
+    uncalibrated = "the session has no calibration: calibrate in FreeMoCap"
+    calibration = burst.calibration_or_note("FreeMoCap", uncalibrated)
+    redraws: dict[str, Redraw | None] = {}
+    if calibration is not None:
+        fitted = dict(calibration.cameras)
+        for name in burst.cameras:
+            fitted[name], worst_px = without_k3(calibration.cameras[name])
+            if worst_px > _EXACT_PX:
+                burst.drawn[name] = fitted[name]
+                redraws[name] = redrawing(calibration.cameras[name], fitted[name])
+                burst.notes.append(
+                    f"{name}: FreeMoCap knows no k3; the pictures are redrawn, by up to {worst_px:.2f} px, "
+                    "for the nearest lens without"
+                )
+        calibration = msgspec.structs.replace(calibration, cameras=fitted)
+        text = camera_tables(calibration, ids, "mm", numbered=True)
+        (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")
+        burst.notes += unit_note(calibration, "mm")
+    write_paired_videos(burst, folder, files, redraws)
 
 
 def camera_ids(cameras: tuple[str, ...], recording: str) -> dict[str, str]:
@@ -50,18 +59,3 @@ def camera_ids(cameras: tuple[str, ...], recording: str) -> dict[str, str]:
 
 def _stem(recording: str, camera: str, number: int) -> str:
     return f"{recording}.id-{camera}.idx-{number}"
-
-
-def _known_lenses(
-    calibration: Calibration, cameras: tuple[str, ...]
-) -> tuple[Calibration, dict[str, Redraw | None], list[str]]:
-    fitted, redraws, notes = dict(calibration.cameras), {}, []
-    for name in cameras:
-        fitted[name], worst_px = without_k3(calibration.cameras[name])
-        if worst_px > _EXACT_PX:
-            redraws[name] = redrawing(calibration.cameras[name], fitted[name])
-            notes.append(
-                f"{name}: FreeMoCap knows no k3; the pictures are redrawn, by up to {worst_px:.2f} px, "
-                "for the nearest lens without"
-            )
-    return msgspec.structs.replace(calibration, cameras=fitted), redraws, notes

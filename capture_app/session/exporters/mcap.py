@@ -7,7 +7,7 @@ import msgspec
 
 from capture_app.optional_packages import load_optional
 from capture_app.session.exchange import descriptor_set, message_class, with_images_listed
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.lens import (
     centre_of,
@@ -16,7 +16,7 @@ from capture_app.session.exporters.common.lens import (
     quaternion,
     rotation_of,
 )
-from capture_app.session.exporters.common.tables import Frame, unit_note, write_frames
+from capture_app.session.exporters.common.tables import unit_note
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
@@ -24,16 +24,16 @@ from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageReco
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
     log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
     and PNG as PNG. The manifest and the calibration are attached.
     """
     writer_module = load_optional("mcap.writer", "export", "MCAP")
-    calibration = None if burst.session.calibration() is None else burst.calibration("MCAP")
+    uncalibrated = "the session has no calibration: the file has images only"
+    calibration = burst.calibration_or_note("MCAP", uncalibrated)
     file = f"{burst.name}.mcap"
-    frames: list[Frame] = []
     with (folder / file).open("wb") as stream:
         writer = writer_module.Writer(
             stream, chunk_size=_CHUNK, compression=writer_module.CompressionType.NONE, enable_data_crcs=True
@@ -46,20 +46,18 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
                 if calibration is not None:
                     recording.add_camera(image, calibration)
                 recording.add_image(burst, image)
-                frames.append(Frame(image.camera, instant, file, len(frames), image))
+                burst.put(image, file, len(burst.frames))
             writer.flush()
         for name in (MANIFEST, CALIBRATION) if calibration else (MANIFEST,):
             data = (burst.session.folder / name).read_bytes()
             if name == MANIFEST and burst.session.manifest.videos:
                 data = indented(msgspec.json.encode(with_images_listed(burst.session.manifest)))
             writer.add_attachment(0, 0, name, "application/json", data)
-        shift = {"session": burst.name, "log_time_zero_leader_ns": str(recording.zero_ns)}
-        writer.add_metadata("simulshot", shift)
+        zero = {"session": burst.name, "log_time_zero_leader_ns": str(recording.zero_ns)}
+        writer.add_metadata("simulshot", zero)
         writer.finish()
-    write_frames(burst, folder, frames)
-    if calibration is None:
-        return ["the session has no calibration: the file has images only"]
-    return unit_note(calibration, "m")
+    if calibration is not None:
+        burst.notes += unit_note(calibration, "m")
 
 
 class _Recording:

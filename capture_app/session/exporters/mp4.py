@@ -2,16 +2,11 @@
 
 from pathlib import Path
 
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.tables import write_frames
-from capture_app.session.exporters.common.videos import write_timeline
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
+from capture_app.session.exporters.common.videos import at_own_times, write_camera
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write <camera>.mp4 for each camera; all count from the burst's earliest image."""
-    frames = []
     for camera in burst.cameras:
-        file = f"{camera}.mp4"
-        frames += write_timeline(burst, camera, folder / file, file, options)
-    write_frames(burst, folder, frames)
-    return []
+        write_camera(burst, folder / f"{camera}.mp4", at_own_times(burst, camera), camera)

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Redraw
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.lens import (
     Array,
     centre_of,
@@ -19,8 +19,8 @@ from capture_app.session.exporters.common.lens import (
     translation_of,
 )
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
-from capture_app.session.exporters.common.tables import Frame, renaming_notes, write_frames
-from capture_app.session.exporters.common.videos import spacing_notes, write_video
+from capture_app.session.exporters.common.tables import renaming_notes
+from capture_app.session.exporters.common.videos import at_instants, spacing_notes, write_camera
 from capture_app.session.format.calibration import CameraCalibration
 
 WIDTH, HEIGHT = 2704, 2028
@@ -36,35 +36,36 @@ _NARROWER = 0.99
 """The step by which a field of view is tried."""
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write the videos of the instants that every camera has, and a row of 17 numbers a camera.
 
     The format's loaders know one focal length, no distortion, a principal point in the middle, and films of
     2704x2028 pixels: the images are redrawn to that, cut to what all cameras can fill, or whole. Raises
     BadInputError where no instant is complete.
     """
-    calibration = burst.calibration("N3DV")
+    calibration, options = burst.calibration("N3DV"), burst.options
     cameras = {name: calibration.cameras[name] for name in burst.cameras}
     together = burst.complete_instants()
     if not together:
         raise BadInputError(f"{burst.session.folder}: no instant has an image of every camera, as N3DV needs")
-    if options.whole:
-        focal = min(_whole_focal(camera) for camera in cameras.values())
-    else:
-        focal = max(_least_focal(camera) for camera in cameras.values())
-    frames, rows = [], []
+    focal = (
+        min(map(_whole_focal, cameras.values()))
+        if options.whole
+        else max(map(_least_focal, cameras.values()))
+    )
+    rows = []
     bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
     wanted = {name: film_camera(camera, focal) for name, camera in cameras.items()}
     burst.drawn.update(wanted)
     for number, (name, camera) in enumerate(cameras.items()):
-        path = folder / f"cam{number:02d}.mp4"
-        frames += _video(burst, name, together, redrawing(camera, wanted[name]), path, options)
+        path, redraw = folder / f"cam{number:02d}.mp4", redrawing(camera, wanted[name])
+        shown = at_instants(burst, name, together)
+        write_camera(burst, path, shown, name, redraw=redraw, size=(WIDTH, HEIGHT))
         rows.append([*_pose(wanted[name]).ravel(), *bounds[name]])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     cloud = read_ply(options.points) if options.points else _scattered(wanted, bounds)
     write_ply(folder / POINTS, cloud.thinned(_MOST_POINTS))
-    write_frames(burst, folder, frames)
-    return _notes(burst, together, options, cameras, wanted)
+    _add_notes(burst, together, min(_kept(cameras[name], wanted[name]) for name in cameras))
 
 
 def film_camera(camera: CameraCalibration, focal: float) -> CameraCalibration:
@@ -135,23 +136,6 @@ def _least_focal(camera: CameraCalibration) -> float:
     return high
 
 
-def _video(
-    burst: ExportedBurst,
-    camera: str,
-    instants: list[int],
-    redraw: Redraw | None,
-    path: Path,
-    options: ExportOptions,
-) -> list[Frame]:
-    images = [burst.images[camera, instant] for instant in instants]
-    start_ns = burst.instants_ns[instants[0]]
-    pictures = (
-        (burst.instants_ns[image.instant] - start_ns, burst.pixels(image, redraw)) for image in images
-    )
-    write_video(path, pictures, (WIDTH, HEIGHT), burst.period_ns, lossless=options.lossless)
-    return [Frame(camera, image.instant, path.name, number, image) for number, image in enumerate(images)]
-
-
 def _bounds(options: ExportOptions, depth: float) -> tuple[float, float]:
     near, far = options.near or _NEAR * depth, options.far or _FAR * depth
     if near >= far:
@@ -190,31 +174,29 @@ def _kept(camera: CameraCalibration, film: CameraCalibration) -> float:
     return float(inside.mean())
 
 
-def _notes(
-    burst: ExportedBurst,
-    together: list[int],
-    options: ExportOptions,
-    cameras: Mapping[str, CameraCalibration],
-    films: Mapping[str, CameraCalibration],
-) -> list[str]:
-    notes = renaming_notes({camera: f"cam{number:02d}" for number, camera in enumerate(burst.cameras)})
-    left_out = len(burst.instants_ns) - len(together)
-    if left_out:
-        notes.append(
-            f"{left_out} of {len(burst.instants_ns)} instants are left out: not every camera has them"
-        )
-    if len(together) > _MOST_FRAMES:
-        notes.append(f"4DGaussians reads the first {_MOST_FRAMES} frames only")
-    least = min(_kept(cameras[name], films[name]) for name in cameras)
-    if least < 0.995:
-        notes.append(
+def _add_notes(burst: ExportedBurst, together: list[int], least: float) -> None:
+    """Say what the films lack: `together` are their instants, `least` the smallest share of a picture."""
+    burst.notes += renaming_notes({camera: f"cam{number:02d}" for number, camera in enumerate(burst.cameras)})
+    left_out, options = len(burst.instants_ns) - len(together), burst.options
+    told = (
+        (
+            left_out,
+            f"{left_out} of {len(burst.instants_ns)} instants are left out: not every camera has them",
+        ),
+        (len(together) > _MOST_FRAMES, f"4DGaussians reads the first {_MOST_FRAMES} frames only"),
+        (
+            least < 0.995,
             f"the films are cut to 4:3 and one angle of view: at least {100 * least:.0f} % of a picture; "
-            "`--whole` shows all, and black around it"
-        )
-    if options.points is None:
-        notes.append(f"{POINTS} is of random points: `--points` takes those of reconstruct multiview")
-    if options.near is None or options.far is None:
-        notes.append(
-            "near and far are guessed from where the cameras look; `sessions export` takes --near and --far"
-        )
-    return notes + spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)
+            "`--whole` shows all, and black around it",
+        ),
+        (
+            options.points is None,
+            f"{POINTS} is of random points: `--points` takes those of reconstruct multiview",
+        ),
+        (
+            options.near is None or options.far is None,
+            "near and far are guessed from where the cameras look; `sessions export` takes --near and --far",
+        ),
+    )
+    burst.notes += [note for applies, note in told if applies]
+    burst.notes += spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import place, suffix_for, write_mask
 from capture_app.session.exporters.common.lens import centre_of, distortion_of, rotation_of
 from capture_app.session.exporters.common.point_cloud import read_ply, write_ply
-from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import ImageRecord
 
@@ -17,7 +16,7 @@ _POINTS = "sparse_pc.ply"
 _HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write images/<camera>/<instant> and transforms.json, points and masks if given.
 
     `time` runs from 0 at the burst's first image to 1 at its last, each image at its own; `leader_ns` beside
@@ -25,24 +24,24 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     """
     calibration = burst.calibration("nerfstudio")
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
-    if options.masks:
+    if burst.options.masks:
         # Of a dropped frame's substitute nobody makes a mask, and nerfstudio wants all or none.
         images = [image for image in images if not image.substitute]
     suffix = suffix_for(burst, images)
     span_ns = max(image.leader_ns for image in images) - burst.origin_ns
     several = len({image.instant for image in images}) > 1
-    entries, frames = [], []
+    entries = []
     for image in images:
         file = f"images/{image.camera}/{image.instant:06d}{suffix}"
-        place(burst, image, folder / file, options)
+        place(burst, image, folder, file)
         time = (image.leader_ns - burst.origin_ns) / span_ns if several else 0.0
         entry = _entry(file, image, calibration.cameras[image.camera], time)
-        if options.masks:
+        if burst.options.masks:
             # Black is what nerfstudio leaves out of its losses.
             entry["mask_path"] = f"masks/{image.camera}/{image.instant:06d}.png"
-            write_mask(burst, options.masks, image, folder / str(entry["mask_path"]), movers=0)
+            write_mask(burst, image, folder / str(entry["mask_path"]), movers=0)
         entries.append(entry)
-        frames.append(Frame(image.camera, image.instant, file, 0, image))
+        burst.put(image, file)
     content: dict[str, object] = {
         "camera_model": "OPENCV",
         "time_origin_leader_ns": burst.origin_ns,
@@ -50,16 +49,15 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
         "unit": calibration.unit,
         "frames": entries,
     }
-    if options.points:
+    if burst.options.points:
         content["ply_file_path"] = _POINTS
-        write_ply(folder / _POINTS, read_ply(options.points))
+        write_ply(folder / _POINTS, read_ply(burst.options.points))
     (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    write_frames(burst, folder, frames)
-    if not several:
-        return []
-    return [
-        "nerfstudio itself takes all instants for one moment: `--instant` exports one; 4D methods read `time`"
-    ]
+    if several:
+        burst.notes.append(
+            "nerfstudio itself takes all instants for one moment: `--instant` exports one; "
+            "4D methods read `time`"
+        )
 
 
 def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float) -> dict[str, object]:
@@ -67,7 +65,7 @@ def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float
     # Columns are the camera's right, up and back: OpenCV's y and z turned round.
     pose[:3, :3] = rotation_of(camera).T * [1.0, -1.0, -1.0]
     pose[:3, 3] = centre_of(camera)
-    k1, k2, p1, p2, k3 = (float(value) for value in distortion_of(camera))
+    k1, k2, p1, p2, k3 = map(float, distortion_of(camera))
     return {
         "file_path": file,
         "fl_x": camera.fx,

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note
 from capture_app.session.exporters.common.videos import write_paired_videos
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write videos/<camera>.mp4, as many frames each, and calibration/Calib.toml in metres.
 
     Pose2Sim pairs videos and cameras by the order of their names.
@@ -15,8 +15,8 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     calibration = burst.calibration("Pose2Sim")
     names = paired_names(burst.cameras)
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
-    notes = write_paired_videos(burst, folder, files, options)
+    write_paired_videos(burst, folder, files)
     (folder / "calibration").mkdir()
     text = camera_tables(calibration, names, "m")
     (folder / "calibration" / "Calib.toml").write_text(text, encoding="utf-8")
-    return notes + unit_note(calibration, "m")
+    burst.notes += unit_note(calibration, "m")

@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 
 from capture_app.optional_packages import load_optional
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.lens import centre_of, matrix_of, rotation_of
-from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.calibration import CameraCalibration
 
 _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first pixel begins at (0, 0)
 
 
-def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path) -> None:
     """Write <session>.rrd: entities rig/<camera>, timelines `leader` (exact to the ns) and `instant`.
 
     A camera's distortion has no place in it. Raises NotAvailableError without rerun-sdk.
@@ -27,17 +26,14 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     stream.save(folder / file)
     if burst.session.calibration() is not None:
         log_cameras(rerun, stream, burst.calibration("Rerun").cameras)
-    frames: list[Frame] = []
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     for image in sorted(images, key=lambda image: (image.leader_ns, image.camera)):
         data, kind = jpeg_or_png(burst, image)
         set_times(stream, image.leader_ns, image.instant)
         stream.log(f"rig/{image.camera}", rerun.EncodedImage(contents=data, media_type=f"image/{kind}"))
-        frames.append(Frame(image.camera, image.instant, file, len(frames), image))
+        burst.put(image, file, len(burst.frames))
     stream.flush()
     stream.disconnect()
-    write_frames(burst, folder, frames)
-    return []
 
 
 def log_cameras(rerun: Any, stream: Any, cameras: Mapping[str, CameraCalibration]) -> None:

@@ -201,10 +201,10 @@ def test_a_package_that_is_not_there(
 def test_a_full_disk_leaves_nothing(
     make: Make, refuses: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from capture_app.session.exporters import colmap
+    from capture_app.session.exporters import export_session
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "rig_config.json")
 
-    monkeypatch.setattr(colmap, "write_frames", full)
+    monkeypatch.setattr(export_session, "write_frames", full)
     refuses(make().folder, ExitCode.FAILURE, "is full")

@@ -1,4 +1,4 @@
-"""What an export reads: a session's images in order, each checked against its record."""
+"""A burst being exported: its images in order, each checked against its record, and where each one went."""
 
 import hashlib
 from collections.abc import Callable
@@ -44,44 +44,61 @@ class ExportOptions:
     masks: Path | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One place in an export: `file` inside the export and the number of its frame there, from 0.
+
+    `image` is None for a blank frame; without `file` the camera and instant are not in the export.
+    """
+
+    camera: str
+    instant: int
+    file: str = ""
+    frame: int = 0
+    image: ImageRecord | None = None
+
+
 class ExportedBurst:
     """The images of a session, by camera and instant. Cameras without any image are left out.
 
     Raises BadInputError where the manifest contradicts itself: images doubled, or times that go backwards.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        progress: Progress = lambda done, total: None,
-        instant: int | None = None,
-    ) -> None:
-        """`instant`: leave out what is of others. Raises BadInputError where it is of no image."""
-        manifest = session.manifest
-        self.session = session
+    def __init__(self, session: Session, options: ExportOptions, progress: Progress) -> None:
+        """Raises BadInputError where the instant that the options name has no image."""
+        manifest, instant = session.manifest, options.instant
+        self.session, self.options = session, options
         self.name = session.name
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
         self.recorded = self.images = _images_by_place(session)
         """The session's images, and those of them that may be exported."""
+        self.frames: list[Frame] = []
+        """Where the images are in the export."""
         self.drawn: dict[str, CameraCalibration] = {}
         """Cameras whose pictures are exported as another lens would have taken them, and that lens."""
         if instant is not None:
             self.images = {place: image for place, image in self.images.items() if place[1] == instant}
             if not self.images:
-                last = len(self.instants_ns) - 1
                 raise BadInputError(
-                    f"{session.folder} has no image of instant {instant}", hint=f"there are 0 to {last}"
+                    f"{session.folder} has no image of instant {instant}",
+                    hint=f"there are 0 to {len(self.instants_ns) - 1}",
                 )
         filmed = {camera for camera, _ in self.images}
         self.cameras = tuple(camera.name for camera in manifest.cameras if camera.name in filmed)
         if not self.cameras:
             raise BadInputError(f"{session.folder} has no images to export")
-        self.notes = [f"{one.name} has no images" for one in manifest.cameras if one.name not in filmed]
+        self.notes: list[str] = [
+            f"{one.name} has no images" for one in manifest.cameras if one.name not in filmed
+        ]
         _check_times(self)
         self.origin_ns = min(image.leader_ns for image in self.images.values())
         """Leader time of the earliest image: the zero of every time that an export counts from its start."""
         self._progress, self._done = progress, 0
+
+    def put(self, image: ImageRecord, file: str, frame: int = 0) -> None:
+        """Note where an image is in the export."""
+        self.frames.append(Frame(image.camera, image.instant, file, frame, image))
 
     def images_of(self, camera: str) -> list[ImageRecord]:
         """A camera's images in order, each frame once: not again as a substitute for a dropped one."""
@@ -138,9 +155,17 @@ class ExportedBurst:
             raise BadInputError(f"{path} is not an image that can be decoded", hint=_VERIFY)
         width, height = self.size(image.camera)
         if pixels.shape[:2] != (height, width):
-            found = f"{pixels.shape[1]}x{pixels.shape[0]}"
-            raise BadInputError(f"{path} is {found} pixels; {image.camera} takes {width}x{height}")
+            raise BadInputError(
+                f"{path} is {pixels.shape[1]}x{pixels.shape[0]} pixels; {image.camera} takes {width}x{height}"
+            )
         return data, pixels
+
+    def calibration_or_note(self, needed_by: str, note: str) -> Calibration | None:
+        """The calibration as `calibration` gives it; None where there is none, which the user is told."""
+        if self.session.calibration() is not None:
+            return self.calibration(needed_by)
+        self.notes.append(note)
+        return None
 
     def calibration(self, needed_by: str) -> Calibration:
         """The calibration of all cameras.
@@ -188,8 +213,9 @@ def _check_times(burst: ExportedBurst) -> None:
         for last, image in pairwise(burst._in_order(camera)):
             same = image.leader_ns == last.leader_ns
             if image.leader_ns < last.leader_ns or (same and not (image.substitute or last.substitute)):
-                what = f"{where}: the times of {camera} go backwards at instant {image.instant}"
-                raise BadInputError(what, hint=_VERIFY)
+                raise BadInputError(
+                    f"{where}: the times of {camera} go backwards at instant {image.instant}", hint=_VERIFY
+                )
 
 
 def _check_camera(where: str, camera: CameraCalibration, size: tuple[int, int]) -> None:

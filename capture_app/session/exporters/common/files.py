@@ -1,7 +1,4 @@
-"""A session's image files in another program's folders, byte for byte where that program allows.
-
-Masks of movers: white where something moves, as `reconstruct movers` writes them.
-"""
+"""A session's image files and masks of movers in another program's folders, byte for byte where it allows."""
 
 import os
 from pathlib import Path
@@ -9,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture, Redraw
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, Picture, Redraw
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.decoding import encode_image
 
@@ -22,25 +19,25 @@ def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
     return endings.pop() if len(endings) == 1 else ".png"
 
 
-def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: ExportOptions) -> None:
-    """Put an image at `target`: its own bytes, or the same pixels as PNG where the ending says so.
+def place(
+    burst: ExportedBurst, image: ImageRecord, folder: Path, file: str, redraw: Redraw | None = None
+) -> None:
+    """Put an image into a folder: its own bytes, or the same pixels as PNG where the ending says so.
 
-    Raises as `ExportedBurst.load` does, for a file that is not the image that was saved.
+    A changed picture is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does, for a file that is
+    not the image that was saved.
     """
     data, pixels = burst.load(image)
+    target = folder / file
     target.parent.mkdir(parents=True, exist_ok=True)
-    if _ending(burst, image) != target.suffix:
-        target.write_bytes(encode_image(pixels, ".png"))
-    elif options.link and not isinstance(image, FrameRecord):
+    if redraw is not None:
+        target.write_bytes(encode_image(redraw(pixels), target.suffix, quality=98))
+    elif _ending(burst, image) != target.suffix:
+        target.write_bytes(encode_image(pixels, target.suffix, quality=98))
+    elif burst.options.link and not isinstance(image, FrameRecord):
         os.link(burst.session.image_file(image).resolve(), target)
     else:
         target.write_bytes(data)
-
-
-def place_redrawn(burst: ExportedBurst, image: ImageRecord, target: Path, redraw: Redraw | None) -> None:
-    """Put a changed picture at `target`: JPEG of quality 98, or PNG, as the ending says."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(encode_image(burst.pixels(image, redraw), target.suffix, quality=98))
 
 
 def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
@@ -65,20 +62,21 @@ def mask_path(folder: Path, camera: str, instant: int) -> Path:
 
 def write_mask(
     burst: ExportedBurst,
-    folder: Path,
     image: ImageRecord,
     target: Path,
     *,
     movers: int,
     redraw: Redraw | None = None,
 ) -> None:
-    """Write an image's mask as PNG with `movers`, 0 or 255, where something moves, else the other.
+    """Write an image's mask, if masks are wanted, with `movers`, 0 or 255, where something moves.
 
     Raises IncompleteError where the folder lacks it, BadInputError where it is not of the image's size.
     """
     import cv2
 
-    path = mask_path(folder, image.camera, image.instant)
+    if burst.options.masks is None:
+        return
+    path = mask_path(burst.options.masks, image.camera, image.instant)
     if not path.is_file():
         raise IncompleteError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
     mask = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE)

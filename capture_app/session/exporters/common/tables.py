@@ -1,19 +1,15 @@
-"""Small text files beside an export: the exact times as CSV, calibrated cameras as TOML.
-
-intri.yml and extri.yml, the cameras of EasyMocap and EasyVolcap, as OpenCV's FileStorage reads them.
-"""
+"""Small text files beside an export: exact times as CSV, calibrated cameras as TOML and in OpenCV's YAML."""
 
 import csv
 import io
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.names import natural_order
 from capture_app.session.exchange import FRAMES
-from capture_app.session.exporters.common.exported_burst import ExportedBurst
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, Frame
 from capture_app.session.exporters.common.lens import (
     Array,
     distortion_of,
@@ -29,35 +25,22 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
 """Tables of these programs' calibrations that are no cameras."""
 
-_HEADER = "file,frame,camera,instant,content,leader_ns,residual_ns,uncertainty_ns,hard_bound_ns\n"
+_TIMES = ("leader_ns", "residual_ns", "uncertainty_ns", "hard_bound_ns")
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One place in an export: `file` inside the export and the number of its frame there, from 0.
-
-    `image` is None for a blank frame; without `file` the camera and instant are not in the export.
-    """
-
-    camera: str
-    instant: int
-    file: str = ""
-    frame: int = 0
-    image: ImageRecord | None = None
-
-
-def write_frames(burst: ExportedBurst, folder: Path, frames: Iterable[Frame]) -> None:
+def write_frames(burst: ExportedBurst, folder: Path) -> None:
     """Write `frames.csv`: a row for every camera and instant of the session, exported or not."""
-    by_place = {(frame.camera, frame.instant): frame for frame in frames}
+    by_place = {(frame.camera, frame.instant): frame for frame in burst.frames}
     text = io.StringIO()
-    text.write(_HEADER)
     rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["file", "frame", "camera", "instant", "content", *_TIMES])
     for instant in range(len(burst.instants_ns)):
         for camera in burst.cameras:
             image = burst.recorded.get((camera, instant))
             frame = by_place.get((camera, instant), Frame(camera, instant, image=image))
             number = frame.frame if frame.file else ""
-            times = [""] * 4 if image is None else [image.leader_ns, image.residual_ns, *_bounds(image)]
+            numbers = [image and getattr(image, name) for name in _TIMES]
+            times = ["" if one is None else one for one in numbers]
             rows.writerow([frame.file, number, camera, instant, _content(frame, image), *times])
     (folder / FRAMES).write_text(text.getvalue(), encoding="utf-8")
 
@@ -114,13 +97,8 @@ def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
 
 def unit_note(calibration: Calibration, expected: str) -> list[str]:
     """A note for the user if the calibration is in a unit that is not a length."""
-    if calibration.unit in METRES:
-        return []
-    return [f"the calibration is in {calibration.unit!r}; it is written as if that were {expected}"]
-
-
-def _bounds(image: ImageRecord) -> list[object]:
-    return ["" if value is None else value for value in (image.uncertainty_ns, image.hard_bound_ns)]
+    note = f"the calibration is in {calibration.unit!r}; it is written as if that were {expected}"
+    return [] if calibration.unit in METRES else [note]
 
 
 def _content(frame: Frame, image: ImageRecord | None) -> str:

@@ -1,6 +1,6 @@
 """Videos of a burst: H.264 in MP4, every frame at its own time, counted in microseconds."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.optional_packages import load_optional
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture, Redraw
-from capture_app.session.exporters.common.tables import Frame, write_frames
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, Frame, Picture, Redraw
+from capture_app.session.format.manifest import ImageRecord
 
 TIME_BASE = Fraction(1, 1_000_000)
 _QUALITY = {"crf": "15", "preset": "veryfast", "bf": "0"}
@@ -72,60 +72,62 @@ def write_video(
         raise SimulshotError(f"cannot encode {path.name} ({width}x{height}): {error}") from error
 
 
-def write_timeline(
-    burst: ExportedBurst, camera: str, path: Path, file: str, options: ExportOptions
-) -> list[Frame]:
-    """A camera's video at the images' own times, with no frame where one is missing; `file` names it."""
-    images = burst.images_of(camera)
-    frames = ((image.leader_ns - burst.origin_ns, burst.pixels(image)) for image in images)
-    write_video(path, frames, burst.size(camera), burst.period_ns, lossless=options.lossless)
-    return [Frame(camera, image.instant, file, number, image) for number, image in enumerate(images)]
+Shown = tuple[int, int, ImageRecord | None]
+"""A frame of a video: its instant, its time in ns since the video's zero, and its image; None for black."""
 
 
-def write_instants(
+def at_own_times(burst: ExportedBurst, camera: str) -> list[Shown]:
+    """A camera's frames at the images' own times since the burst's first, none where an image is missing."""
+    return [(one.instant, one.leader_ns - burst.origin_ns, one) for one in burst.images_of(camera)]
+
+
+def at_instants(burst: ExportedBurst, camera: str, instants: Sequence[int]) -> list[Shown]:
+    """One frame for each of these instants, at the instant's time since the first of them."""
+    times_ns = burst.instants_ns
+    return [(n, times_ns[n] - times_ns[instants[0]], burst.image_at(camera, n)) for n in instants]
+
+
+def write_camera(
     burst: ExportedBurst,
-    camera: str,
     path: Path,
-    file: str,
-    options: ExportOptions,
+    shown: Sequence[Shown],
+    camera: str,
+    *,
     redraw: Redraw | None = None,
-) -> list[Frame]:
-    """A camera's video with one frame for each instant, at the instant's time; black where it has none.
-
-    For programs that take frame n of all videos for one moment. `redraw` changes the pictures.
-    """
-    size = burst.size(camera)
-    black = np.zeros((size[1], size[0], 3), np.uint8)
-    shown = [burst.image_at(camera, instant) for instant in range(len(burst.instants_ns))]
-    start_ns = burst.instants_ns[0]
+    size: tuple[int, int] | None = None,
+    file: str = "",
+) -> None:
+    """Write a camera's video; `redraw` changes its pictures, to `size`; `file` is its name in the export."""
+    width, height = size or burst.size(camera)
+    black = np.zeros((height, width, 3), np.uint8)
     frames = (
-        (instant_ns - start_ns, black if image is None else burst.pixels(image, redraw))
-        for instant_ns, image in zip(burst.instants_ns, shown, strict=True)
+        (since_ns, black if image is None else burst.pixels(image, redraw)) for _, since_ns, image in shown
     )
-    write_video(path, frames, size, burst.period_ns, lossless=options.lossless)
-    return [Frame(camera, instant, file, instant, image) for instant, image in enumerate(shown)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_video(path, frames, (width, height), burst.period_ns, lossless=burst.options.lossless)
+    burst.frames += [Frame(camera, n, file or path.name, k, image) for k, (n, _, image) in enumerate(shown)]
 
 
 def write_paired_videos(
     burst: ExportedBurst,
     folder: Path,
     files: Mapping[str, str],
-    options: ExportOptions,
     redraws: Mapping[str, Redraw | None] | None = None,
-) -> list[str]:
-    """Write for each camera the file inside `folder`, as `write_instants` does, and frames.csv.
+) -> None:
+    """Write for each camera the file inside `folder`, a frame for each instant; black where it has none.
 
-    Returns notes on black frames and unevenly spaced instants.
+    For programs that take frame n of all videos for one moment. Notes black frames and uneven spacing.
     """
-    frames: list[Frame] = []
+    instants = range(len(burst.instants_ns))
     for camera, file in files.items():
-        (folder / file).parent.mkdir(parents=True, exist_ok=True)
         redraw = (redraws or {}).get(camera)
-        frames += write_instants(burst, camera, folder / file, file, options, redraw)
-    write_frames(burst, folder, frames)
-    blank = sum(frame.image is None for frame in frames)
-    notes = [f"{blank} frames are black: their images are missing or of another moment"] if blank else []
-    return notes + spacing_notes(burst.instants_ns, burst.period_ns)
+        write_camera(
+            burst, folder / file, at_instants(burst, camera, instants), camera, redraw=redraw, file=file
+        )
+    blank = sum(frame.image is None for frame in burst.frames)
+    if blank:
+        burst.notes.append(f"{blank} frames are black: their images are missing or of another moment")
+    burst.notes += spacing_notes(burst.instants_ns, burst.period_ns)
 
 
 def spacing_notes(times_ns: Iterable[int], period_ns: int) -> list[str]:

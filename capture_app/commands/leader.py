@@ -19,8 +19,8 @@ from capture_app.commands.options import (
     host_option,
     open_option,
     port_option,
+    rpicam_followers,
     rpicam_options,
-    rpicam_sync,
     run_until_stopped,
     sessions_option,
     spool_option,
@@ -127,7 +127,6 @@ def leader(
     """
     from capture_app.interop.app_phones import AppPhones
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
-    from capture_app.interop.guests import Guests
     from capture_app.net.multicast import BEACONS, BeaconSender
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.news import news_line
@@ -146,9 +145,9 @@ def leader(
         sessions=sessions,
         period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
         grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
-        guests=Guests(
-            AppPhones(host, aligns=is_apps_grid) if android_app else None,
-            rpicam_sync(rpicam_hosts, rpicam_shutter_us),
+        followers=(
+            *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
+            *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         ),
         align_row=align_row if align == "mid-exposure" else None,
         max_delay_ns=round(max_delay_ms * 1e6),

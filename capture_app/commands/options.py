@@ -186,15 +186,17 @@ def rpicam_options(command: F) -> F:
     return hosts(shutter(command))
 
 
-def rpicam_sync(hosts: tuple[str, ...], shutter_us: float) -> "RpicamSync | None":
+def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamSync]":
     """Make what the options ask for. Raises BadInputError for a host that has no IPv4 address."""
     from capture_app.interop.rpicam import RpicamSync
 
+    if not hosts:
+        return []
     try:
         found = [socket.gethostbyname(host) for host in hosts if host != "all"]
     except (OSError, UnicodeError) as error:
         raise BadInputError(f"--rpicam-sync: no IPv4 address: {error}", hint="a host, or all") from None
-    return RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000)) if hosts else None
+    return [RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000))]
 
 
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:

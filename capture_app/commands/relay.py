@@ -15,8 +15,8 @@ from capture_app.commands.options import (
     name_option,
     open_option,
     port_option,
+    rpicam_followers,
     rpicam_options,
-    rpicam_sync,
     run_until_stopped,
 )
 from capture_app.net.address import Address
@@ -68,7 +68,7 @@ def relay(
         port=port,
         clock=parse_clock(clock_text, node=name),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
-        rpicam=rpicam_sync(rpicam_hosts, rpicam_shutter_us),
+        followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         talk=lambda line: log_line(f"{name}: {line}"),
     )
     run_until_stopped(_run_relay(node, host, parents, as_json))

@@ -8,8 +8,6 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from msgspec import Struct
-
 from capture_app.interop.app_protocol import (
     CALL_PORT,
     TIME_ANSWER,
@@ -23,6 +21,9 @@ from capture_app.interop.app_protocol import (
     read_heartbeat,
 )
 from capture_app.names import name_like
+from capture_app.node.leader.followers import FollowerNews
+from capture_app.node.wire.status import FollowerStatus
+from capture_app.text import duration
 
 Address = tuple[str, int]
 MOST_PHONES = 32
@@ -34,45 +35,42 @@ EXCHANGES_PER_S = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
-class AppPhoneJoined:
+class AppPhoneJoined(FollowerNews):
     """A phone with the app is here."""
 
-    name: str
     host: str
 
+    @property
+    def line(self) -> str:
+        """One line for a person."""
+        return f"phone {self.name} at {self.host} is here with the Android app, which nobody has let in"
+
 
 @dataclass(frozen=True, slots=True)
-class AppPhoneSynced:
+class AppPhoneSynced(FollowerNews):
     """A phone has been told the time, known to this 95 % uncertainty in ns."""
 
-    name: str
     uncertainty_ns: float
+
+    @property
+    def line(self) -> str:
+        """One line for a person."""
+        return f"phone {self.name} has the time to {duration(self.uncertainty_ns)}"
 
 
 @dataclass(frozen=True, slots=True)
-class AppPhoneLost:
+class AppPhoneLost(FollowerNews):
     """A phone is not heard any more."""
 
-    name: str
+    @property
+    def line(self) -> str:
+        """One line for a person."""
+        return f"lost phone {self.name}: it has gone silent"
 
-
-AppEvent = AppPhoneJoined | AppPhoneSynced | AppPhoneLost
-
-
-class AppPhoneStatus(Struct, frozen=True, kw_only=True):
-    """A phone with the app; times in ns, None where not known yet. Its camera tells nothing of itself."""
-
-    name: str
-    address: str
-    state: str
-    """synchronizing, synced or lost."""
-    uncertainty_ns: int | None = None
-    """95 %, of the time that it was told, at its worst before it is told again."""
-    hard_bound_ns: int | None = None
-    skew_ppm: float | None = None
-    round_trip_ns: int | None = None
-    samples: int = 0
-    last_seen_ns: int = 0
+    @property
+    def is_warning(self) -> bool:
+        """Whether a person should look: its pictures will be missing."""
+        return True
 
 
 class AppLeader:
@@ -86,7 +84,7 @@ class AppLeader:
         self._aligns = aligns
         self._phones: dict[str, AppPhone] = {}
         self._out: list[tuple[bytes, Address]] = []
-        self._events: deque[AppEvent] = deque()
+        self._events: deque[FollowerNews] = deque()
 
     def order_stills(self, instants_ns: Sequence[int], period_ns: int, now_ns: int) -> tuple[int, ...]:
         """Have all phones take a picture at those of these instants that they can; return which."""
@@ -110,11 +108,11 @@ class AppLeader:
         """Phones that are here."""
         return [phone for phone in self._phones.values() if not phone.lost]
 
-    def statuses(self, now_ns: int) -> tuple[AppPhoneStatus, ...]:
+    def statuses(self, now_ns: int) -> tuple[FollowerStatus, ...]:
         """All phones that are or were here, by name."""
         return tuple(_status(phone, now_ns) for phone in sorted(self._phones.values(), key=lambda p: p.name))
 
-    def next_event(self) -> AppEvent | None:
+    def next_event(self) -> FollowerNews | None:
         """Return the next thing that happened, None where there is none."""
         return self._events.popleft() if self._events else None
 
@@ -258,7 +256,7 @@ def _uncertainty_ns(phone: AppPhone, now_ns: int) -> float | None:
     return phone.time_map.uncertainty_at(now_ns) + abs(phone.time_map.skew) * TELL_EVERY_NS / 2.0
 
 
-def _status(phone: AppPhone, now_ns: int) -> AppPhoneStatus:
+def _status(phone: AppPhone, now_ns: int) -> FollowerStatus:
     state = "lost" if phone.lost else "synced" if phone.synced else "synchronizing"
     seen_ns, time_map, uncertainty_ns = (
         now_ns - phone.last_heard_ns,
@@ -266,11 +264,11 @@ def _status(phone: AppPhone, now_ns: int) -> AppPhoneStatus:
         _uncertainty_ns(phone, now_ns),
     )
     if time_map is None or uncertainty_ns is None:
-        return AppPhoneStatus(
+        return FollowerStatus(
             name=phone.name, address=phone.host, state=state, samples=phone.samples, last_seen_ns=seen_ns
         )
     slack_ns = abs(time_map.skew) * TELL_EVERY_NS / 2.0
-    return AppPhoneStatus(
+    return FollowerStatus(
         name=phone.name,
         address=phone.host,
         state=state,

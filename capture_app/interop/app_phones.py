@@ -2,17 +2,18 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
-from capture_app.clock import NodeClock
+from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError, NetworkError
-from capture_app.interop.app_leader import AppEvent, AppLeader, AppPhoneStatus
+from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS, PERIOD_NS, TIME_PORT
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
+from capture_app.node.leader.followers import FollowedRig, FollowerNews, RigFollower, Take
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.rig.frame_picks import MAX_FRAMES, Burst
 from capture_app.text import count
 
@@ -23,26 +24,15 @@ RECORD = "record, if they have RecSync"
 
 
 @dataclass(frozen=True, slots=True)
-class AppPhonesTold:
+class AppPhonesTold(FollowerNews):
     """Phones were told to take pictures, or a video."""
 
     text: str
-    name: str | None = None
-
-
-AppNews = AppEvent | AppPhonesTold
-
-
-class Take(Protocol):
-    """A burst under way."""
 
     @property
-    def burst(self) -> Burst:
-        """As it is ordered now: a recording ends earlier than it was first ordered."""
-
-    @property
-    def finished(self) -> asyncio.Event:
-        """Set when it is over."""
+    def line(self) -> str:
+        """One line for a person."""
+        return self.text
 
 
 class _Alone:
@@ -53,7 +43,7 @@ class _Alone:
         self.finished = asyncio.Event()
 
 
-class AppPhones:
+class AppPhones(RigFollower):
     """Leads phones with the app, while it is started."""
 
     def __init__(self, host: str, *, aligns: bool) -> None:
@@ -62,12 +52,12 @@ class AppPhones:
         self._engine = AppLeader(aligns=aligns)
         self._pumps: list[Pump] = []
         self._recordings: set[asyncio.Task[None]] = set()
-        self._now_ns: Callable[[], int]
-        self._on_news: Callable[[AppNews], None]
+        self._clock: NodeClock = HostClock()
+        self._rig: FollowedRig | None = None
 
-    def start(self, clock: NodeClock, on_news: Callable[[AppNews], None]) -> None:
+    def start(self, clock: NodeClock, rig: FollowedRig) -> None:
         """Listen on the app's two ports. Raises NetworkError where they are in use."""
-        self._now_ns, self._on_news = clock.now_ns, on_news
+        self._clock, self._rig = clock, rig
         hint = "the app knows no other port: end the other program that uses it"
         calls = bind_datagrams(self._host, CALL_PORT, hint=hint)
         try:
@@ -89,9 +79,9 @@ class AppPhones:
         for pump in self._pumps:
             pump.close()
 
-    def statuses(self) -> tuple[AppPhoneStatus, ...]:
+    def statuses(self) -> tuple[FollowerStatus, ...]:
         """The phones that are or were here lately."""
-        return self._engine.statuses(self._now_ns())
+        return self._engine.statuses(self._clock.now_ns())
 
     def take_part(self, take: Take) -> None:
         """Have the phones that are here take their pictures of a burst, or their videos."""
@@ -111,7 +101,7 @@ class AppPhones:
         """
         if not (phones := len(self._engine.present())):
             return ""
-        first_ns = request.at_leader_ns or self._now_ns() + LEAD_NS
+        first_ns = request.at_leader_ns or self._clock.now_ns() + LEAD_NS
         # On the app's own grid.
         first_ns += (GOAL_PHASE_NS - first_ns) % PERIOD_NS
         step_ns = request.spacing * PERIOD_NS
@@ -129,7 +119,7 @@ class AppPhones:
         return self._tell(phones, RECORD)
 
     def _order(self, instants_ns: Sequence[int], period_ns: int) -> str:
-        taken = self._engine.order_stills(instants_ns, period_ns, self._now_ns())
+        taken = self._engine.order_stills(instants_ns, period_ns, self._clock.now_ns())
         which = f"{len(taken)} of {count(len(instants_ns), 'instant')}"
         return f"take {which}: one each half a second at most"
 
@@ -142,10 +132,10 @@ class AppPhones:
         self._turn()
         text = f"{count(phones, 'phone')} with the app told to {what}"
         text += "; what they take stays on them (capture-app sessions import)"
-        self._on_news(AppPhonesTold(text))
+        self._note(AppPhonesTold(None, text))
         return text
 
-    def set_exposure(self, exposure_ns: int, iso: int) -> None:
+    def expose(self, exposure_ns: int, iso: int) -> None:
         """Have the phones that are here expose each frame for so long, at this sensitivity."""
         self._engine.set_exposure(exposure_ns, iso)
         self._turn()
@@ -154,7 +144,7 @@ class AppPhones:
         self._engine.start_recording()
         self._turn()
         try:
-            while not take.finished.is_set() and self._now_ns() <= take.burst.instants_ns[-1]:
+            while not take.finished.is_set() and self._clock.now_ns() <= take.burst.instants_ns[-1]:
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(LOOK_EVERY_S):
                         await take.finished.wait()
@@ -162,12 +152,16 @@ class AppPhones:
             self._engine.stop_recording()
             self._turn()
 
+    def _note(self, news: FollowerNews) -> None:
+        if self._rig is not None:
+            self._rig.note_follower(news)
+
     def _turn(self) -> None:
         for pump in self._pumps:
             pump.turn()
 
     def _after_call(self, time_pump: Pump) -> None:
         while (event := self._engine.next_event()) is not None:
-            self._on_news(event)
+            self._note(event)
             # A new phone is to be asked from now on.
             time_pump.turn()

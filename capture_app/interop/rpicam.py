@@ -16,11 +16,10 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from capture_app.clock import NodeClock
 from capture_app.net.interfaces import own_hosts
-from capture_app.sync.clock.time_map import TimeMap
+from capture_app.node.leader.followers import FollowedRig, RigFollower, SharedGrid
 from capture_app.sync.phase.goal import Goal
 
 GROUP, PORT = "239.255.255.250", 10_000
@@ -50,15 +49,7 @@ def sync_packet(
 HOPS = 1
 
 
-@dataclass(frozen=True, slots=True)
-class SharedGrid:
-    """A rig's grid, as this machine knows it; without a map its clock is the rig's time."""
-
-    goal: Goal
-    time_map: TimeMap | None = None
-
-
-class RpicamSync:
+class RpicamSync(RigFollower):
     """Sends the grid twice a second while it is started, in the wall clock of this machine."""
 
     def __init__(
@@ -69,9 +60,9 @@ class RpicamSync:
         self._shutter_ns, self._port = shutter_ns, port
         self._task: asyncio.Task[None] | None = None
 
-    def start(self, clock: NodeClock, grid: Callable[[], SharedGrid | None]) -> None:
-        """Send what `grid` returns from now on, None for nothing."""
-        self._task = asyncio.create_task(self._run(clock, grid))
+    def start(self, clock: NodeClock, rig: FollowedRig) -> None:
+        """Send the rig's grid from now on, where it has one."""
+        self._task = asyncio.create_task(self._run(clock, rig))
 
     async def close(self) -> None:
         """Send no more. Calling it twice is harmless."""
@@ -79,12 +70,12 @@ class RpicamSync:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
 
-    async def _run(self, clock: NodeClock, grid: Callable[[], SharedGrid | None]) -> None:
+    async def _run(self, clock: NodeClock, rig: FollowedRig) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.setblocking(False)
             sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
             while True:
-                if (shared := grid()) is not None:
+                if (shared := rig.shared_grid()) is not None:
                     self._send(sock, clock, shared)
                 await asyncio.sleep(SEND_EVERY_NS / 1e9)
 

@@ -3,12 +3,11 @@
 import asyncio
 import random
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 from capture_app.clock import HostClock, HostRate, NodeClock
 from capture_app.errors import BadInputError, DiskError, NetworkError, TryAgainError, UnknownMachineError
-from capture_app.interop.rpicam import RpicamSync, SharedGrid
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
 from capture_app.net.channel import Channel, connect
 from capture_app.net.interfaces import own_hosts
@@ -18,6 +17,7 @@ from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import refusal_of
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyDesk, KeyRequester
+from capture_app.node.leader.followers import FollowerNews, RigFollower, SharedGrid
 from capture_app.node.leader.news import follower_line, news_line
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses
@@ -64,11 +64,12 @@ class RelayNode:
         beacons: BeaconSender | None = None,
         talk: Callable[[str], None] | None = None,
         trust: Trust | None = None,
-        rpicam: RpicamSync | None = None,
+        followers: Sequence[RigFollower] = (),
     ) -> None:
         """`parents` are leaders or relays of one rig, asked in turn, the best one first.
 
-        `trust` is whom it lets in and follows, else its user's. `rpicam` gets the rig's grid.
+        `trust` is whom it lets in and follows, else its user's. `followers` are other programs that are told
+        the rig's grid.
 
         With `beacons` nodes that hear this relay's packets together agree with each other.
         """
@@ -78,7 +79,7 @@ class RelayNode:
         """Further addresses of this machine that nodes may join it at."""
         self._parents = parents
         self._clock: NodeClock = clock or HostClock()
-        self._beacons, self._rpicam = beacons, rpicam
+        self._beacons, self._followers = beacons, followers
         self._trust = trust or Trust.of_user()
         self._talk = talk or (lambda _: None)
         self._desk = PairingDesk(self._trust, lambda line: self._talk(line))
@@ -138,8 +139,8 @@ class RelayNode:
         self._pump = Pump(sealed or self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
-        if self._rpicam is not None:
-            self._rpicam.start(self._clock, self._grid)
+        for follower in self._followers:
+            follower.start(self._clock, self)
         watch = JoinWatch(self._parents, self._talk)
         self._tasks.append(asyncio.create_task(watch.run(self._engine.follower.time)))
         if sealed is not None:
@@ -153,8 +154,8 @@ class RelayNode:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self._rpicam is not None:
-            await self._rpicam.close()
+        for follower in self._followers:
+            await follower.close()
         self._talk = lambda _: None
         self._engine.leave()
         self._pump.turn()
@@ -180,10 +181,14 @@ class RelayNode:
             nodes=node_statuses(views),
         )
 
-    def _grid(self) -> SharedGrid | None:
-        """The root's grid, as well as this relay knows the root's time."""
+    def shared_grid(self) -> SharedGrid | None:
+        """Return the root's grid, as well as this relay knows the root's time."""
         goal, time_map = self._engine.leader.goal, self._engine.follower.time_map
         return None if goal is None or time_map is None else SharedGrid(goal, time_map)
+
+    def note_follower(self, news: FollowerNews) -> None:
+        """Tell what happened to another program that follows."""
+        self._talk(news.line)
 
     # Streams
 

@@ -12,7 +12,6 @@ from msgspec.structs import replace
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError
-from capture_app.interop.guests import Guests
 from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, reachable_host
 from capture_app.net.multicast import BeaconSender, send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
@@ -20,6 +19,7 @@ from capture_app.net.udp import Pump
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.keys import KeyDesk
 from capture_app.node.leader.bursts import ActiveBursts, first_instant, frames_and_spacing
+from capture_app.node.leader.followers import FollowerNews, RigFollower, SharedGrid
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.news import News, NewsLog, TrustNews
 from capture_app.node.leader.orders import OperatorOrders
@@ -69,7 +69,7 @@ class LeaderNode:
         return_ns: int = RETURN_NS,
         spool: Path | None = None,
         trust: Trust | None = None,
-        guests: Guests | None = None,
+        followers: Sequence[RigFollower] = (),
         grid_phase_ns: int | None = None,
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
@@ -77,7 +77,7 @@ class LeaderNode:
         With `or_free_port` it takes another port where `port` is in use.
         With a `spool` folder for their images, operators may have it run nodes on this machine.
         `trust` is whom it lets in, else its user's.
-        `guests` are led, too: started and closed here.
+        `followers` are other programs that are led, too: started and closed here.
         `period_ns`, `grid_phase_ns`, `align_row`, `max_delay_ns` are the engine's, see `LeaderConfig`. With
         `beacons` nodes that hear the same multicast packets agree with each other.
         """
@@ -85,7 +85,7 @@ class LeaderNode:
         self.address = Address(host, port)
         self._or_free_port = or_free_port
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
-        self._beacons, self._guests, self._grid_phase_ns = beacons, guests or Guests(), grid_phase_ns
+        self._beacons, self._followers, self._grid_phase_ns = beacons, followers, grid_phase_ns
         self._trust = trust or Trust.of_user()
         self._clock: NodeClock = clock or HostClock()
         self.news = NewsLog()
@@ -122,7 +122,8 @@ class LeaderNode:
         BadInputError where this machine's key cannot be had.
         """
         self._trust.server_context()
-        self._guests.start(self._clock, self._on_news, lambda: self._engine.goal)
+        for follower in self._followers:
+            follower.start(self._clock, self)
         datagrams, listening = bind_port(self.address.host, self.address.port, or_free=self._or_free_port)
         port = listening.getsockname()[1]
         self.own_address = own_machine_address(self.address.host, listening.family, port)
@@ -150,7 +151,13 @@ class LeaderNode:
         if self._spool is not None:
             self._local = LocalNodes(self.own_address, self._spool, self.news, self.address.host)
         self._orders = OperatorOrders(
-            self._engine, self._bursts, self._local, self.news, self._clock.now_ns, self._drain, self._guests
+            self._engine,
+            self._bursts,
+            self._local,
+            self.news,
+            self._clock.now_ns,
+            self._drain,
+            self._followers,
         )
         watchers = Watchers(self.status, self.news, self._viewfinders)
         service = LeaderService(
@@ -173,7 +180,8 @@ class LeaderNode:
         """End the nodes of this machine and close the port; bursts under way are saved with what has come."""
         if self._local is not None:
             await self._local.close()
-        await self._guests.close()
+        for follower in self._followers:
+            await follower.close()
         self._pump.close()
         if self._beacons is not None:
             self._beacons.close()
@@ -198,7 +206,7 @@ class LeaderNode:
             ),
             burst=None if self._bursts.newest is None else self._bursts.newest.status,
             ahead=self._bursts.ahead,
-            app_phones=self._guests.app_phones(),
+            app_phones=tuple(status for follower in self._followers for status in follower.statuses()),
             sessions=tuple(self._bursts.saved),
             sessions_folder=str(self.sessions.absolute()),
             disk_free_bytes=self._room.free_bytes(now_ns),
@@ -253,9 +261,11 @@ class LeaderNode:
         asked_ns = self._clock.now_ns()
         frames = request.frames or 0
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
-        if self._engine.goal is None and (told := self._guests.take_alone(request)):
-            yield replace(before, done=True, message=told)
-            return
+        if self._engine.goal is None:
+            told = [answer for follower in self._followers if (answer := follower.take_alone(request))]
+            if told:
+                yield replace(before, done=True, message="; ".join(told))
+                return
         if request.wait_ready_s:
             async for reason in reasons_until_ready(self._views, request.wait_ready_s, request.nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
@@ -275,13 +285,22 @@ class LeaderNode:
             video=request.video,
         )
         self._pump.turn()
-        self._guests.take_part(session)
+        for follower in self._followers:
+            follower.take_part(session)
         while not session.finished.is_set():
             yield session.status
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(SNAPSHOT_EVERY_S):
                     await session.finished.wait()
         yield session.status
+
+    def shared_grid(self) -> SharedGrid | None:
+        """Return the grid of instants, None before the first camera."""
+        return None if self._engine.goal is None else SharedGrid(self._engine.goal)
+
+    def note_follower(self, news: FollowerNews) -> None:
+        """Tell what happened to another program that follows."""
+        self._on_news(news)
 
     def _on_news(self, news: News) -> None:
         self.news.note(news)

@@ -10,9 +10,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from capture_app.interop.app_leader import AppPhoneJoined, AppPhoneLost, AppPhoneSynced
-from capture_app.interop.app_phones import AppNews, AppPhonesTold
 from capture_app.net.address import Address
+from capture_app.node.leader.followers import FollowerNews
 from capture_app.node.wire.status import BurstStatus, Level, NewsLine
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.time_client import TimeClientEvent
@@ -46,7 +45,7 @@ News = (
     | TrustNews
     | DatagramsRefused
     | BurstStatus
-    | AppNews
+    | FollowerNews
 )
 """What a leader tells about: nodes and phones that come and go, odd clocks, disks, strangers, and bursts."""
 
@@ -70,14 +69,10 @@ def news_line(news: News) -> str:
             return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
         case DiskNews():
             return f"{news.name or 'leader'}: {news.problem or 'its disk can be used again'}"
-        case TrustNews() | AppPhonesTold():
+        case TrustNews():
             return news.text
-        case AppPhoneJoined():
-            return f"phone {news.name} at {news.host} is here with the Android app, which nobody has let in"
-        case AppPhoneSynced():
-            return f"phone {news.name} has the time to {duration(news.uncertainty_ns)}"
-        case AppPhoneLost():
-            return f"lost phone {news.name}: it has gone silent"
+        case FollowerNews():
+            return news.line
         case DatagramsRefused():
             return str(news)
         case events.BurstRefused():
@@ -133,7 +128,7 @@ def burst_line(burst: BurstStatus) -> str:
 
 
 KEPT = 500
-_WARNINGS = events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused | AppPhoneLost
+_WARNINGS = events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused
 
 
 class NewsLog:
@@ -161,6 +156,7 @@ class NewsLog:
         elif text := news_line(news):
             warns = isinstance(news, _WARNINGS)
             warns = warns or (isinstance(news, DiskNews) and bool(news.problem))
+            warns = warns or (isinstance(news, FollowerNews) and news.is_warning)
             self.add(text, camera=news.name, level="warning" if warns else "info")
 
     def after(self, unix_ns: int) -> tuple[NewsLine, ...]:

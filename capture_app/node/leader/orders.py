@@ -1,11 +1,11 @@
 """What operators ask a leader to do beside taking bursts: to add and remove cameras, to cancel, to end."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from capture_app.errors import BadInputError, NotAvailableError
-from capture_app.interop.guests import Guests
 from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.node.leader.followers import RigFollower
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.news import NewsLog
 from capture_app.node.wire import operating
@@ -26,7 +26,7 @@ class OperatorOrders:
         news: NewsLog,
         now_ns: Callable[[], int],
         after_turn: Callable[[], None],
-        guests: Guests,
+        followers: Sequence[RigFollower],
     ) -> None:
         """`local` starts nodes on this machine; None where this leader does not.
 
@@ -40,7 +40,7 @@ class OperatorOrders:
         self._news = news
         self._now_ns = now_ns
         self._after_turn = after_turn
-        self._guests = guests
+        self._followers = followers
 
     async def carry_out(self, order: operating.Order) -> operating.Done:
         """Do what is asked, and return when it is done. Raises the errors of what is asked."""
@@ -58,7 +58,8 @@ class OperatorOrders:
                 await self._bursts.end(number)
                 self._after_turn()
             case operating.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
-                self._guests.set_exposure(exposure_ns, iso)
+                for follower in self._followers:
+                    follower.expose(exposure_ns, iso)
             case operating.StopRig():
                 self._news.add("stopped by an operator")
                 self.stop_wanted.set()

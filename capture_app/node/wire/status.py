@@ -8,7 +8,6 @@ from typing import Literal
 from msgspec import Struct
 
 from capture_app.camera_facts import CameraFacts, ControlState
-from capture_app.interop.app_leader import AppPhoneStatus
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, Report
 
@@ -76,6 +75,22 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     """Moments that were left out, as not every camera had its frame; later ones took their place."""
 
 
+class FollowerStatus(Struct, frozen=True, kw_only=True):
+    """A device that another program makes follow the rig; times in ns, None where not known yet."""
+
+    name: str
+    address: str
+    state: str
+    """synchronizing, synced or lost."""
+    uncertainty_ns: int | None = None
+    """95 % of the error of the time that it was given, at its worst before it gets the next."""
+    hard_bound_ns: int | None = None
+    skew_ppm: float | None = None
+    round_trip_ns: int | None = None
+    samples: int = 0
+    last_seen_ns: int = 0
+
+
 class BurstAhead(Struct, frozen=True, kw_only=True):
     """A burst that is ordered and begins later."""
 
@@ -102,7 +117,7 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     now_ns: int
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()
-    app_phones: tuple[AppPhoneStatus, ...] = ()
+    app_phones: tuple[FollowerStatus, ...] = ()
     """Phones with libsoftwaresync or RecSync; their pictures stay on them."""
     burst: BurstStatus | None = None
     ahead: tuple[BurstAhead, ...] = ()

@@ -15,6 +15,7 @@ from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import BadInputError, NetworkError
 from capture_app.interop.app_phones import AppPhones
 from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
+from capture_app.node.leader.followers import FollowerNews
 from capture_app.node.leader.news import News, news_line
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.importers.recording import ImportOptions, import_recording
@@ -35,24 +36,36 @@ class Take:
     finished: asyncio.Event = field(default_factory=asyncio.Event)
 
 
+class Listener:
+    """A rig without a grid that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.news: list[News] = []
+
+    def shared_grid(self) -> None:
+        return None
+
+    def note_follower(self, news: FollowerNews) -> None:
+        self.news.append(news)
+
+
 class PhoneRig:
     """A leader's phones, one of them here."""
 
-    def __init__(self, news: list[News]) -> None:
+    def __init__(self) -> None:
+        self.listener = Listener()
         self.phones = AppPhones(f"{HOST}.1", aligns=False)
         self.one = PhoneOnSockets("a3f1", f"{HOST}.2", f"{HOST}.1", SimulatedClock(7200 * S, 20.0))
-        self.news = news
 
     @property
     def lines(self) -> str:
-        return "\n".join(map(news_line, self.news))
+        return "\n".join(map(news_line, self.listener.news))
 
 
 @pytest.fixture
 async def rig() -> AsyncIterator[PhoneRig]:
-    news: list[News] = []
-    made = PhoneRig(news)
-    made.phones.start(HostClock(), news.append)
+    made = PhoneRig()
+    made.phones.start(HostClock(), made.listener)
     try:
         async with made.one:
             await until(lambda: made.one.is_synced, seconds=SLOW_PATIENCE_S)
@@ -132,16 +145,16 @@ async def test_a_port_that_another_program_has_is_named() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind((f"{HOST}.3", CALL_PORT))
         with pytest.raises(NetworkError, match="8244") as raised:
-            AppPhones(f"{HOST}.3", aligns=False).start(HostClock(), lambda _: None)
+            AppPhones(f"{HOST}.3", aligns=False).start(HostClock(), Listener())
         assert "no other port" in raised.value.hint
 
 
 async def test_without_phones_nothing_is_said(tmp_path: Path) -> None:
-    news: list[News] = []
+    listener = Listener()
     phones = AppPhones(f"{HOST}.4", aligns=False)
-    phones.start(HostClock(), news.append)
+    phones.start(HostClock(), listener)
     phones.take_part(Take(burst_of(time.monotonic_ns() + S)))
     await phones.close()
     assert phones.take_alone(BurstRequest(frames=1)) == ""
-    assert news == []
+    assert listener.news == []
     assert phones.statuses() == ()

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from capture_app.clock import HostClock, SimulatedClock
-from capture_app.interop.guests import Guests
-from capture_app.interop.rpicam import PACKET, RpicamSync, SharedGrid
+from capture_app.interop.rpicam import PACKET, RpicamSync
+from capture_app.node.leader.followers import FollowerNews, SharedGrid
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
@@ -18,6 +18,21 @@ from tests.node.joining import joined
 from tests.waiting import PATIENCE_S, patience
 
 S = 1_000_000_000
+
+
+class Rig:
+    """A rig with this grid, that says when it was asked for it."""
+
+    def __init__(self, grid: SharedGrid | None) -> None:
+        self.grid = grid
+        self.asked = asyncio.Event()
+
+    def shared_grid(self) -> SharedGrid | None:
+        self.asked.set()
+        return self.grid
+
+    def note_follower(self, news: FollowerNews) -> None:
+        raise AssertionError(news)
 
 
 @pytest.fixture
@@ -43,9 +58,9 @@ def wall_ns(host_ns: int) -> int:
 async def test_a_leader_sends_its_grid_in_the_wall_clock(
     pi: socket.socket, tmp_path: Path, open_rig: None
 ) -> None:
-    guests = Guests(rpicam=RpicamSync(["127.0.0.1"], port=pi.getsockname()[1]))
+    sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
     node = LeaderNode(
-        sessions=tmp_path, host="127.0.0.1", port=0, period_ns=33_328_000, grid_phase_ns=5, guests=guests
+        sessions=tmp_path, host="127.0.0.1", port=0, period_ns=33_328_000, grid_phase_ns=5, followers=[sync]
     )
     async with node, joined(node.own_address, ("cam", 1)):
         duration_ns, frame_ns = await heard(pi)
@@ -62,7 +77,7 @@ async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.soc
     # The root is 50,000 s ahead of this node's clock.
     known = TimeMap(now_ns, 50_000 * S, 0.0, 1000.0, 1000.0, 0.0, 0.0, 300, 1000)
     sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
-    sync.start(clock, lambda: SharedGrid(goal, known))
+    sync.start(clock, Rig(SharedGrid(goal, known)))
     try:
         _, frame_ns = await heard(pi)
     finally:
@@ -72,14 +87,10 @@ async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.soc
 
 
 async def test_without_a_grid_nothing_is_sent(pi: socket.socket) -> None:
-    asked = asyncio.Event()
-
-    def no_grid() -> None:
-        asked.set()
-
+    rig = Rig(None)
     sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
-    sync.start(HostClock(), no_grid)
-    await asked.wait()
+    sync.start(HostClock(), rig)
+    await rig.asked.wait()
     await sync.close()
     with pytest.raises(BlockingIOError):
         pi.recv(100)

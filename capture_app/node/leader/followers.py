@@ -1,0 +1,91 @@
+"""The seam for other programs that follow a rig: what they are told, and what they tell.
+
+A leader or a relay starts and closes its followers, and knows no more of them than this.
+"""
+
+import asyncio
+from dataclasses import dataclass
+from typing import Protocol
+
+from capture_app.clock import NodeClock
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import FollowerStatus
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.goal import Goal
+from capture_app.sync.rig.frame_picks import Burst
+
+
+@dataclass(frozen=True, slots=True)
+class SharedGrid:
+    """A rig's grid, as this machine knows it; without a map its clock is the rig's time."""
+
+    goal: Goal
+    time_map: TimeMap | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerNews:
+    """What happened to a follower; each kind has a line of its own for a person."""
+
+    name: str | None
+
+    @property
+    def line(self) -> str:
+        """One line for a person."""
+        raise NotImplementedError
+
+    @property
+    def is_warning(self) -> bool:
+        """Whether a person should look."""
+        return False
+
+
+class FollowedRig(Protocol):
+    """A leader or a relay, as its followers see it."""
+
+    def shared_grid(self) -> SharedGrid | None:
+        """Return the grid of instants as it is now, None where there is none yet."""
+
+    def note_follower(self, news: FollowerNews) -> None:
+        """Tell what happened to a follower."""
+
+
+class Take(Protocol):
+    """A burst under way."""
+
+    @property
+    def burst(self) -> Burst:
+        """As it is ordered now: a recording ends earlier than it was first ordered."""
+
+    @property
+    def finished(self) -> asyncio.Event:
+        """Set when it is over."""
+
+
+class RigFollower:
+    """Other programs of one kind that follow a rig while this is started; by itself it takes no pictures."""
+
+    def start(self, clock: NodeClock, rig: FollowedRig) -> None:
+        """Lead them. Raises NetworkError where a port of theirs is in use."""
+        raise NotImplementedError
+
+    async def close(self) -> None:
+        """Let them go. Calling it twice is harmless."""
+        raise NotImplementedError
+
+    def take_part(self, take: Take) -> None:
+        """Have those that can take their part of a burst."""
+
+    def take_alone(self, request: BurstRequest) -> str:
+        """Have them take a burst in a rig without a camera; return who does what, empty where nobody is here.
+
+        Raises BadInputError for a recording without an end.
+        """
+        return ""
+
+    def expose(self, exposure_ns: int, iso: int) -> None:
+        """Have those that can expose each frame for so long, at this sensitivity."""
+
+    def statuses(self) -> tuple[FollowerStatus, ...]:
+        """Return the devices that are or were here lately."""
+        return ()

@@ -81,7 +81,7 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
         third = burst_upload(*(Picture(b"%d" % n) for n in range(3))).frames[2]
         uploader.extend_burst(1, 1, [third], [], over=3)
         await until(lambda: (1, 2) in sent)
-        assert not upload.images
+        await until(lambda: not upload.images)
         uploader.extend_burst(1, 1, [], [gap(3)], over=4, ended=True)
         await until(lambda: reports[-1].picked == 4)
         await until(lambda: not list((tmp_path / "a").iterdir()))

@@ -121,12 +121,12 @@ STRUCTS = (
 
 
 @pytest.mark.parametrize("kernels", STRUCTS)
-def test_sizes_are_the_kernels(kernels):
+def test_sizes_are_the_kernels(kernels: type[c.Structure]) -> None:
     ours = getattr(kernel, re.sub("(?<!^)(?=[A-Z])", "_", kernels.__name__).upper())
     assert ours.size == c.sizeof(kernels)
 
 
-def test_buffer_fields_lie_where_the_kernel_puts_them():
+def test_buffer_fields_lie_where_the_kernel_puts_them() -> None:
     packed = kernel.BUFFER.pack(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
     buffer = Buffer.from_buffer_copy(packed)
     assert (buffer.index, buffer.type, buffer.bytesused, buffer.flags, buffer.field) == (1, 2, 3, 4, 5)
@@ -134,7 +134,7 @@ def test_buffer_fields_lie_where_the_kernel_puts_them():
     assert (buffer.sequence, buffer.memory, buffer.m.offset, buffer.length) == (8, 9, 10, 11)
 
 
-def test_format_fields_lie_where_the_kernel_puts_them():
+def test_format_fields_lie_where_the_kernel_puts_them() -> None:
     packed = Format.from_buffer_copy(kernel.FORMAT.pack(1, 640, 480, b"MJPG", 2, 1280, 614400))
     mjpg = struct.unpack("<I", b"MJPG")[0]
     assert packed.type == 1
@@ -142,14 +142,14 @@ def test_format_fields_lie_where_the_kernel_puts_them():
     assert not any(list(packed.fmt.pix)[6:])
 
 
-def test_stream_parameters_lie_where_the_kernel_puts_them():
+def test_stream_parameters_lie_where_the_kernel_puts_them() -> None:
     packed = StreamParameters.from_buffer_copy(kernel.STREAM_PARAMETERS.pack(1, 0x1000, 0, 1, 30))
     capture = packed.parm.capture
     assert (packed.type, capture.capability, capture.capturemode) == (1, 0x1000, 0)
     assert (capture.timeperframe.numerator, capture.timeperframe.denominator) == (1, 30)
 
 
-def test_enumerated_ranges_lie_where_the_kernel_puts_them():
+def test_enumerated_ranges_lie_where_the_kernel_puts_them() -> None:
     interval = FrameInterval(index=3, width=640, height=480, type=3)
     interval.pixel_format = b"YUYV"
     interval.stepwise[0] = Fract(1, 60)
@@ -180,17 +180,17 @@ def test_enumerated_ranges_lie_where_the_kernel_puts_them():
         ("VIDIOC_ENUM_FRAMEINTERVALS", 0xC034564B),
     ],
 )
-def test_request_numbers_are_what_a_c_compiler_prints(name, number):
+def test_request_numbers_are_what_a_c_compiler_prints(name: str, number: int) -> None:
     assert getattr(kernel, name) == number
 
 
-def test_a_32_bit_system_is_refused_in_words(monkeypatch):
+def test_a_32_bit_system_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(struct, "calcsize", lambda _format: 4)
     with pytest.raises(NotAvailableError, match="64-bit"):
         check_layout()
 
 
-def test_sizes_in_steps_are_rounded_to_the_nearest_one():
+def test_sizes_in_steps_are_rounded_to_the_nearest_one() -> None:
     size = kernel.FrameSize(16, 1920, 16, 16, 1080, 8)
     assert size.nearest(641, 477) == (640, 480)
     assert size.nearest(9999, 1) == (1920, 16)

@@ -42,11 +42,13 @@ def chosen(modes: tuple[Mode, ...], **options: str) -> tuple[str, int, int, Frac
         (THERMAL, {}, ("GREY", 160, 120, 9)),
     ],
 )
-def test_the_best_mode_with_all_wishes_is_chosen(modes, options, expected):
+def test_the_best_mode_with_all_wishes_is_chosen(
+    modes: tuple[Mode, ...], options: dict[str, str], expected: tuple[str, int, int, int]
+) -> None:
     assert chosen(modes, **options) == expected
 
 
-def test_a_range_of_rates_is_clamped_only_without_a_wish():
+def test_a_range_of_rates_is_clamped_only_without_a_wish() -> None:
     modes = (Mode("YUYV", 640, 480, (v4l2.FrameInterval(Fraction(1, 25), Fraction(1, 5)),)),)
     assert chosen(modes) == ("YUYV", 640, 480, 25)
     assert chosen(modes, fps="12") == ("YUYV", 640, 480, 12)
@@ -55,7 +57,7 @@ def test_a_range_of_rates_is_clamped_only_without_a_wish():
 
 
 @pytest.mark.parametrize("options", [{"width": "800"}, {"fps": "120"}, {"format": "GREY"}, {"height": "1"}])
-def test_a_mode_that_is_not_offered_is_refused_with_those_that_are(options):
+def test_a_mode_that_is_not_offered_is_refused_with_those_that_are(options: dict[str, str]) -> None:
     with pytest.raises(
         CameraError, match=r"/dev/video0 has no mode .*it offers .*MJPG 640x480 at 30, 15 fps"
     ):
@@ -74,7 +76,7 @@ def test_a_mode_that_is_not_offered_is_refused_with_those_that_are(options):
         {"zoom": "2"},
     ],
 )
-def test_an_unreadable_option_is_named(options):
+def test_an_unreadable_option_is_named(options: dict[str, str]) -> None:
     with pytest.raises(BadInputError, match=next(iter(options))):
         parse_options(options)
 
@@ -88,7 +90,7 @@ def test_an_unreadable_option_is_named(options):
         (v4l2.CAP_VIDEO_CAPTURE, "not a capture device"),
     ],
 )
-def test_nodes_without_pictures_are_refused(flags, word):
+def test_nodes_without_pictures_are_refused(flags: int, word: str) -> None:
     with pytest.raises(CameraError, match=word):
         check_capture("/dev/video1", v4l2.Capability("uvcvideo", "Webcam", "usb-1", flags))
 
@@ -106,7 +108,7 @@ def test_nodes_without_pictures_are_refused(flags, word):
         (errno.ENOMEM, "Cannot allocate memory"),
     ],
 )
-def test_the_kernels_errors_say_what_to_do(code, words):
+def test_the_kernels_errors_say_what_to_do(code: int, words: str) -> None:
     error = driver_error("/dev/video0", OSError(code, "x"))
     assert words in str(error)
     assert "/dev/video0" in error.what
@@ -117,12 +119,12 @@ def test_the_kernels_errors_say_what_to_do(code, words):
     ("path", "words"),
     [("/dev/video-none", "no camera"), ("/dev/null", "not a camera"), ("/dev", "not a camera")],
 )
-def test_opening_what_is_no_camera_fails_in_words(path, words):
+def test_opening_what_is_no_camera_fails_in_words(path: str, words: str) -> None:
     with pytest.raises(CameraError, match=words):
         open_camera(path, {}, clock=HostClock(), name="a")
 
 
-def test_a_regular_file_is_not_opened(tmp_path):
+def test_a_regular_file_is_not_opened(tmp_path: Path) -> None:
     note = tmp_path / "video0"
     note.write_text("no camera")
     with pytest.raises(CameraError, match="not a camera"):
@@ -130,7 +132,7 @@ def test_a_regular_file_is_not_opened(tmp_path):
     assert list_cameras(tmp_path) == []
 
 
-def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path):
+def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path: Path) -> None:
     def denied(_path: str) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
@@ -141,7 +143,7 @@ def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path):
     assert all("group `video`" in listing.detail and not listing.usable for listing in found)
 
 
-def test_a_camera_is_listed_with_its_modes(tmp_path):
+def test_a_camera_is_listed_with_its_modes(tmp_path: Path) -> None:
     Path(tmp_path, "video0").touch()
     (found,) = list_cameras(tmp_path, lambda _path: FickleDevice(MJPG, 30))
     assert (found.spec, found.model) == (f"v4l2:{tmp_path}/video0", "Fake camera")
@@ -149,7 +151,7 @@ def test_a_camera_is_listed_with_its_modes(tmp_path):
 
 
 @pytest.mark.parametrize(("busy", "opens"), [(3, True), (99, False)])
-def test_a_camera_that_wakes_up_is_tried_again(busy, opens):
+def test_a_camera_that_wakes_up_is_tried_again(busy: int, opens: bool) -> None:
     answers = [OSError(errno.EBUSY, "Device or resource busy")] * busy
 
     def device(_path: str) -> str:
@@ -166,13 +168,15 @@ def test_a_camera_that_wakes_up_is_tried_again(busy, opens):
             open_video_node("/dev/null", **known)
 
 
-def test_the_period_is_the_one_the_driver_took():
+def test_the_period_is_the_one_the_driver_took() -> None:
     assert configure(FickleDevice(MJPG, 25), parse_options({})) == (MJPG, Fraction(1, 25))
 
 
 @pytest.mark.parametrize(
     ("taken", "rate", "options"), [(v4l2.PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})]
 )
-def test_a_driver_that_takes_another_mode_is_refused(taken, rate, options):
+def test_a_driver_that_takes_another_mode_is_refused(
+    taken: v4l2.PixelFormat, rate: int, options: dict[str, str]
+) -> None:
     with pytest.raises(CameraError, match="it offers MJPG 640x480 at 30, 15 fps"):
         configure(FickleDevice(taken, rate), parse_options(options))

@@ -50,7 +50,7 @@ async def bench() -> AsyncIterator[Bench]:
     await bench.camera.stop()
 
 
-async def test_frames_carry_the_drivers_stamp_number_and_bytes(bench):
+async def test_frames_carry_the_drivers_stamp_number_and_bytes(bench: Bench) -> None:
     stamps = [bench.device.deliver(sequence) for sequence in (0, 1)]
     frames = [await bench.frame(), await bench.frame()]
     assert [frame.timestamp_ns for frame in frames] == stamps
@@ -60,7 +60,7 @@ async def test_frames_carry_the_drivers_stamp_number_and_bytes(bench):
 
 
 @pytest.mark.parametrize(("driver", "source"), [("uvcvideo", "profile"), ("cafe_ccic", "assumed")])
-async def test_no_driver_is_believed_what_its_stamps_are(driver, source):
+async def test_no_driver_is_believed_what_its_stamps_are(driver: str, source: str) -> None:
     """The exposure of 15.7 ms, a frame and 5 ms may lie between the light and the arrival of its bytes."""
     bench = await started(FakeDevice(driver=driver))
     stamp = bench.camera.facts.stamp_accuracy
@@ -69,7 +69,7 @@ async def test_no_driver_is_believed_what_its_stamps_are(driver, source):
     await bench.camera.stop()
 
 
-async def test_info_says_what_the_device_can_do(bench):
+async def test_info_says_what_the_device_can_do(bench: Bench) -> None:
     facts = bench.camera.facts
     assert (facts.kind, facts.model, facts.pixel_format) == ("v4l2", "Fake camera", "MJPG")
     assert facts.timestamp_source is TimestampSource.START_OF_EXPOSURE
@@ -82,30 +82,30 @@ async def test_info_says_what_the_device_can_do(bench):
     ("frame_bytes", "period_ns", "count"),
     [(614_400, PERIOD_NS, 16), (16_588_800, PERIOD_NS, 4), (153_600, 4_000_000, 24), (614_400, 10**9, 4)],
 )
-def test_half_a_second_is_buffered_where_memory_allows(frame_bytes, period_ns, count):
+def test_half_a_second_is_buffered_where_memory_allows(frame_bytes: int, period_ns: int, count: int) -> None:
     device = FakeDevice()
     V4L2Camera(device, v4l2.PixelFormat("MJPG", 640, 480, 0, frame_bytes), period_ns)
     assert device.asked_buffers == count
 
 
-async def test_stamps_at_the_end_of_a_frame_are_called_so():
+async def test_stamps_at_the_end_of_a_frame_are_called_so() -> None:
     bench = await started(FakeDevice(v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC))
     assert bench.camera.facts.timestamp_source is TimestampSource.END_OF_FRAME
     await bench.camera.stop()
 
 
-def test_stamps_of_an_unknown_clock_are_refused():
+def test_stamps_of_an_unknown_clock_are_refused() -> None:
     with pytest.raises(CameraError, match="monotonic clock"):
         V4L2Camera(FakeDevice(flags=0), MJPG, PERIOD_NS)
 
 
-async def test_stamps_of_another_clock_fail_the_camera_whatever_the_flags_say(bench):
+async def test_stamps_of_another_clock_fail_the_camera_whatever_the_flags_say(bench: Bench) -> None:
     bench.device.deliver(0, age_ns=3_600_000_000_000)
     assert "monotonic clock" in str(await bench.failure())
     assert bench.frames.empty()
 
 
-async def test_damaged_frames_are_gaps_and_their_buffers_go_back(bench):
+async def test_damaged_frames_are_gaps_and_their_buffers_go_back(bench: Bench) -> None:
     bench.device.deliver(0)
     bench.device.deliver(1, flags=v4l2.BUF_FLAG_ERROR)
     bench.device.deliver(2, data=b"not a JPEG")
@@ -115,7 +115,7 @@ async def test_damaged_frames_are_gaps_and_their_buffers_go_back(bench):
     assert (await bench.frame()).sequence == 3
 
 
-async def test_automatic_exposure_is_not_claimed_to_be_known():
+async def test_automatic_exposure_is_not_claimed_to_be_known() -> None:
     device = FakeDevice()
     device.controls[v4l2.CID_EXPOSURE_AUTO] = 3
     bench = await started(device)
@@ -125,7 +125,7 @@ async def test_automatic_exposure_is_not_claimed_to_be_known():
     await bench.camera.stop()
 
 
-async def test_a_restart_begins_a_new_stream_without_frames_of_the_old(bench):
+async def test_a_restart_begins_a_new_stream_without_frames_of_the_old(bench: Bench) -> None:
     bench.device.deliver(0)
     assert (await bench.frame()).stream == 1
     bench.device.deliver(1)
@@ -142,7 +142,7 @@ async def test_a_restart_begins_a_new_stream_without_frames_of_the_old(bench):
     assert bench.device.on_times_ns[1] - asked_ns >= PERIOD_NS - 1_000_000
 
 
-async def test_the_loop_runs_on_while_the_device_starts(bench):
+async def test_the_loop_runs_on_while_the_device_starts(bench: Bench) -> None:
     bench.device.may_start.clear()
     restart = asyncio.ensure_future(bench.camera.apply(RestartStream(0)))
     await until(lambda: "off" in bench.device.calls)
@@ -151,7 +151,7 @@ async def test_the_loop_runs_on_while_the_device_starts(bench):
     await restart
 
 
-async def test_stopping_cuts_a_restart_short(bench):
+async def test_stopping_cuts_a_restart_short(bench: Bench) -> None:
     restart = asyncio.ensure_future(bench.camera.apply(RestartStream(3_600_000_000_000)))
     await until(lambda: "off" in bench.device.calls)
     await bench.camera.stop()
@@ -162,7 +162,7 @@ async def test_stopping_cuts_a_restart_short(bench):
 
 
 @pytest.mark.parametrize("code", [errno.ENODEV, errno.EIO])
-async def test_unplugging_is_reported_once(bench, code):
+async def test_unplugging_is_reported_once(bench: Bench, code: int) -> None:
     bench.device.unplug(code)
     failure = await bench.failure()
     assert isinstance(failure, CameraError)
@@ -175,7 +175,7 @@ async def test_unplugging_is_reported_once(bench, code):
     assert bench.device.calls.count("close") == 1
 
 
-async def test_unplugging_during_a_restart_is_reported_once(bench):
+async def test_unplugging_during_a_restart_is_reported_once(bench: Bench) -> None:
     bench.device.stream_on_error = errno.ENODEV
     await bench.camera.apply(RestartStream(0))
     assert isinstance(await bench.failure(), CameraError)
@@ -184,19 +184,19 @@ async def test_unplugging_during_a_restart_is_reported_once(bench):
 
 
 @pytest.mark.parametrize(("code", "words"), [(errno.ENOSPC, "USB"), (errno.EBUSY, "in use")])
-async def test_a_device_that_cannot_start_says_why(code, words):
+async def test_a_device_that_cannot_start_says_why(code: int, words: str) -> None:
     device = FakeDevice()
     device.stream_on_error = code
     with pytest.raises(CameraError, match=words):
         await started(device)
 
 
-async def test_a_longer_frame_is_refused(bench):
+async def test_a_longer_frame_is_refused(bench: Bench) -> None:
     with pytest.raises(CameraError, match="restart"):
         await bench.camera.apply(InjectFrame(40_000_000))
 
 
-async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back():
+async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back() -> None:
     device = FakeDevice()
     device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] = 1
     bench = await started(device)
@@ -205,7 +205,7 @@ async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back():
     assert device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] == 1
 
 
-def test_raw_frames_become_jpegs_without_the_padding_of_their_lines():
+def test_raw_frames_become_jpegs_without_the_padding_of_their_lines() -> None:
     red = np.array([[76, 85, 76, 255] * 8] * 16, np.uint8)
     padded = np.pad(red, ((0, 0), (0, 6)), constant_values=200)
     picture = decoded(RawPicture(padded.tobytes(), v4l2.PixelFormat("YUYV", 16, 16, 38)))
@@ -221,7 +221,7 @@ def test_raw_frames_become_jpegs_without_the_padding_of_their_lines():
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
 
-def test_a_preview_of_a_large_picture_is_decoded_small():
+def test_a_preview_of_a_large_picture_is_decoded_small() -> None:
     large = np.zeros((480, 640, 3), np.uint8)
     large[:, 320:] = (0, 0, 255)
     jpeg = bytes(cv2.imencode(".jpg", large)[1])
@@ -246,7 +246,9 @@ def test_a_preview_of_a_large_picture_is_decoded_small():
         ),
     ],
 )
-def test_a_preview_of_a_raw_picture_leaves_pixels_out(fourcc, plane, colour):
+def test_a_preview_of_a_raw_picture_leaves_pixels_out(
+    fourcc: str, plane: np.ndarray, colour: tuple[int, int, int]
+) -> None:
     picture = RawPicture(plane.tobytes(), v4l2.PixelFormat(fourcc, 16, 16, plane.shape[1])).reduced(8)
     assert picture.shape == (8, 8, 3)
     assert np.abs(picture.astype(int) - colour).max() < 12

@@ -85,7 +85,7 @@ async def started(camera: FakeCamera) -> None:
     await asyncio.sleep(0.01)
 
 
-async def test_a_camera_opened_again_goes_on_counting_streams(bench):
+async def test_a_camera_opened_again_goes_on_counting_streams(bench: Bench) -> None:
     first = await bench.next_camera()
     await started(first)
     for stream in (1, 2, 3):
@@ -101,7 +101,7 @@ async def test_a_camera_opened_again_goes_on_counting_streams(bench):
     assert bench.failures == ["unplugged", ""]
 
 
-async def test_another_camera_in_its_place_is_an_error():
+async def test_another_camera_in_its_place_is_an_error() -> None:
     bench = Bench()
     await bench.camera.start()
     first = await bench.next_camera()
@@ -114,7 +114,9 @@ async def test_another_camera_in_its_place_is_an_error():
 @pytest.mark.parametrize(
     ("delay_ns", "given_ns"), [(20_000_000, 12_000_000), (5_000_000, PERIOD_NS - 3_000_000)]
 )
-async def test_a_restart_keeps_its_aim_though_the_engine_took_8_ms(bench, delay_ns, given_ns):
+async def test_a_restart_keeps_its_aim_though_the_engine_took_8_ms(
+    bench: Bench, delay_ns: int, given_ns: int
+) -> None:
     camera = await bench.next_camera()
     await started(camera)
     frame_ns = bench.clock.ns

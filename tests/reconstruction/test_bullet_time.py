@@ -1,11 +1,13 @@
 """The bullet-time sweep: cameras in the order of their places, the subject held still, honest pictures."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from capture_app.session.reading.reader import Session
 from reconstruction.bullet_time import (
     order_by_place,
     project_point,
@@ -30,28 +32,28 @@ def on_arc(angle_deg: float, radius: float = 3.0, roll: float = 0.0) -> View:
     return make_view(at, yaw=-angle_deg, roll=roll)
 
 
-def test_the_walk_follows_a_row_whatever_the_names():
+def test_the_walk_follows_a_row_whatever_the_names() -> None:
     row = {
         name: make_view((x, 0.0, 0.0)) for name, x in zip("dbaec", (-0.4, -0.2, 0.0, 0.2, 0.4), strict=True)
     }
     assert order_by_place(row) == ("d", "b", "a", "e", "c")
 
 
-def test_the_walk_goes_round_a_ring_and_never_across():
+def test_the_walk_goes_round_a_ring_and_never_across() -> None:
     angles = dict(zip("abcdefgh", (45, 180, 0, 270, 90, 225, 135, 315), strict=True))
     walk = order_by_place({name: on_arc(angle) for name, angle in angles.items()})
     steps = [(angles[b] - angles[a]) % 360 for a, b in pairwise(walk)]
     assert set(steps) in ({45}, {315})
 
 
-def test_cameras_in_one_spot_are_walked_from_left_to_right():
+def test_cameras_in_one_spot_are_walked_from_left_to_right() -> None:
     names = order_by_place(
         {"r": make_view((0, 0, 0), yaw=30), "l": make_view((0, 0, 0), yaw=-30), "m": make_view((0, 0, 0))}
     )
     assert names == ("l", "m", "r")
 
 
-def test_what_cameras_saw_is_placed_where_it_is():
+def test_what_cameras_saw_is_placed_where_it_is() -> None:
     views = {name: on_arc(angle) for name, angle in zip("abc", (-20, 0, 15), strict=True)}
     point = np.array([0.1, -0.2, 2.7])
     seen = {name: project_point(view, point) for name, view in views.items()}
@@ -65,13 +67,13 @@ def test_what_cameras_saw_is_placed_where_it_is():
     assert triangulate_subject(views, {"a": seen["b"]}) is None
 
 
-def test_no_point_is_held_that_a_camera_does_not_show():
+def test_no_point_is_held_that_a_camera_does_not_show() -> None:
     views = {"a": on_arc(-10), "b": on_arc(10), "aside": make_view((0, 0, 0), yaw=120)}
     seen = {name: np.array([WIDTH / 2, HEIGHT / 2]) for name in "ab"}
     assert triangulate_subject(views, seen) is None
 
 
-def test_held_views_show_the_point_at_one_place_and_one_scale():
+def test_held_views_show_the_point_at_one_place_and_one_scale() -> None:
     point = np.array([0.0, 0.0, 3.0])
     views = {"a": on_arc(-25, 2.6, roll=8), "b": on_arc(0), "c": on_arc(25, 3.5, roll=-5)}
     held = stabilize_views(views, point, 200, 150)
@@ -86,7 +88,7 @@ def test_held_views_show_the_point_at_one_place_and_one_scale():
         assert view.centre == pytest.approx(views[name].centre)
 
 
-def test_a_held_picture_is_filled_with_what_the_camera_saw():
+def test_a_held_picture_is_filled_with_what_the_camera_saw() -> None:
     views = {name: on_arc(angle) for name, angle in zip("abc", (-15, 0, 15), strict=True)}
     held = stabilize_views(views, np.array([0.0, 0.0, 3.0]), 160, 120)
     assert held is not None
@@ -95,14 +97,14 @@ def test_a_held_picture_is_filled_with_what_the_camera_saw():
         assert (render_view(held[name], view, grey, (0, 0, 255)) == 120).all()
 
 
-def test_views_that_look_apart_are_not_held():
+def test_views_that_look_apart_are_not_held() -> None:
     views = {"left": make_view((0, 0, 0), yaw=-16), "right": make_view((0.05, 0, 0), yaw=16)}
     point = np.array([0.0, 0.0, 3.0])
     assert all(project_point(view, point) is not None for view in views.values())
     assert stabilize_views(views, point, 160, 120) is None
 
 
-def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
+def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards: Session, tmp_path: Path) -> None:
     dataset = Dataset(boards)
     views = {
         name: view
@@ -136,7 +138,9 @@ def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
     assert len(shown.frames) == 2
 
 
-def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(boards, tmp_path):
+def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(
+    boards: Session, tmp_path: Path
+) -> None:
     dataset = Dataset(boards)
     sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), {}, tmp_path)
 
@@ -149,7 +153,7 @@ def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(boards, 
     assert np.abs(kept.astype(int) - dataset.image("left", sweep.instant)).mean() < 4
 
 
-def test_the_animation_goes_there_and_back(tmp_path):
+def test_the_animation_goes_there_and_back(tmp_path: Path) -> None:
     first = [np.full((60, 80, 3), grey, np.uint8) for grey in (0, 90, 180, 250)]
     path = save_animation(tmp_path, "sweep", (first, first[::-1]), ("synchronized", ["a", "b", "c", "d"]))
 
@@ -169,18 +173,18 @@ class Odd:
     instants_ns = tuple(33_000_000 * k for k in range(5))
     period_ns = 33_000_000
 
-    def instants(self, camera):
+    def instants(self, camera: str) -> tuple[int, ...]:
         return (0, 4) if camera == "c" else (0, 1, 2, 3, 4)
 
-    def size(self, camera):
+    def size(self, camera: str) -> tuple[int, int]:
         return {"a": (320, 240), "b": (240, 320), "c": (200, 200)}[camera]
 
-    def image(self, camera, instant):
+    def image(self, camera: str, instant: int) -> np.ndarray:
         assert instant in self.instants(camera)
         width, height = self.size(camera)
         return np.full((height, width, 3), 40 + 40 * instant, np.uint8)
 
-    def worst_residual_us(self):
+    def worst_residual_us(self) -> None:
         return None
 
 
@@ -189,13 +193,13 @@ class Still:
 
     dataset = Odd()
 
-    def detected_movers(self, camera, instant):
+    def detected_movers(self, camera: str, instant: int) -> np.ndarray:
         return np.zeros(self.dataset.image(camera, instant).shape[:2], bool)
 
     moving = detected_movers
 
 
-def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path):
+def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path: Path) -> None:
     sweep = render_camera_sweep(Odd(), Still(), {}, tmp_path)
 
     assert sweep is not None
@@ -206,11 +210,11 @@ def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path):
     assert len(cv2.imreadanimation(str(tmp_path / sweep.file))[1].frames) == 4
 
 
-def test_a_burst_of_one_instant_has_no_sweep(tmp_path):
+def test_a_burst_of_one_instant_has_no_sweep(tmp_path: Path) -> None:
     class Short(Odd):
         instants_ns = (0,)
 
-        def instants(self, camera):
+        def instants(self, camera: str) -> tuple[int, ...]:
             return (0,)
 
     assert render_camera_sweep(Short(), Still(), {}, tmp_path) is None

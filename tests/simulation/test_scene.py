@@ -28,11 +28,13 @@ ROW_NS = 40_000  # a quarter of the rows: as long a readout as 10 us of a full p
 
 
 @pytest.fixture(scope="module")
-def scene():
+def scene() -> Scene:
     return load("studio", scale=SCALE)
 
 
-def picture(scene: Scene, view: str = "cam00", start_ns: int = START_NS, seed: int = 1, **times):
+def picture(
+    scene: Scene, view: str = "cam00", start_ns: int = START_NS, seed: int = 1, **times: int
+) -> np.ndarray:
     return scene.render(
         view, start_ns, times.get("exposure_ns", EXPOSURE_NS), times.get("row_time_ns", ROW_NS), seed=seed
     )
@@ -43,14 +45,14 @@ def around(mask: np.ndarray, pixels: int) -> np.ndarray:
     return cv2.dilate(mask.astype(np.uint8), cross, iterations=pixels).astype(bool)
 
 
-def test_unknown_scene_and_view_name_what_there_is(scene):
+def test_unknown_scene_and_view_name_what_there_is(scene: Scene) -> None:
     with pytest.raises(BadInputError, match="studio"):
         load("moon")
     with pytest.raises(BadInputError, match="cam00"):
         picture(scene, "cam99")
 
 
-def test_a_leader_starts_cameras_for_the_views_there_are():
+def test_a_leader_starts_cameras_for_the_views_there_are() -> None:
     definitions = {
         "studio": studio.DEFINITION,
         "pinwheel": stages.PINWHEEL,
@@ -62,11 +64,11 @@ def test_a_leader_starts_cameras_for_the_views_there_are():
         assert VIEWS[name] == tuple(definition.cameras)
 
 
-def test_scene_is_built_once(scene):
+def test_scene_is_built_once(scene: Scene) -> None:
     assert load("studio", scale=SCALE) is scene
 
 
-def test_pictures_have_the_views_size_and_use_the_tonal_range(scene):
+def test_pictures_have_the_views_size_and_use_the_tonal_range(scene: Scene) -> None:
     shot = picture(scene)
     assert shot.shape == (120, 160, 3)
     assert shot.dtype == np.uint8
@@ -75,7 +77,7 @@ def test_pictures_have_the_views_size_and_use_the_tonal_range(scene):
     assert np.mean(shot == 255) < 0.03
 
 
-def test_same_arguments_give_the_same_bytes_in_another_process(scene):
+def test_same_arguments_give_the_same_bytes_in_another_process(scene: Scene) -> None:
     shot = picture(scene)
     assert np.array_equal(shot, picture(scene))
     code = (
@@ -90,7 +92,7 @@ def test_same_arguments_give_the_same_bytes_in_another_process(scene):
     assert other.stdout.split()[-1] == hashlib.sha256(shot.tobytes()).hexdigest()
 
 
-def test_a_draft_shows_the_same_in_small(scene):
+def test_a_draft_shows_the_same_in_small(scene: Scene) -> None:
     draft = scene.draft(0.5)
     assert scene.draft(0.5) is draft
     full = scene.render("cam01", START_NS, 4_000_000, ROW_NS, seed=1)
@@ -102,13 +104,13 @@ def test_a_draft_shows_the_same_in_small(scene):
     assert np.corrcoef(blocks[0].ravel(), blocks[1].ravel())[0, 1] > 0.98
 
 
-def test_seed_changes_only_the_noise(scene):
+def test_seed_changes_only_the_noise(scene: Scene) -> None:
     difference = picture(scene, seed=1).astype(int) - picture(scene, seed=2)
     assert 0.5 < difference.std() < 8
     assert abs(difference.mean()) < 0.1
 
 
-def test_rolling_shutter_moves_movers_only(scene):
+def test_rolling_shutter_moves_movers_only(scene: Scene) -> None:
     later = {"row_time_ns": 80_000}
     depth, _, movers = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, 0)
     rolled_depth, _, rolled = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, **later)
@@ -125,7 +127,7 @@ def test_rolling_shutter_moves_movers_only(scene):
     assert np.mean(difference[untouched] > 6) < 0.05
 
 
-def test_row_sees_the_scene_at_its_own_time(scene):
+def test_row_sees_the_scene_at_its_own_time(scene: Scene) -> None:
     row = 60
     depth, things, _ = scene.ground_truth("cam00", START_NS, 0, ROW_NS)
     at_row, things_at_row, _ = scene.ground_truth("cam00", START_NS + row * ROW_NS, 0, 0)
@@ -134,7 +136,7 @@ def test_row_sees_the_scene_at_its_own_time(scene):
     assert not np.array_equal(things, things_at_row)
 
 
-def test_blur_grows_with_exposure(scene):
+def test_blur_grows_with_exposure(scene: Scene) -> None:
     def sharpness(exposure_ns: int) -> float:
         # Centred on one instant, without the noise of the sensor: the mean of several seeds.
         start = START_NS - exposure_ns // 2
@@ -147,7 +149,7 @@ def test_blur_grows_with_exposure(scene):
     assert short > 1.04 * middle > 1.04 * 1.04 * long
 
 
-def test_depth_agrees_with_the_calibration(scene):
+def test_depth_agrees_with_the_calibration(scene: Scene) -> None:
     cameras = scene.calibration().cameras
     assert set(cameras) == set(scene.views)
     a, b = cameras["cam00"], cameras["cam03"]
@@ -182,7 +184,7 @@ def test_depth_agrees_with_the_calibration(scene):
     assert checked > 30
 
 
-def test_movers_cover_what_changes_between_two_instants(scene):
+def test_movers_cover_what_changes_between_two_instants(scene: Scene) -> None:
     depth, _, movers = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, ROW_NS)
     later_depth, _, later = scene.ground_truth("cam00", START_NS + 66_000_000, EXPOSURE_NS, ROW_NS)
     changed = depth != later_depth
@@ -190,7 +192,7 @@ def test_movers_cover_what_changes_between_two_instants(scene):
     assert not np.any(changed & ~(movers | later))
 
 
-def test_things_are_named_and_movers_are_the_moving_ones(scene):
+def test_things_are_named_and_movers_are_the_moving_ones(scene: Scene) -> None:
     _, things, movers = scene.ground_truth("cam04", START_NS, EXPOSURE_NS, ROW_NS)
     names = [scene.things[number] for number in np.unique(things)]
     assert {"figure", "pinwheel", "floor", "walls", "rug", "shelf"} <= set(names)
@@ -199,19 +201,19 @@ def test_things_are_named_and_movers_are_the_moving_ones(scene):
 
 
 @pytest.mark.parametrize("step", range(10))
-def test_movers_are_in_every_view_at_any_time(scene, step):
+def test_movers_are_in_every_view_at_any_time(scene: Scene, step: int) -> None:
     start = START_NS + step * 9_777_777_777
     shares = {v: scene.ground_truth(v, start, EXPOSURE_NS, ROW_NS)[2].mean() for v in scene.views}
     assert min(shares.values()) > 0.05
 
 
-def test_all_is_far_enough_for_a_panorama(scene):
+def test_all_is_far_enough_for_a_panorama(scene: Scene) -> None:
     for view in ("cam02", "cam03"):
         assert scene.ground_truth(view, START_NS, EXPOSURE_NS, ROW_NS)[0].min() >= 1.8
 
 
 @pytest.mark.parametrize("time_ns", [0, -1, 2**63 - 10**9, -(2**63), moving_bodies.CYCLE_NS - 1])
-def test_motion_goes_on_for_ever(time_ns):
+def test_motion_goes_on_for_ever(time_ns: int) -> None:
     seconds = moving_bodies.cycle_seconds(np.array([time_ns, time_ns + 1], np.int64))
     for pose in (moving_bodies.jumping_child(seconds) | moving_bodies.turning_wheel(seconds)).values():
         assert np.allclose(np.linalg.det(pose.rotation), 1)
@@ -220,7 +222,7 @@ def test_motion_goes_on_for_ever(time_ns):
         assert np.ptp(pose.rotation, axis=0).max() < 4e-8
 
 
-def test_no_part_stands_still_for_66_ms():
+def test_no_part_stands_still_for_66_ms() -> None:
     start = np.arange(0, moving_bodies.HOP_S * 6, 0.013)
     now, later = moving_bodies.jumping_child(start), moving_bodies.jumping_child(start + 0.066)
     torso = np.linalg.norm((later["torso"].translation - now["torso"].translation)[:, :2], axis=1)
@@ -228,7 +230,7 @@ def test_no_part_stands_still_for_66_ms():
     assert torso.min() > 0.015
 
 
-def test_views_are_those_of_the_calibration_at_full_size():
+def test_views_are_those_of_the_calibration_at_full_size() -> None:
     calibration = Scene.calibration(load("studio", scale=SCALE))
     first, second = (np.array(calibration.cameras[n].rotation) for n in ("cam02", "cam03"))
     turned = np.degrees(np.arccos(first[2] @ second[2]))
@@ -241,7 +243,7 @@ def test_views_are_those_of_the_calibration_at_full_size():
     assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(0.16, abs=0.01)
 
 
-def test_the_studio_looks_as_it_always_did():
+def test_the_studio_looks_as_it_always_did() -> None:
     """Sessions are compared over years: the same arguments still give the same picture."""
     shot = load("studio").render("cam00", 5_000_000_000, 4_000_000, 11_111, seed=1)
     means = shot.reshape(4, 120, 4, 160, 3).mean(axis=(1, 3, 4))
@@ -249,7 +251,7 @@ def test_the_studio_looks_as_it_always_did():
     assert means == pytest.approx(np.array(STUDIO_MEANS), abs=0.005)
 
 
-def test_the_board_is_held_everywhere_before_every_camera():
+def test_the_board_is_held_everywhere_before_every_camera() -> None:
     seconds = np.arange(0, 60, 1.3)
     held = stages.HELD_BOARD.poses(seconds)["sheet"]
     views = {
@@ -270,7 +272,7 @@ def test_the_board_is_held_everywhere_before_every_camera():
 
 
 @pytest.mark.parametrize("name", ["pinwheel", "crossing"])
-def test_the_other_scenes_show_their_movers_in_every_view(name):
+def test_the_other_scenes_show_their_movers_in_every_view(name: str) -> None:
     scene = load(name, scale=SCALE)
     for view in scene.views:
         shot = picture(scene, view, start_ns=8_000_000_000)
@@ -282,7 +284,7 @@ def test_the_other_scenes_show_their_movers_in_every_view(name):
         assert {scene.things[number] for number in np.unique(things[movers])} <= scene.moving_things
 
 
-def test_walkers_keep_their_feet_on_the_floor_and_repeat_themselves():
+def test_walkers_keep_their_feet_on_the_floor_and_repeat_themselves() -> None:
     seconds = np.arange(0, moving_bodies.LAP_S, 0.01)
     walked = moving_bodies.walking_child(seconds, ahead=0.25, prefix="")
     again = moving_bodies.walking_child(seconds + moving_bodies.LAP_S, ahead=0.25, prefix="")

@@ -15,6 +15,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus
+from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
 
 PATIENCE_S = 60.0
@@ -46,7 +47,7 @@ async def take(link: RigLink, request: BurstRequest) -> BurstStatus:
     return statuses[-1]
 
 
-def manifest_of(done: BurstStatus):
+def manifest_of(done: BurstStatus) -> Manifest:
     assert done.session is not None
     return Session.open(Path(done.session)).manifest
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import cv2
 import msgspec
@@ -30,16 +31,16 @@ class Page(HTMLParser):
         self.close()
         assert self.stack == []
 
-    def handle_starttag(self, tag, attrs):
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, {key: value or "" for key, value in attrs}))
         if tag not in VOID:
             self.stack.append(tag)
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag: str) -> None:
         if tag not in VOID:
             assert self.stack.pop() == tag
 
-    def handle_data(self, data):
+    def handle_data(self, data: str) -> None:
         if not {"script", "style"} & set(self.stack):
             self.text += data.replace(wording.GAP, " ").replace("\n", " ")
 
@@ -47,12 +48,17 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
+ReadReport = Callable[..., Page]
+
+
 @pytest.fixture
-def read_report(tmp_path: Path) -> Callable[..., Page]:
+def read_report(tmp_path: Path) -> ReadReport:
     """Write the report of a result, with changes, into the test's folder and read it."""
-    return lambda result=RESULT, **changes: Page(
-        write_report(msgspec.structs.replace(result, **changes), tmp_path)
-    )
+
+    def read(result: CompareResult = RESULT, **changes: Any) -> Page:
+        return Page(write_report(msgspec.structs.replace(result, **changes), tmp_path))
+
+    return read
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 AT = "getComputedStyle(document.querySelector('.pair')).getPropertyValue('--at')"
 
 
-def test_the_slider_moves_by_keys_and_says_where_it_is(browser, report):
+def test_the_slider_moves_by_keys_and_says_where_it_is(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.ask("document.querySelector('.wipe').focus()")
     assert browser.ask(AT) == "50%"
@@ -50,7 +50,7 @@ def test_the_slider_moves_by_keys_and_says_where_it_is(browser, report):
 
 
 @pytest.mark.parametrize("share", [0.01, 0.25, 0.9])
-def test_the_slider_follows_the_pointer(browser, report, share):
+def test_the_slider_follows_the_pointer(browser: Browser, report: Path, share: float) -> None:
     browser.open(report)
     browser.ask("document.querySelector('.pair').scrollIntoView()")
     (at,) = browser.point(".pair img", share)
@@ -60,7 +60,7 @@ def test_the_slider_follows_the_pointer(browser, report, share):
 
 @pytest.mark.parametrize("width", [360, 400, 700, 1400])
 @pytest.mark.parametrize("view", ["over", "beside"])
-def test_nothing_sticks_out_at_any_width(browser, report, width, view):
+def test_nothing_sticks_out_at_any_width(browser: Browser, report: Path, width: int, view: str) -> None:
     browser.open(report, width=width)
     browser.ask(f"document.querySelector('input[value={view}]').click()")
     browser.ask("document.querySelectorAll('details').forEach(part => part.open = true)")
@@ -81,7 +81,7 @@ def test_nothing_sticks_out_at_any_width(browser, report, width, view):
     assert overlaid == (view == "over")
 
 
-def test_the_slider_is_dragged(browser, report):
+def test_the_slider_is_dragged(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.ask("document.querySelector('.pair').scrollIntoView()")
     browser.drag(*browser.point(".pair img", 0.5, 0.2))
@@ -94,7 +94,7 @@ SPOKEN = "document.querySelector('.sweep .at').getAttribute('aria-valuetext')"
 
 
 @pytest.fixture
-def still(browser, report):
+def still(browser: Browser, report: Path) -> Iterator[None]:
     """The report as somebody sees it who asked for less motion."""
     browser.prefer(**{"prefers-reduced-motion": "reduce"})
     browser.open(report)
@@ -102,7 +102,7 @@ def still(browser, report):
     browser.prefer()
 
 
-def test_the_sweep_plays_and_is_paused_by_a_key(browser, report):
+def test_the_sweep_plays_and_is_paused_by_a_key(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.ask("document.querySelector('.sweep').scrollIntoView()")
     assert browser.ask(PLAYING) == "Pause"
@@ -117,7 +117,7 @@ def test_the_sweep_plays_and_is_paused_by_a_key(browser, report):
 
 
 @pytest.mark.usefixtures("still")
-def test_who_asked_for_less_motion_sees_none_until_it_is_played(browser):
+def test_who_asked_for_less_motion_sees_none_until_it_is_played(browser: Browser) -> None:
     assert browser.ask(PLAYING) == "Play"
     assert browser.ask("getComputedStyle(document.querySelector('.frame.on')).transitionDuration") == "0s"
     browser.ask("document.querySelector('.sweep').scrollIntoView()")
@@ -126,7 +126,7 @@ def test_who_asked_for_less_motion_sees_none_until_it_is_played(browser):
 
 
 @pytest.mark.usefixtures("still")
-def test_the_sweep_goes_camera_by_camera_by_keys(browser):
+def test_the_sweep_goes_camera_by_camera_by_keys(browser: Browser) -> None:
     browser.ask("document.querySelector('.sweep .at').focus()")
     for camera in (*CAMERAS[1:], CAMERAS[-1]):
         browser.press("ArrowRight", 39)
@@ -139,7 +139,7 @@ def test_the_sweep_goes_camera_by_camera_by_keys(browser):
 
 
 @pytest.mark.usefixtures("still")
-def test_the_sweep_goes_camera_by_camera_by_pointer(browser):
+def test_the_sweep_goes_camera_by_camera_by_pointer(browser: Browser) -> None:
     browser.ask("document.querySelector('.sweep').scrollIntoView()")
     (step,) = browser.point(".sweep [data-step='1']", 0.5)
     browser.click(*step)
@@ -177,7 +177,7 @@ faint"""
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_word_stands_out_from_its_ground(browser, report, scheme):
+def test_every_word_stands_out_from_its_ground(browser: Browser, report: Path, scheme: str) -> None:
     browser.prefer(**{"prefers-color-scheme": scheme})
     browser.open(report)
     browser.ask("document.querySelectorAll('details').forEach(part => part.open = true)")
@@ -187,7 +187,7 @@ def test_every_word_stands_out_from_its_ground(browser, report, scheme):
     browser.prefer()
 
 
-def test_print_shows_both_pictures_whole(browser, report):
+def test_print_shows_both_pictures_whole(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.do("Emulation.setEmulatedMedia", media="print")
     try:
@@ -199,7 +199,7 @@ def test_print_shows_both_pictures_whole(browser, report):
         browser.do("Emulation.setEmulatedMedia", media="")
 
 
-def test_the_browser_has_nothing_to_complain_about(browser, report):
+def test_the_browser_has_nothing_to_complain_about(browser: Browser, report: Path) -> None:
     browser.open(report)
     assert browser.complaints == []
     assert (
@@ -222,7 +222,7 @@ LIT = """(() => {
 })()"""
 
 
-def test_the_cloud_is_turned_by_keys_and_by_hand(browser, report, still):
+def test_the_cloud_is_turned_by_keys_and_by_hand(browser: Browser, report: Path, still: None) -> None:
     browser.ask("document.querySelector('.cloud').scrollIntoView()")
     assert browser.ask(DRAWN) == "synced 0.000 0.000 1.00"
     browser.ask("document.querySelector('.cloud canvas').focus()")
@@ -235,7 +235,7 @@ def test_the_cloud_is_turned_by_keys_and_by_hand(browser, report, still):
     assert browser.complaints == []
 
 
-def test_the_cloud_shows_either_side(browser, report, still):
+def test_the_cloud_shows_either_side(browser: Browser, report: Path, still: None) -> None:
     both = []
     for side in ("synced", "offset"):
         browser.ask(f"document.querySelector('.cloud input[value={side}]').click()")
@@ -247,7 +247,7 @@ def test_the_cloud_shows_either_side(browser, report, still):
 
 
 @pytest.mark.parametrize("width", [400, 1280])
-def test_the_first_screen_answers(browser, tmp_path, width):
+def test_the_first_screen_answers(browser: Browser, tmp_path: Path, width: int) -> None:
     result = whole_result(tmp_path)
     hero = greys(tmp_path, "stereo_depth", "Distance", (480, 640), 60, 180)
     browser.open(write_report(with_pictures(result, hero), tmp_path), width=width)

@@ -39,7 +39,7 @@ def save(out: Path, synced: np.ndarray, offset: np.ndarray) -> InstantClouds:
     )
 
 
-def test_points_come_back_in_the_first_cameras_frame(tmp_path):
+def test_points_come_back_in_the_first_cameras_frame(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     points = rng.uniform([-1, -1, 3], [1, 1, 6], (2_000, 3))
     view = view_clouds(save(tmp_path, points, points + 0.01), tmp_path)
@@ -53,7 +53,7 @@ def test_points_come_back_in_the_first_cameras_frame(tmp_path):
     assert (colours == (np.arange(6_000).reshape(-1, 3) % 256)[nearest]).all()
 
 
-def test_both_sides_show_the_same_part_of_space(tmp_path):
+def test_both_sides_show_the_same_part_of_space(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     points = rng.uniform([-1, -1, 3], [1, 1, 6], (3_000, 3))
     stray = np.vstack([points[:100], points[100:] + 50])
@@ -62,7 +62,7 @@ def test_both_sides_show_the_same_part_of_space(tmp_path):
     assert view.offset.of == 3_000
 
 
-def test_large_clouds_are_thinned_evenly(tmp_path):
+def test_large_clouds_are_thinned_evenly(tmp_path: Path) -> None:
     points = np.random.default_rng(3).uniform([-1, -1, 3], [1, 1, 6], (80_000, 3))
     view = view_clouds(save(tmp_path, points, points[:5]), tmp_path)
     shown, _ = unpack(view.synced)
@@ -71,7 +71,7 @@ def test_large_clouds_are_thinned_evenly(tmp_path):
     assert len(view.synced.data) < 320_000
 
 
-def test_the_file_of_points_is_a_ply_that_comes_back_whole(tmp_path):
+def test_the_file_of_points_is_a_ply_that_comes_back_whole(tmp_path: Path) -> None:
     points = np.float32([[0.5, -1, 2], [3, 4, 5]])
     colours = np.uint8([[1, 2, 3], [254, 255, 0]])
     write_points(tmp_path / "deep" / "cloud.ply", points, colours)
@@ -81,7 +81,7 @@ def test_the_file_of_points_is_a_ply_that_comes_back_whole(tmp_path):
 
 
 @pytest.mark.parametrize("broken", ["missing", "cut", "other"])
-def test_a_cloud_that_cannot_be_read_is_one_clear_error(tmp_path, broken):
+def test_a_cloud_that_cannot_be_read_is_one_clear_error(tmp_path: Path, broken: str) -> None:
     path = tmp_path / "cloud.ply"
     write_points(path, np.zeros((20, 3)), np.zeros((20, 3), np.uint8))
     if broken == "missing":

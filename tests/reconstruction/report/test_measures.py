@@ -6,11 +6,12 @@ import msgspec
 
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words
-from reconstruction.scores.comparison_results import ConditionResult
+from reconstruction.scores.comparison_results import CompareResult, ConditionResult
+from tests.reconstruction.report.conftest import ReadReport
 from tests.reconstruction.report.results import RESULT, STEREO, STITCH, TIMING, depth
 
 
-def test_movers_stand_beside_the_static_control(read_report):
+def test_movers_stand_beside_the_static_control(read_report: ReadReport) -> None:
     page = read_report()
     row = page.text[page.text.index("Given a distance") :]
     assert re.match(r".*?99\.9 %\D*40\.5 %\D*74\.5 %\D*73\.3 %", row)
@@ -21,27 +22,29 @@ def test_movers_stand_beside_the_static_control(read_report):
     assert "more strictly" not in page.text
 
 
-def test_stricter_and_laxer_shares_are_told_where_they_were_taken(read_report):
+def test_stricter_and_laxer_shares_are_told_where_they_were_taken(read_report: ReadReport) -> None:
     both = {"mover_within_1pct": 0.905, "mover_within_5pct": 0.993}
     stereo = msgspec.structs.replace(STEREO, synced=depth(**both))
     page = read_report(stereo=stereo)
     assert re.match(r".*more strictly.*?90\.5 %\s*n/a.*less strictly.*?99\.3 %\s*n/a", page.text)
 
 
-def test_a_control_that_moves_is_admitted(read_report):
+def test_a_control_that_moves_is_admitted(read_report: ReadReport) -> None:
     shaky = msgspec.structs.replace(STEREO, offset=depth(static_within_2pct=0.6))
     page = read_report(stereo=shaky)
     assert "comes from timing alone" not in page.text
     assert "not all of the difference comes from timing" in page.text
 
 
-def test_cameras_that_moved_leave_no_control(read_report):
+def test_cameras_that_moved_leave_no_control(read_report: ReadReport) -> None:
     page = read_report(timing=msgspec.structs.replace(TIMING, moving_cameras={"cam2": 3.0}))
     assert "Things at rest are the control" not in page.text
     assert "nothing in the pictures is a control" in page.text
 
 
-def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(read_report, whole):
+def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(
+    read_report: ReadReport, whole: CompareResult
+) -> None:
     lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
     stereo = msgspec.structs.replace(whole.stereo, synced=lost, offset=lost)
     apart = msgspec.structs.replace(whole.timing, synchronized=False, offset=True, late_ms=33.0)
@@ -54,7 +57,9 @@ def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(read_r
     assert "they are measured equally well in both (67.3 % and 67.3 %)." in page.text
 
 
-def test_a_camera_that_is_late_takes_the_word_from_what_it_is_part_of(read_report, whole):
+def test_a_camera_that_is_late_takes_the_word_from_what_it_is_part_of(
+    read_report: ReadReport, whole: CompareResult
+) -> None:
     right, late = "cam_right", {"synchronized": False, "offset": True, "late_ms": 33.0, "shift_ms": 33.0}
     cameras = [
         msgspec.structs.replace(one, **late) if one.other == right else one
@@ -75,7 +80,7 @@ def test_a_camera_that_is_late_takes_the_word_from_what_it_is_part_of(read_repor
     )
 
 
-def test_without_ground_truth_nothing_is_called_correct(read_report):
+def test_without_ground_truth_nothing_is_called_correct(read_report: ReadReport) -> None:
     blind = {"mover_within_2pct": None, "static_within_2pct": None}
     stereo = msgspec.structs.replace(
         STEREO, synced=depth(**blind), offset=depth(**blind, mover_coverage=0.118, static_coverage=0.744)
@@ -86,7 +91,7 @@ def test_without_ground_truth_nothing_is_called_correct(read_report):
     assert "The true distances are not known" in page.text
 
 
-def test_a_panorama_alone_speaks_of_its_overlap(read_report):
+def test_a_panorama_alone_speaks_of_its_overlap(read_report: ReadReport) -> None:
     page = read_report(stereo=None, stereo_skipped="only one camera <looks> that way")
     assert "1.31 px of misfit" in page.text
     assert "23.4 px of misfit" in page.text
@@ -94,7 +99,7 @@ def test_a_panorama_alone_speaks_of_its_overlap(read_report):
     assert not page.all("svg")
 
 
-def test_a_panorama_that_lost_what_moves_says_how_much(read_report):
+def test_a_panorama_that_lost_what_moves_says_how_much(read_report: ReadReport) -> None:
     stitch = msgspec.structs.replace(
         STITCH,
         synced=msgspec.structs.replace(STITCH.synced, mover_found=0.98),
@@ -104,7 +109,7 @@ def test_a_panorama_that_lost_what_moves_says_how_much(read_report):
     assert "7 % of moving things in both pictures" in page.text.replace("\u202f", " ")
 
 
-def test_a_panorama_is_judged_by_what_moves_where_that_is_known(read_report):
+def test_a_panorama_is_judged_by_what_moves_where_that_is_known(read_report: ReadReport) -> None:
     stitch = msgspec.structs.replace(
         STITCH,
         synced=msgspec.structs.replace(STITCH.synced, mover_misfit_px=2.5),
@@ -117,13 +122,13 @@ def test_a_panorama_is_judged_by_what_moves_where_that_is_known(read_report):
     assert "5 instants (selection: 52 % overlap)" in page.text
 
 
-def test_depth_alone_says_why_there_is_no_panorama(read_report):
+def test_depth_alone_says_why_there_is_no_panorama(read_report: ReadReport) -> None:
     page = read_report(stitch=None, stitch_skipped="the pictures do not overlap", rig_timing=None)
     assert "No panorama was made: the pictures do not overlap" in page.text
     assert len(page.all("table")) == 1
 
 
-def test_with_nothing_measured_the_page_says_so_and_claims_nothing(read_report):
+def test_with_nothing_measured_the_page_says_so_and_claims_nothing(read_report: ReadReport) -> None:
     nothing = {"stereo": None, "stitch": None, "rig_timing": None}
     page = read_report(**nothing, sync_residual_us=None, sync_bound_us=None, versions={})
     assert "Depth was not measured" in page.text
@@ -133,7 +138,9 @@ def test_with_nothing_measured_the_page_says_so_and_claims_nothing(read_report):
     assert "None" not in page.text
 
 
-def test_a_measure_has_one_name_and_an_interval_one_decimal(read_report, whole):
+def test_a_measure_has_one_name_and_an_interval_one_decimal(
+    read_report: ReadReport, whole: CompareResult
+) -> None:
     page = read_report(whole)
     assert page.text.count("Measured correctly") == 4
     assert "87.1 to 92.5" in page.text
@@ -143,7 +150,7 @@ def test_a_measure_has_one_name_and_an_interval_one_decimal(read_report, whole):
     assert conditions.count("each camera off by a different delay") == 1
 
 
-def test_the_drawn_condition_is_listed_once(read_report, whole):
+def test_the_drawn_condition_is_listed_once(read_report: ReadReport, whole: CompareResult) -> None:
     drawn = ConditionResult(name="distinct", stereo=STEREO, multiview=whole.multiview)
     page = read_report(whole, conditions=(drawn,))
     conditions = page.text[page.text.index("All conditions") : page.text.index("Every instant by itself")]
@@ -151,7 +158,9 @@ def test_the_drawn_condition_is_listed_once(read_report, whole):
     assert "drawn at random for each instant" in conditions
 
 
-def test_depth_from_all_cameras_stands_beside_its_control(read_report, whole):
+def test_depth_from_all_cameras_stands_beside_its_control(
+    read_report: ReadReport, whole: CompareResult
+) -> None:
     page = read_report(whole)
     part = page.text[
         page.text.rindex("With all cameras at once") : page.text.rindex("Where the cameras stand")
@@ -165,7 +174,7 @@ def test_depth_from_all_cameras_stands_beside_its_control(read_report, whole):
     assert "Distance from all cameras, synchronized" in [image["alt"] for image in page.all("img")]
 
 
-def test_poses_of_single_instants_are_told_and_drawn(read_report, whole):
+def test_poses_of_single_instants_are_told_and_drawn(read_report: ReadReport, whole: CompareResult) -> None:
     page = read_report(whole)
     part = page.text[page.text.rindex("Where the cameras stand") :]
     assert "delays put the cameras in wrong places" in part
@@ -177,14 +186,14 @@ def test_poses_of_single_instants_are_told_and_drawn(read_report, whole):
     assert len(page.all("rect")) == 4
 
 
-def test_what_was_not_looked_at_says_why_and_draws_nothing(read_report):
+def test_what_was_not_looked_at_says_why_and_draws_nothing(read_report: ReadReport) -> None:
     page = read_report(multiview_skipped="it takes three <cameras>", poses_skipped="what moves is small")
     assert "With all cameras at once" not in page.text
     assert "not measured: it takes three <cameras>" in page.text
     assert "not measured: what moves is small" in page.text
 
 
-def test_the_tables_in_words_read_as_in_the_report(read_report) -> None:
+def test_the_tables_in_words_read_as_in_the_report(read_report: ReadReport) -> None:
     words = report_words(RESULT)
     assert (words.synced, words.offset, words.unsynchronized) == (
         "Synchronized",

@@ -1,5 +1,7 @@
 """The first screen: what it is of, how exact the take was beside what its motion bears, one large picture."""
 
+from pathlib import Path
+
 import msgspec
 import pytest
 
@@ -7,6 +9,7 @@ from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import describe_exactness
 from reconstruction.scores.timing import RigTiming
+from tests.reconstruction.report.conftest import ReadReport
 from tests.reconstruction.report.results import RESULT, TIMING, greys, whole_result, with_pictures
 
 
@@ -17,25 +20,25 @@ def shown(text: str) -> str:
 @pytest.mark.parametrize(
     ("origin", "word"), [("simulated", "Simulated"), ("captured", "Captured"), ("imported", "Imported")]
 )
-def test_where_the_pictures_come_from_is_said_first(read_report, origin, word):
+def test_where_the_pictures_come_from_is_said_first(read_report: ReadReport, origin: str, word: str) -> None:
     page = read_report(origin=origin, camera_count=5, instant_count=1)
     assert page.text.index(word) < page.text.index("Synchronized cameras measure")
     assert "5 cameras, 1 instant;" in page.text
 
 
-def test_the_error_stands_beside_what_the_motion_bears(tmp_path):
+def test_the_error_stands_beside_what_the_motion_bears(tmp_path: Path) -> None:
     found = describe_exactness(whole_result(tmp_path))
     assert (shown(found.error), shown(found.bears)) == ("≤ 50 µs", "3.5 ms")
     assert found.error_source == "by the session's own record; 0.1 ± 0.4 ms late by what moves"
     assert shown(found.conclusion) == "70 times more exact than this motion needs."
 
 
-def test_a_take_that_is_too_coarse_is_called_so(tmp_path):
+def test_a_take_that_is_too_coarse_is_called_so(tmp_path: Path) -> None:
     result = msgspec.structs.replace(whole_result(tmp_path), sync_residual_us=9_000.0)
     assert describe_exactness(result).conclusion == "This take is not exact enough for this motion."
 
 
-def test_no_record_hides_an_offset_that_was_measured(tmp_path):
+def test_no_record_hides_an_offset_that_was_measured(tmp_path: Path) -> None:
     late = msgspec.structs.replace(TIMING, synchronized=False, offset=True, late_ms=33.3, uncertainty_ms=0.5)
     found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), timing=late))
     assert found.error == "33.3 ± 0.5 ms late"
@@ -43,7 +46,7 @@ def test_no_record_hides_an_offset_that_was_measured(tmp_path):
     assert found.conclusion == ""
 
 
-def test_an_offset_of_any_camera_counts(tmp_path):
+def test_an_offset_of_any_camera_counts(tmp_path: Path) -> None:
     late = msgspec.structs.replace(TIMING, other="cam_far", synchronized=False, offset=True, late_ms=-17.1)
     rig = RigTiming(reference="cam2", cameras=(TIMING, late))
     found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), rig_timing=rig))
@@ -52,21 +55,21 @@ def test_an_offset_of_any_camera_counts(tmp_path):
     assert found.conclusion == ""
 
 
-def test_what_was_not_measured_is_not_made_up():
+def test_what_was_not_measured_is_not_made_up() -> None:
     found = describe_exactness(msgspec.structs.replace(RESULT, timing=None, sync_residual_us=None))
     assert (found.error, found.bears) == (wording.NOT_AVAILABLE, wording.NOT_AVAILABLE)
     assert "not measured" in found.error_source + found.bears_source
     assert found.conclusion == ""
 
 
-def test_unknown_offsets_stand_where_the_error_would(tmp_path, read_report):
+def test_unknown_offsets_stand_where_the_error_would(tmp_path: Path, read_report: ReadReport) -> None:
     unknown = {"timing": None, "sync_residual_us": None, "unsynchronized": NOT_SYNCHRONIZED}
     found = describe_exactness(msgspec.structs.replace(RESULT, **unknown))
     assert (found.error, found.error_source) == (wording.NOT_AVAILABLE, NOT_SYNCHRONIZED)
     assert NOT_SYNCHRONIZED in read_report(unsynchronized=NOT_SYNCHRONIZED).text
 
 
-def test_a_motion_that_bears_all_that_was_tried_has_a_lower_bound_only(tmp_path):
+def test_a_motion_that_bears_all_that_was_tried_has_a_lower_bound_only(tmp_path: Path) -> None:
     whole = whole_result(tmp_path)
     dose = msgspec.structs.replace(whole.dose, tolerable_offset_ms=None)
     found = describe_exactness(msgspec.structs.replace(whole, dose=dose))
@@ -74,7 +77,9 @@ def test_a_motion_that_bears_all_that_was_tried_has_a_lower_bound_only(tmp_path)
     assert found.conclusion == ""
 
 
-def test_the_depth_picture_is_on_the_first_screen_and_not_again_below(tmp_path, read_report):
+def test_the_depth_picture_is_on_the_first_screen_and_not_again_below(
+    tmp_path: Path, read_report: ReadReport
+) -> None:
     hero = greys(tmp_path, "stereo_depth", "Distance", (48, 64), 10, 200)
     other = greys(tmp_path, "stereo_movers", "What moves", (48, 64), 20, 100)
     page = read_report(with_pictures(RESULT, other, hero))
@@ -89,5 +94,5 @@ def test_the_depth_picture_is_on_the_first_screen_and_not_again_below(tmp_path, 
 @pytest.mark.parametrize(
     ("ratio", "words"), [(1.23, "1.2 times"), (9.96, "10 times"), (68.4, "68 times"), (4312.0, "4 300 times")]
 )
-def test_a_ratio_is_told_to_two_digits(ratio, words):
+def test_a_ratio_is_told_to_two_digits(ratio: float, words: str) -> None:
     assert shown(wording.times(ratio)) == words

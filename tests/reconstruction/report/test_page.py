@@ -2,6 +2,7 @@
 
 import base64
 import re
+from pathlib import Path
 
 import cv2
 import msgspec
@@ -10,12 +11,14 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.report.comparison_report import write_report
-from reconstruction.scores.comparison_results import ConditionResult
-from tests.reconstruction.report.conftest import Page
+from reconstruction.scores.comparison_results import CompareResult, ConditionResult
+from tests.reconstruction.report.conftest import Page, ReadReport
 from tests.reconstruction.report.results import CAMERAS, NASTY, RESULT
 
 
-def test_the_page_starts_with_the_verdict_and_its_two_numbers(pictured, read_report):
+def test_the_page_starts_with_the_verdict_and_its_two_numbers(
+    pictured: CompareResult, read_report: ReadReport
+) -> None:
     page = read_report(pictured)
     assert len(page.all("h1")) == 1
     start = page.text.index("Synchronized cameras measure moving things.")
@@ -25,7 +28,7 @@ def test_the_page_starts_with_the_verdict_and_its_two_numbers(pictured, read_rep
     assert "one picture is 67 ms late" in page.text
 
 
-def test_everything_is_in_the_one_file(tmp_path, pictured):
+def test_everything_is_in_the_one_file(tmp_path: Path, pictured: CompareResult) -> None:
     path = write_report(pictured, tmp_path)
     page = Page(path)
     assert path == tmp_path / "report.html"
@@ -54,7 +57,7 @@ def _differences(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     return float(apart.mean()), float(apart.max())
 
 
-def test_words_of_the_user_stay_words(tmp_path, pictured):
+def test_words_of_the_user_stay_words(tmp_path: Path, pictured: CompareResult) -> None:
     path = write_report(pictured, tmp_path)
     page = Page(path)
     assert NASTY.rpartition("/")[2] in page.text
@@ -64,7 +67,7 @@ def test_words_of_the_user_stay_words(tmp_path, pictured):
     assert "<do not>" in page.text
 
 
-def test_no_name_and_no_note_becomes_markup(read_report, whole):
+def test_no_name_and_no_note_becomes_markup(read_report: ReadReport, whole: CompareResult) -> None:
     nasty = "<script>alert(1)</script>"
     sweep, burst, poses = whole.bullet_time, whole.burst, whole.poses
     cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
@@ -94,7 +97,7 @@ def test_no_name_and_no_note_becomes_markup(read_report, whole):
     assert page.text.count(nasty) > 30
 
 
-def test_the_contents_lead_to_every_section(read_report, whole):
+def test_the_contents_lead_to_every_section(read_report: ReadReport, whole: CompareResult) -> None:
     page = read_report(whole)
     links = [a["href"].removeprefix("#") for a in page.all("a")]
     headings = [h["id"] for h in page.all("h2")]
@@ -102,12 +105,12 @@ def test_the_contents_lead_to_every_section(read_report, whole):
     assert len(links) == 9
 
 
-def test_a_long_verdict_is_set_smaller(read_report):
+def test_a_long_verdict_is_set_smaller(read_report: ReadReport) -> None:
     pages = [read_report(verdict=verdict) for verdict in ("It matters. A lot.", "word " * 40 + ".")]
     assert [page.all("h1")[0]["class"] for page in pages] == ["short", "long"]
 
 
-def test_how_it_was_made_names_what_decides_the_numbers(read_report):
+def test_how_it_was_made_names_what_decides_the_numbers(read_report: ReadReport) -> None:
     page = read_report()
     for words in (
         "66 ms asked for; 66.6 ms given, which is 2 frames",
@@ -121,7 +124,7 @@ def test_how_it_was_made_names_what_decides_the_numbers(read_report):
         assert words in page.text
 
 
-def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
+def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path: Path) -> None:
     (tmp_path / "report.html").mkdir()
     with pytest.raises(BadInputError, match=r"cannot write the report .*--out"):
         write_report(RESULT, tmp_path)

@@ -1,15 +1,21 @@
 """Pictures of a report: embedded, described, and moved by a slider or a sweep."""
 
+from pathlib import Path
+
 import msgspec
 import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
+from reconstruction.scores.comparison_results import CompareResult
+from tests.reconstruction.report.conftest import ReadReport
 from tests.reconstruction.report.results import CAMERAS, RESULT, with_pictures
 
 
-def test_every_picture_can_be_read_and_wiped_without_a_mouse(pictured, read_report):
+def test_every_picture_can_be_read_and_wiped_without_a_mouse(
+    pictured: CompareResult, read_report: ReadReport
+) -> None:
     page = read_report(pictured)
     assert all(len(image["alt"]) > 10 for image in page.all("img"))
     sliders = [i for i in page.all("input") if i["type"] == "range"]
@@ -22,14 +28,16 @@ def test_every_picture_can_be_read_and_wiped_without_a_mouse(pictured, read_repo
         assert attributes.get("aria-labelledby", "why") in ids
 
 
-def test_pictures_of_several_panels_get_no_slider(pictured, read_report):
+def test_pictures_of_several_panels_get_no_slider(pictured: CompareResult, read_report: ReadReport) -> None:
     pair = msgspec.structs.replace(pictured.stereo.pictures[0], panels=2)
     page = read_report(with_pictures(pictured, pair))
     assert len(page.all("img")) == 2
     assert not [i for i in page.all("input") if i["type"] == "range"]
 
 
-def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(read_report, whole):
+def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(
+    read_report: ReadReport, whole: CompareResult
+) -> None:
     page = read_report(whole)
     frames = [a for a in page.all("span") if a.get("class") == "frame"]
     assert [a["data-camera"] for a in frames] == [*CAMERAS, *CAMERAS]
@@ -51,7 +59,9 @@ def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(read_report, 
     assert "from camera to camera, by name" in page.text
 
 
-def test_every_file_beside_the_page_is_named(tmp_path, read_report, whole):
+def test_every_file_beside_the_page_is_named(
+    tmp_path: Path, read_report: ReadReport, whole: CompareResult
+) -> None:
     page = read_report(whole)
     shown = page.text[page.text.index("Every file beside this page") :]
     made = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
@@ -62,7 +72,9 @@ def test_every_file_beside_the_page_is_named(tmp_path, read_report, whole):
 
 
 @pytest.mark.parametrize("broken", ["missing", "text", "cut"])
-def test_a_picture_that_cannot_be_shown_leaves_the_old_report_alone(tmp_path, pictured, broken):
+def test_a_picture_that_cannot_be_shown_leaves_the_old_report_alone(
+    tmp_path: Path, pictured: CompareResult, broken: str
+) -> None:
     before = write_report(RESULT, tmp_path).read_bytes()
     victim = tmp_path / pictured.stereo.pictures[0].offset
     if broken == "missing":

@@ -20,7 +20,7 @@ from reconstruction.report import wording
         (1.0, "100 %"),
     ],
 )
-def test_shares_never_round_up_to_all_or_down_to_nothing(value, words):
+def test_shares_never_round_up_to_all_or_down_to_nothing(value: float | None, words: str) -> None:
     assert wording.share(value, decimals=0).replace(wording.GAP, " ") == words
 
 
@@ -47,9 +47,9 @@ def test_shares_never_round_up_to_all_or_down_to_nothing(value, words):
         (count(1, "frame"), "1 frame"),
     ],
 )
-def test_numbers_read_well(shown, words):
+def test_numbers_read_well(shown: str, words: str) -> None:
     assert shown.replace(wording.GAP, " ") == words
 
 
-def test_numbers_stay_with_their_units():
+def test_numbers_stay_with_their_units() -> None:
     assert wording.keep_units("2 % in 3 ms, 4 miles") == f"2{wording.GAP}% in 3{wording.GAP}ms, 4 miles"

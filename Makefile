@@ -1,14 +1,14 @@
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,slurm,gpu: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
-# make test   the tests            make check   lint, types, architecture
+# make test   the quick tests, in 4 minutes            make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test-gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test-phones   the page of phones in a real browser (Chromium)
 # make test-libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
 # make test-mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as test-gige, and Chromium)
 # make test-slurm   batches on a real SLURM of this one machine (root)
-# make test-slow   the tests that take minutes
+# make test-slow   the other tests, each of some seconds or minutes
 # make test-docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test-odd-inputs   200 broken or odd calibrations and inputs through every command of reconstruct (an hour of CPU)
 # make samples   render the sample sessions again from their recipes: the same bytes
@@ -72,7 +72,7 @@ demo: $(VENV)/.installed
 	$(BIN)/capture-app demo --out $(OUT)
 
 test: $(VENV)/.installed-dev
-	$(BIN)/pytest -n auto --dist loadfile
+	$(BIN)/pytest -n auto --dist worksteal
 
 test-v4l2: $(VENV)/.installed-dev
 	$(BIN)/pytest -m v4l2 tests/end_to_end
@@ -98,13 +98,13 @@ test-slurm: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slurm tests/slurm
 
 test-slow: $(VENV)/.installed-dev
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -n auto --dist worksteal -m slow
 
 test-docs: $(VENV)/.installed-dev
 	$(BIN)/pytest -m "slow or not slow" -n auto tests/documentation
 
 test-odd-inputs: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or not slow" -n auto tests/reconstruction/odd_inputs
+	$(BIN)/pytest -m "long or not long" -n auto tests/reconstruction/odd_inputs
 
 samples: $(VENV)/.installed
 	$(BIN)/capture-app sessions render --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))

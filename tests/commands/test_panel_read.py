@@ -32,6 +32,7 @@ def test_the_bundled_session_gives_its_truth_back(capsys: pytest.CaptureFixture[
     assert all_pairs["total"]["max_ns"] >= all_pairs["total"]["mean_abs_ns"] > all_pairs["total"]["std_ns"]
 
 
+@pytest.mark.slow
 def test_an_import_is_read_without_a_word_about_its_cameras(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -59,11 +59,11 @@ class Command:
         await self.process.wait()
 
     async def stop(self) -> int:
-        """Ask it to end, and return its exit code."""
+        """Ask it to end, reading what it still prints, and return its exit code."""
         with suppress(ProcessLookupError):
             self.process.terminate()
-        async with patience(lambda: f"its end; it has said {self.said}", PATIENCE_S):
-            return await self.process.wait()
+        await self.finish()
+        return await self.process.wait()
 
     async def put_away(self) -> None:
         """Leave nothing running."""

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import pytest
+
 from tests.net.machines import LEADER_HOST, NOBODY, Machine, two_machines
 
 CAMERA = ("--camera", "sim:phone-a", "--clock", "sim")
@@ -58,6 +60,7 @@ def evening(folder: Path) -> Iterator[Evening]:
         yield Evening(*machines, folder, stack)
 
 
+@pytest.mark.slow
 def test_nothing_is_waited_for_in_silence(tmp_path: Path) -> None:
     with evening(tmp_path) as two:
         early, lost = two.join("early"), two.join("lost", "--leader", NOBODY)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import pytest
 
 from capture_app.errors import ExitCode
 
@@ -13,6 +14,7 @@ from .conftest import Start
 CAMERA = "sim:webcam,scale=0.1"
 
 
+@pytest.mark.slow
 async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path: Path) -> None:
     leader = await start(
         "leader", "--host", "127.0.0.1", "--port", "0", "--sessions", str(tmp_path), "--json"
@@ -74,6 +76,7 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     assert leader.process.returncode == 0
 
 
+@pytest.mark.slow
 async def test_a_count_of_the_board_goes_on_when_the_leader_is_back(start: Start, tmp_path: Path) -> None:
     serving = "leader", "--host", "127.0.0.1", "--sessions", str(tmp_path), "--json"
     leader = await start(*serving, "--port", "0")

@@ -44,6 +44,7 @@ async def take(start: Start, *command: str) -> Session:
                 return session
 
 
+@pytest.mark.slow
 async def test_frames_of_long_bursts_and_recordings_are_all_there(start: Start, tmp_path: Path) -> None:
     _, address = await rig_of_two(start, tmp_path)
 
@@ -95,6 +96,7 @@ async def test_300_frames_and_20_seconds_lose_nothing(start: Start, tmp_path: Pa
     assert [(v.camera, v.frames) for v in recording.manifest.videos] == [("a", 600), ("b", 600)]
 
 
+@pytest.mark.slow
 async def test_a_recording_outlives_its_leader(start: Start, tmp_path: Path) -> None:
     leader, address = await rig_of_two(start, tmp_path)
     await output(await start("record", "--leader", address, "--detach", "--json"))

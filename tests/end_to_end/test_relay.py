@@ -4,6 +4,8 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from capture_app.errors import ExitCode
 from capture_app.net.address import parse_address
 from capture_app.node.requests import ask_burst, ask_status
@@ -62,6 +64,7 @@ def check(folder: str | None, cameras: int, frames: int) -> None:
         assert error_ns < LOST_TIME_NS
 
 
+@pytest.mark.slow
 async def test_nodes_below_a_relay_are_part_of_the_rig_even_when_it_is_killed(
     start: Start, tmp_path: Path
 ) -> None:
@@ -111,6 +114,7 @@ async def test_nodes_below_a_relay_are_part_of_the_rig_even_when_it_is_killed(
     check(done.session, cameras=4, frames=1)
 
 
+@pytest.mark.slow
 async def test_a_relay_without_a_leader_holds_the_time_and_says_so(start: Start, tmp_path: Path) -> None:
     leader, root = await lead(start, tmp_path / "sessions")
     relaying, between = await relay(start, "hall", root)

@@ -61,6 +61,7 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(start: St
     assert await leader.stop() == 130
 
 
+@pytest.mark.slow
 async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
     start: Start, tmp_path: Path
 ) -> None:

@@ -3,12 +3,15 @@
 from argparse import Namespace
 from pathlib import Path
 
+import pytest
+
 from benchmarks.endurance.slopes import growth
 from benchmarks.endurance.soak import soak
 
 BURSTS = 40
 
 
+@pytest.mark.slow
 async def test_forty_bursts_leave_no_threads_memory_or_files_behind(tmp_path: Path) -> None:
     options = Namespace(cameras=2, frames=2, bursts=BURSTS, seconds=400.0, every=0.0, keep=None)
     run = await soak(options, tmp_path)

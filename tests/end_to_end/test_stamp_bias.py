@@ -4,6 +4,8 @@ import asyncio
 import json
 from pathlib import Path
 
+import pytest
+
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Grade, judge
 from capture_app.session.reading.verify import verify
@@ -12,6 +14,7 @@ from tests.end_to_end.rig import burst, join, join_ready, lead, output
 from .conftest import Start
 
 
+@pytest.mark.slow
 async def test_a_late_camera_that_nobody_has_measured_is_sure_to_tens_of_milliseconds(
     start: Start, tmp_path: Path
 ) -> None:

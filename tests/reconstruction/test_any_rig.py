@@ -13,6 +13,7 @@ def render(name: str, *cameras: int) -> RenderedRig:
     return render_rig(name, chosen, scale=0.6, samples=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "cameras", "least", "false"),
     [

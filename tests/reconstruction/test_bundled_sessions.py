@@ -33,6 +33,7 @@ def test_stereo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert 0.5 < late["within_2pct"] < result["within_2pct"] - 0.02
 
 
+@pytest.mark.slow
 def test_multiview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "depth"
     result = found(capsys, "multiview", "jumper", "--no-mesh", *SMALL, "--out", out)
@@ -51,6 +52,7 @@ def test_stitch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "panorama" / result["synced"]["panorama"]).is_file()
 
 
+@pytest.mark.slow
 def test_dose(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = found(
         capsys, "dose", "jumper", "--max-instants", 2, "--max-offset-ms", 34, "--out", tmp_path / "dose"
@@ -62,6 +64,7 @@ def test_dose(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "dose" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ("--max-instants", 1, "--max-multiview-instants", 1, "--multiview-width", 160, "--no-poses")
     result = found(capsys, "compare", "crossing", *small, "--out", tmp_path / "compare")
@@ -73,6 +76,7 @@ def test_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "compare" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ("pinwheel", "--instants", 0, *SMALL, "--out", tmp_path / "batch")
     first = found(capsys, "batch", *arguments)

@@ -65,6 +65,7 @@ def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, recon
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
 
 
+@pytest.mark.slow
 def test_offset_cameras_lose_what_moves_and_keep_the_rest(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -218,6 +219,7 @@ def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
         read_array(broken)
 
 
+@pytest.mark.slow
 def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -29,6 +29,7 @@ def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
     return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS, instants=4, missing={("left", 3)})
 
 
+@pytest.mark.slow
 def test_every_instant_has_its_cloud_and_what_moves_its_masks(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -72,6 +73,7 @@ def test_a_killed_run_goes_on_where_it_was(trio: Session, tmp_path: Path, recons
     assert whole.result["instants"][0]["points"] == result["instants"][0]["points"]
 
 
+@pytest.mark.slow
 def test_what_a_killed_run_left_half_made_is_made_again(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -97,6 +99,7 @@ def test_what_a_killed_run_left_half_made_is_made_again(
     assert (out / "depth").is_dir()
 
 
+@pytest.mark.slow
 def test_what_does_not_belong_is_refused_and_nothing_is_left(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -59,6 +59,7 @@ def test_a_shift_that_cannot_be_is_refused_in_one_line(
     assert words in done.complaint
 
 
+@pytest.mark.slow
 def test_every_step_by_itself_pairs_the_images_that_belong_together(
     late: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

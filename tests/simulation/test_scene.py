@@ -77,6 +77,7 @@ def test_pictures_have_the_views_size_and_use_the_tonal_range(scene: Scene) -> N
     assert np.mean(shot == 255) < 0.03
 
 
+@pytest.mark.slow
 def test_same_arguments_give_the_same_bytes_in_another_process(scene: Scene) -> None:
     shot = picture(scene)
     assert np.array_equal(shot, picture(scene))
@@ -243,6 +244,7 @@ def test_views_are_those_of_the_calibration_at_full_size() -> None:
     assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(0.16, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_studio_looks_as_it_always_did() -> None:
     """Sessions are compared over years: the same arguments still give the same picture."""
     shot = load("studio").render("cam00", 5_000_000_000, 4_000_000, 11_111, seed=1)

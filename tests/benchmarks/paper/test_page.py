@@ -89,6 +89,7 @@ def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path) -> None:
     assert [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures] == pictures
 
 
+@pytest.mark.slow
 def test_five_phones_start_and_take_a_burst() -> None:
     pairs, start, burst = five_phones.paper_part(share=0.001, seed=1)
     for ours in (pairs.protocol, pairs.default):

@@ -30,6 +30,7 @@ def draw(outcome: Outcome, folder: Path) -> list[Path]:
     return outcome.draw(folder)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_figures_and_the_claims_on_clocks_hold(tmp_path: Path) -> None:
     outcome, again = (clock_filters.run(trials=5, seed=5, size=SHORT) for _ in range(2))
     assert msgspec.json.encode(again.result) == msgspec.json.encode(outcome.result)
@@ -59,6 +60,7 @@ def test_the_same_seed_gives_the_same_figures_and_the_claims_on_clocks_hold(tmp_
     assert all(path.stat().st_size > 10_000 for path in paths)
 
 
+@pytest.mark.slow
 def test_the_papers_messages_are_what_its_tables_and_figures_say(tmp_path: Path) -> None:
     part = {one.of.key: one for one in clock_paper.paper_part(share=0.02, seed=2)}
     assert set(part) == set(PARTS["clock_paper"])
@@ -82,6 +84,7 @@ def test_the_papers_messages_are_what_its_tables_and_figures_say(tmp_path: Path)
         assert figure(tmp_path / f"{key}.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_figures_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["clock-filters", "--trials", "1", "--json"]) == ExitCode.OK
     result = json.loads(capsys.readouterr().out)
@@ -113,6 +116,7 @@ def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
     assert all(path.stat().st_size > 10_000 for path in draw(outcome, tmp_path))
 
 
+@pytest.mark.slow
 def test_cases_of_phase_are_judged_by_the_truth() -> None:
     names = ("gain 1.45", "gain 2", "stamps of 1 ms, cut", "latency of 12 frames", "skew 300 ppm, injection")
     some = tuple(case for case in CASES if case.name in names)
@@ -130,6 +134,7 @@ def test_cases_of_phase_are_judged_by_the_truth() -> None:
     assert 100.0 < coarse["worst_error_us"] <= coarse["tolerance_in_force_max_us"] < 1200.0
 
 
+@pytest.mark.slow
 def test_two_phones_take_pictures_of_the_panel_that_tell_their_times(tmp_path: Path) -> None:
     outcome = led_panel.run(trials=1, seed=1)
     ours, oracle = outcome.result.ours, outcome.result.baseline["oracle_clock_us"]
@@ -143,6 +148,7 @@ def test_two_phones_take_pictures_of_the_panel_that_tell_their_times(tmp_path: P
     assert [path.name for path in draw(outcome, tmp_path)] == ["led-panel.png", "led-panel-pictures.png"]
 
 
+@pytest.mark.slow
 def test_known_mechanisms_explain_a_part_of_the_papers_naive_triggers(tmp_path: Path) -> None:
     outcome = naive.run(trials=400, seed=2, least_chain_trials=1)
     modelled, paper = outcome.result.baseline, outcome.result.paper
@@ -182,6 +188,7 @@ def test_the_reference_broadcast_draws(tmp_path: Path) -> None:
     assert path.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_one_leader_beside_a_tree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one, two = (
         scale.run(

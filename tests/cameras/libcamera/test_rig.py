@@ -49,6 +49,7 @@ async def held_ns(rig: Rig, seconds: int) -> list[int]:
     return spreads
 
 
+@pytest.mark.slow
 @in_stepped_time
 async def test_four_nodes_are_aligned_to_30_us_though_no_row_was_known() -> None:
     async with four_nodes() as rig:

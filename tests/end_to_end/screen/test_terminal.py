@@ -30,6 +30,7 @@ async def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator
         await give_order(rig.address, StopRig())
 
 
+@pytest.mark.slow
 async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
     home: dict[str, str], tmp_path: Path
 ) -> None:
@@ -80,6 +81,7 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
     assert len(list(exported.glob("images/**/*.jpg"))) == len(session.manifest.images)
 
 
+@pytest.mark.slow
 async def test_a_killed_screen_leaves_rig_and_take_whole_and_the_next_finds_both(
     home: dict[str, str], tmp_path: Path
 ) -> None:

@@ -51,6 +51,7 @@ def run(boards: Session, tmp_path: Path) -> Callable[..., Any]:
     return run
 
 
+@pytest.mark.slow
 def test_real_units_in_processes_and_nothing_twice(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

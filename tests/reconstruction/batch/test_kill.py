@@ -66,6 +66,7 @@ def kill_and_compare(boards: Session, tmp_path: Path, kills: int, seed: int) -> 
     assert not list(out.rglob("*.part"))
 
 
+@pytest.mark.slow
 def test_a_killed_batch_resumes(boards: Session, tmp_path: Path) -> None:
     kill_and_compare(boards, tmp_path, 3, 1)
 

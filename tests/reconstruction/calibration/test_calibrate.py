@@ -155,6 +155,7 @@ def test_corners_that_make_no_flat_board_are_no_board() -> None:
     assert not is_flat_board(places, pixels)
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
     shared: Path, tmp_path: Path, reconstruct: Reconstruct

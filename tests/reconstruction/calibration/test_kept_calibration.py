@@ -78,6 +78,7 @@ def test_the_rig_s_calibration_is_found_and_said(
     assert not (bare.folder / "calibration.json").exists()
 
 
+@pytest.mark.slow
 def test_a_panorama_takes_its_lenses_from_the_rig_s_calibration(
     bare: Session, reconstruct: Reconstruct, tmp_path: Path
 ) -> None:

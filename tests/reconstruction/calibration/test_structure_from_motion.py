@@ -27,6 +27,7 @@ def rubble() -> Scene:
     return Scene([*boards, Board((-0.2, -0.2, 0.2, 0.2), 2.0, texture(51), jump)])
 
 
+@pytest.mark.slow
 def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     views = {

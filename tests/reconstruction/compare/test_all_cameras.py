@@ -60,6 +60,7 @@ def study(
     return MultiviewStudy(rig, instants, width, match=match, matcher=matcher)
 
 
+@pytest.mark.slow
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
     whole = study(trio, tmp_path)
     whole.prepare(2, QUIET)
@@ -93,6 +94,7 @@ def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_pat
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_compare_tells_of_all_cameras_in_every_condition(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -222,6 +224,7 @@ def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) ->
         study(night, tmp_path / "stages").prepare(2, QUIET)
 
 
+@pytest.mark.slow
 def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> None:
     views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
     session, flat = write_session(tmp_path, scene, views, instants=3), FlatDepth()

@@ -15,6 +15,7 @@ from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_sessi
 NO_MULTIVIEW = ("--max-multiview-instants", 0)
 
 
+@pytest.mark.slow
 def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_still(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -50,6 +51,7 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.slow
 def test_stages_are_used_again_only_where_their_inputs_are_the_same(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -81,6 +81,7 @@ def test_a_pair_sees_the_difference_of_its_offsets_in_either_direction(boards: S
     assert all(now != later for now, later in drawn)
 
 
+@pytest.mark.slow
 def test_compare_judges_further_conditions_beside_the_synchronized_one(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -108,6 +109,7 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
         assert words in page
 
 
+@pytest.mark.slow
 def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
     boards: Session, scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -84,6 +84,7 @@ def test_intervals_hold_the_value_and_pairs_are_drawn_together() -> None:
     assert found.high - found.low > 0.1
 
 
+@pytest.mark.slow
 def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

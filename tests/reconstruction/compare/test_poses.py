@@ -102,6 +102,7 @@ def test_two_cameras_and_no_colmap_are_said(
         compared(study(boards, tmp_path / "stages"), Condition(DISTINCT))
 
 
+@pytest.mark.slow
 def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
     found = compared(study(Session.open(PINWHEEL), tmp_path, max_instants=1), Condition(DISTINCT))
     assert found.synced.registered == 5

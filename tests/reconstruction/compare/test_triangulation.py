@@ -88,6 +88,7 @@ def test_a_short_burst_makes_every_second_camera_late(scene: Scene, tmp_path: Pa
     assert {c for c, late in found.offsets_ms.items() if late} == {"right"}
 
 
+@pytest.mark.slow
 def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_path: Path) -> None:
     row = {f"cam{k}": make_view((0.1 * k - 0.25, 0.0, 0.0), yaw=3.75 - 1.5 * k) for k in range(6)}
     session = write_session(tmp_path / "row", scene, row, instants=2, truth=False)
@@ -127,6 +128,7 @@ def study_without_pair(session: Session, stages: Path) -> TriangulationStudy:
     return TriangulationStudy(rig, offset, StereoStudy(rig, offset, None, 1), 1)
 
 
+@pytest.mark.slow
 def test_a_comparison_shows_the_points(scene: Scene, tmp_path: Path, reconstruct: Reconstruct) -> None:
     session = write_session(tmp_path / "pair", scene, PAIR, instants=4, truth=False)
     out = tmp_path / "out"
@@ -143,6 +145,7 @@ def test_a_comparison_shows_the_points(scene: Scene, tmp_path: Path, reconstruct
     assert "fit by chance are in the wrong place" in page
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_a_real_ball_is_a_point_only_when_synchronized(shared: Path, tmp_path: Path) -> None:
     folder = shared / "footage" / "ball_launch"

@@ -53,6 +53,7 @@ def test_a_plane_is_where_a_camera_sees_it() -> None:
     assert float(view.unproject(pixel, np.array([depth]))[0] @ plane.normal) == pytest.approx(plane.distance)
 
 
+@pytest.mark.slow
 def test_most_of_a_room_with_nearly_blank_walls_is_found() -> None:
     """Small pictures of three cameras: without planes 62.7 % are right, and 20.8 % of the given wrong."""
     scene = Scene("attic", blank_scenes.ATTIC).draft(0.5)

@@ -124,6 +124,7 @@ def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int]) -> None:
     assert np.array_equal(own, expected[1])
 
 
+@pytest.mark.slow
 def test_the_whole_sweep_finds_the_same_on_either_way() -> None:
     images = {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}
     sources = choose_by_depth({name: image.view for name, image in images.items()})

@@ -50,7 +50,7 @@ def test_there_are_two_hundred_of_them() -> None:
     assert len(CASES) >= 200
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("case", CASES)
 def test_every_command_ends_with_a_line_and_an_exit_code(

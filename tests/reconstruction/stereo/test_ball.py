@@ -107,6 +107,7 @@ def throw(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Throw:
     return Throw(shared / "footage" / "ball_launch", tmp_path_factory.mktemp("ball"))
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_a_real_ball_is_there_when_synchronized_and_gone_four_frames_later(throw: Throw) -> None:
     middle = throw.in_both[len(throw.in_both) // 2]

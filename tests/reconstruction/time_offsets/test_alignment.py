@@ -38,6 +38,7 @@ def check(session: Session, cameras: dict[str, Recorder]) -> None:
         assert error_ms < 1
 
 
+@pytest.mark.slow
 def test_motion_aligns_a_recording(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -89,6 +90,7 @@ def test_motion_makes_a_rough_alignment_exact(scene: Scene, tmp_path: Path, reco
     assert not Dataset.open(session.folder).unsynchronized
 
 
+@pytest.mark.slow
 def test_where_nothing_moves_nothing_is_aligned(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -99,6 +101,7 @@ def test_where_nothing_moves_nothing_is_aligned(
     assert Session.open(session.folder).manifest == session.manifest
 
 
+@pytest.mark.slow
 def test_pictures_that_happen_to_agree_are_not_called_synchronized(scene: Scene, tmp_path: Path) -> None:
     cameras = {"left": Recorder(LEFT.view), "right": Recorder(NTSC.view)}
     session = write_cut_apart(tmp_path, scene, cameras, 0.3)

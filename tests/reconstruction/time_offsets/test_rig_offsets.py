@@ -48,6 +48,7 @@ def test_pairs_that_contradict_each_other_widen_the_error() -> None:
     assert contradicted.sd_ms > 5 * agreed.sd_ms
 
 
+@pytest.mark.slow
 def test_the_command_tells_every_camera_s_lateness(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -83,6 +84,7 @@ def test_an_unknown_reference_is_refused_in_one_line(tmp_path: Path, reconstruct
     assert "no session" in done.complaint
 
 
+@pytest.mark.slow
 def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: Path) -> None:
     views = {
         name: make_view((x, 0.02 * (name == "b"), 0)) for name, x in (("a", -0.12), ("b", 0), ("c", 0.12))

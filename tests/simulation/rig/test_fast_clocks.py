@@ -16,6 +16,7 @@ from tests.simulation.rig.rigs import LAN, S, checked_error_ns, ready_rig
 SKEWS_PPM = (-35.0, 12.0, 40.0, 130.0, 200.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["pi", "phone-a"])
 def test_two_fast_clocks_in_a_rig_of_five_cost_no_accuracy(profile: str) -> None:
     """As `make bench-rig` with real processes, over the paper's link."""

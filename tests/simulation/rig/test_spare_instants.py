@@ -57,6 +57,7 @@ def is_complete(rig: VirtualRig, burst: Burst, chosen: tuple[int, ...]) -> bool:
     return all(share is not None and share.there >= set(chosen) for share in shares)
 
 
+@pytest.mark.slow
 def test_five_cameras_that_drop_a_hundredth_give_whole_bursts() -> None:
     """A simulated rig: without spare instants one burst in five lacks an image."""
     rig = dropping_rig(5, 0.01)

@@ -37,6 +37,7 @@ def grid_instant(rig: PhoneRig, seconds: float) -> int:
     return at_ns - (at_ns - GOAL_PHASE_NS) % PERIOD_NS
 
 
+@pytest.mark.slow
 def test_a_fast_phone_has_the_time_for_five_minutes() -> None:
     rig = rig_of(20.0)
     wait_until_synced(rig)

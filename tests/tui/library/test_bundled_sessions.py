@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.library.take import TakeScreen
@@ -14,6 +16,7 @@ SAMPLES = Path(__file__).parents[3] / "sample_sessions"
 NAMES = sorted(path.parent.name for path in SAMPLES.glob("*/session.json"))
 
 
+@pytest.mark.slow
 async def test_each_opens(sessions: Path) -> None:
     async with library(sessions) as pilot:
         listed = {Path(key).name: key for key in rows(pilot.app).keys if "sample_sessions" in key}
@@ -32,6 +35,7 @@ async def test_each_opens(sessions: Path) -> None:
             await until(pilot, lambda: not isinstance(pilot.app.screen, TakeScreen | LookScreen))
 
 
+@pytest.mark.slow
 async def test_a_panorama_from_the_key_to_its_picture(sessions: Path) -> None:
     async with library(sessions) as pilot:
         key = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/crossing"))

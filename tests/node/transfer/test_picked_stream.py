@@ -10,7 +10,7 @@ from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, PickedSt
 from capture_app.node.camera.spool import Spool
 from capture_app.node.wire.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
-from capture_app.session.format.manifest import MissingImage
+from capture_app.session.format.manifest import JOURNAL, MissingImage
 from tests.node.transfer.uploading import Picture, burst_upload, uploading
 from tests.waiting import until
 
@@ -97,7 +97,9 @@ async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: 
 
     async with uploading(deaf, [], Spool(tmp_path, "a")) as uploader:
         uploader.add_burst(streamed(1, Picture(b"zero"), Picture(b"one")))
-        await until(lambda: len(list(tmp_path.glob("a/*/*.jpg"))) == 2)
+        # An image is safe when its line is: the file comes before it.
+        journal = tmp_path / "a/00000001-000001" / JOURNAL
+        await until(lambda: journal.exists() and journal.read_bytes().count(b"\n") == 2)
 
     reports: list[CameraReport] = []
 

@@ -10,6 +10,7 @@ import msgspec
 from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, PhaseControl, TimestampSource
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.wire import messages
 from capture_app.sync.wire.codec import encode
@@ -45,7 +46,7 @@ DATAGRAMS: tuple[Any, ...] = (
 RECORD = CameraRecord(name="cam1", facts=FACTS)
 FRAMES: tuple[Any, ...] = (
     wire.NodeStream(camera="cam1", instance=1),
-    wire.CameraReport(leader=1, burst=1, camera=RECORD, instants=(0, 1)),
+    wire.CameraReport(leader=1, burst=1, plan=CameraPlan(camera=RECORD, instants=(0, 1))),
     wire.SpoolSpace(camera="cam1", free_bytes=0, spool="/"),
     wire.StatusRequest(),
     wire.BurstRequest(frames=1, at_leader_ns=2**70, name="../.."),

@@ -21,12 +21,14 @@ from capture_app.cameras.base import CapturedFrame
 from capture_app.net.address import Address
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import DiskThreads
+from capture_app.node.burst.camera_share import new_shares
+from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace, ToLeader
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst, Pick
@@ -92,7 +94,8 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     disk = slow_disk()
     writer = SessionWriter.create(root, "received")
     threads = DiskThreads()
-    session = BurstSession(burst, dict.fromkeys(cameras_of_burst, CAMERA), writer, threads)
+    shares = new_shares(burst, dict.fromkeys(cameras_of_burst, CAMERA))
+    session = BurstSession(burst, shares, writer, threads)
     await session.write_plan(1)
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
@@ -147,9 +150,9 @@ async def send(source: Path, port: int, cameras: int, instants: int) -> None:
             )
             for n, at_ns in enumerate(times_ns)
         )
-        report = CameraReport(
-            leader=1, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=tuple(range(instants))
-        )
+        camera = CameraRecord(name=name, facts=CAMERA)
+        plan = CameraPlan(camera=camera, reported=True, instants=tuple(range(instants)))
+        report = CameraReport(leader=1, burst=1, plan=plan)
         spool = Spool(Path(os.environ["SPOOL"]), name) if "SPOOL" in os.environ else None
         uploader = Uploader(name, 1, lambda line: print(line, file=sys.stderr), spool)
         uploader.load_spool()

@@ -7,8 +7,10 @@ from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import DiskThreads
+from capture_app.node.burst.camera_share import new_shares
+from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
@@ -22,17 +24,24 @@ CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_cont
 IMAGE = b"a picture of some length"
 
 
-def burst_session(folder: Path, *names: str, spare: int = 0, hasty: Collection[str] = ()) -> BurstSession:
-    """A burst of two instants, and so many spare ones; `hasty` ones were silent in the burst before."""
+def burst_session(
+    folder: Path,
+    *names: str,
+    spare: int = 0,
+    short_timeouts: Collection[str] = (),
+    kind: type[SessionWriter] = SessionWriter,
+) -> BurstSession:
+    """A burst of two instants, and so many spare ones; `short_timeouts` were silent in the burst before."""
     instants_ns = tuple(INSTANTS_NS[0] + PERIOD_NS * n for n in range(len(INSTANTS_NS) + spare))
     burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], names, spare)
-    writer = SessionWriter.create(folder, "burst-001")
-    return BurstSession(burst, dict.fromkeys(names, CAMERA), writer, DISK, hasty=hasty)
+    shares = new_shares(burst, dict.fromkeys(names, CAMERA), short_timeouts=short_timeouts)
+    return BurstSession(burst, shares, kind.create(folder, "burst-001"), DISK)
 
 
 def report(name: str, *instants: int, missing: tuple[MissingImage, ...] = ()) -> CameraReport:
     record = CameraRecord(name=name, facts=CAMERA)
-    return CameraReport(leader=LEADER, burst=1, camera=record, instants=instants, missing=missing)
+    plan = CameraPlan(camera=record, reported=True, instants=instants, missing=missing)
+    return CameraReport(leader=LEADER, burst=1, plan=plan)
 
 
 def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:

@@ -17,6 +17,7 @@ from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating, pairing
 from capture_app.node.wire.messages import FromLeader, ToLeader
 from capture_app.node.wire.status import NodeDetail
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
@@ -35,7 +36,7 @@ def every_message(node: SealedNode) -> list[Any]:
     image = ImageRecord(camera="cam", instant=0, path=image_path("cam", 0), sha256=SHA, bytes=1, leader_ns=0)
     messages = [
         wire.NodeStream(camera="cam", instance=node.instance),
-        wire.CameraReport(leader=1, burst=1, camera=record, instants=(0,)),
+        wire.CameraReport(leader=1, burst=1, plan=CameraPlan(camera=record, instants=(0,))),
         wire.ImageUpload(leader=1, burst=1, record=image),
         wire.SpoolSpace(camera="cam", free_bytes=0, spool="/"),
         wire.KeyRequest(name="cam", instance=node.instance, is_relay=True),

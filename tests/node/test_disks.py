@@ -31,7 +31,7 @@ from capture_app.node.wire.messages import (
 )
 from capture_app.session.files.disk import disk_error
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.image_store import ReceivedImage
+from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.node import bursts
 from tests.node.joining import joined
@@ -154,19 +154,18 @@ class FailingWriter(SessionWriter):
 
     fault = errno.EROFS
 
-    def add_received(self, images: Sequence[ReceivedImage]) -> list[SimulshotError | None]:
+    def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
         if self.fault:
             return [disk_error(OSError(self.fault, os.strerror(self.fault)), self.folder)] * len(images)
-        return super().add_received(images)
+        return super().save(images, in_videos=in_videos)
 
 
 @pytest.mark.parametrize("fault", [errno.EROFS, errno.EIO, errno.ENOSPC])
-async def test_what_a_failing_disk_could_not_take_comes_when_it_can(tmp_path: Path, fault: int) -> None:
-    writer = FailingWriter.create(tmp_path, "burst-001")
-    assert isinstance(writer, FailingWriter)
-    writer.fault = fault
-    plain = bursts.burst_session(tmp_path / "other", "a")
-    session = BurstSession(plain.burst, {"a": bursts.CAMERA}, writer, bursts.DISK)
+async def test_what_a_failing_disk_could_not_take_comes_when_it_can(
+    tmp_path: Path, fault: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(FailingWriter, "fault", fault)
+    session = bursts.burst_session(tmp_path, "a", kind=FailingWriter)
     await session.write_plan(bursts.LEADER)
     await session.accept_report(bursts.report("a", 0, 1), 0)
     with pytest.raises(DiskError) as failure:
@@ -181,7 +180,6 @@ async def test_what_a_failing_disk_could_not_take_comes_when_it_can(tmp_path: Pa
         await bursts.receive_image(again, bursts.upload("a", instant), bursts.pieces(bursts.IMAGE))
     assert again.session is not None
     assert Session.open(again.session).manifest.missing == ()
-    await plain.suspend()
 
 
 async def test_a_spooled_image_that_cannot_be_read_just_now_is_not_given_up(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
-from tests.session.recorded import frame, record
+from tests.session.recorded import frame, record, save_frames
 
 from .conftest import jpeg, local_from_leader
 
@@ -90,7 +90,7 @@ def test_frames_that_cannot_be_read_are_refused(recording: Session) -> None:
 
 def test_a_frame_that_comes_twice_is_there_once(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, "twice")
-    writer.add_frames([frame("right", 1)])
+    save_frames(writer, frame("right", 1))
     session = record(writer)
     assert verify(session) == []
     size = (session.folder / "videos/rig1/right.mjpeg").stat().st_size
@@ -99,7 +99,7 @@ def test_a_frame_that_comes_twice_is_there_once(tmp_path: Path) -> None:
 
 def test_what_is_left_of_a_torn_line_moves_no_other(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, "torn")
-    writer.add_frames([frame("left", instant) for instant in range(3)])
+    save_frames(writer, *(frame("left", instant) for instant in range(3)))
     writer.abort()
     lines = tmp_path / "torn" / LINES
     first, second, third = lines.read_bytes().splitlines(keepends=True)

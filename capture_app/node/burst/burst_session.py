@@ -1,26 +1,24 @@
-"""A burst on the leader's side: reports and images come in, a session comes out, whatever is missing.
-
-How far a burst is, for whoever looks.
-"""
+"""A burst on the leader's side: reports and images come in, a session comes out, whatever is missing."""
 
 import asyncio
-from collections.abc import AsyncIterator, Collection, Coroutine, Mapping, Sequence
+import dataclasses
+import hashlib
+from collections.abc import AsyncIterator, Coroutine, Iterable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst import plans
-from capture_app.node.burst.camera_share import CameraProgress, DiskThreads
+from capture_app.node.burst.camera_share import CameraShare, PartialImage
 from capture_app.node.burst.instant_choice import InstantChoice
-from capture_app.node.burst.intake import ImageCommits, ImageIntake, shortened
-from capture_app.node.burst.plans import Settlement
+from capture_app.node.burst.intake import DiskThreads, Intake
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.node.wire.status import BurstStatus
-from capture_app.session.format.manifest import CameraRecord
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
+from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.text import count
@@ -29,85 +27,19 @@ SAID_AFTER_S = 1.0
 """A wait for the disk that takes longer is told."""
 
 
-def waiting_text(commits: ImageCommits, undecided: Sequence[str]) -> str:
-    """What a burst waits for: the disk, or cameras that have not told what they have; empty for neither."""
-    images, seconds = commits.waiting()
-    if seconds >= SAID_AFTER_S:
-        return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
-    return f"waiting to hear from {', '.join(undecided)}" if undecided else ""
-
-
-def disk_reason(error: DiskError) -> str:
-    """Why images are missing when the leader's disk failed."""
-    return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"
-
-
-def burst_status(
-    burst: Burst,
-    writer: SessionWriter,
-    cameras: Mapping[str, CameraProgress],
-    choice: InstantChoice,
-    *,
-    message: str,
-    done: bool,
-    session: Path | None,
-    resumed: bool,
-) -> BurstStatus:
-    """How far a burst is; one of an earlier run has no number in this one."""
-    # Nobody knows how long a recording will be: of one under way as much is expected as any camera has sent.
-    so_far = max((camera.instants.end for camera in cameras.values()), default=0)
-    instants = so_far if burst.video and not done else burst.frames
-    transfer = tuple(camera.transfer(instants) for _, camera in sorted(cameras.items()))
-    received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
-    if resumed:
-        message = f"{writer.name} of an earlier run: {received} of {expected} images" + (
-            f"; {message}" if message else "" if done else ", waiting for what its nodes still hold"
-        )
-    return BurstStatus(
-        burst=0 if resumed else burst.number,
-        name=writer.name,
-        cameras=len(cameras),
-        instants=instants,
-        received=received,
-        expected=expected,
-        done=done,
-        session=None if session is None else str(session),
-        message=message,
-        transfer=transfer,
-        recording=burst.video,
-        skipped=choice.skipped({name: camera.report for name, camera in cameras.items()}),
-    )
-
-
-def mean_image_bytes(writer: SessionWriter, cameras: Mapping[str, CameraProgress]) -> dict[str, int]:
-    """The mean size in bytes of each camera's images, of those that have any."""
-    means = {video.camera: video.bytes // video.frames for video in writer.videos.records() if video.frames}
-    for name, camera in cameras.items():
-        instants = () if name in means else camera.instants
-        images = [writer.image(name, instant) for instant in instants]
-        sizes = [image.bytes for image in images if image is not None]
-        if sizes:
-            means[name] = sum(sizes) // len(sizes)
-    return means
-
-
-AFTER_LAST_INSTANT_NS = 2_000_000_000
-
-
 class BurstSession:
     """Collects one burst into a session; finished when every camera has delivered or is given up."""
 
     def __init__(
         self,
         burst: Burst,
-        cameras: Mapping[str, CameraFacts],
+        shares: Iterable[CameraShare],
         writer: SessionWriter,
         disk: DiskThreads,
         *,
-        interrupted: plans.InterruptedBurst | None = None,
-        hasty: Collection[str] = (),
+        lost: plans.Lost | None = None,
     ) -> None:
-        """Begin with these cameras, or go on where an earlier run left off; `hasty`: wait less for those."""
+        """Begin with these cameras, or go on where an earlier run left off, and what it has `lost`."""
         self.burst = burst
         self.finished = asyncio.Event()
         self.session: Path | None = None
@@ -115,28 +47,15 @@ class BurstSession:
         """Trouble: why the leader's disk takes nothing of it at present; nodes keep it, and ask again."""
         self._writer = writer
         self._disk = disk
-        self._interrupted = interrupted
-        begin_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
-        self._cameras = {
-            name: CameraProgress(CameraRecord(name=name, facts=of), begin_ns, was_silent=name in hasty)
-            for name, of in cameras.items()
-            if name in burst.clients
-        }
-        self._choice = InstantChoice(burst)
-        if interrupted is not None:
-            self._cameras, self._choice = interrupted.cameras, interrupted.choice
-        self._plan = plans.SharedPlan(writer, disk)
-        self._settlement = Settlement(self._choice, self._plan, self._cameras)
+        self._lost = lost
+        self._shares = {share.name: share for share in shares}
+        self._choice = InstantChoice(burst, None if writer.plan is None else writer.plan.chosen)
+        self._committing = asyncio.Lock()
+        self._plan: BurstPlan | None = writer.plan
+        """What is to be on disk of it."""
+        self._writing_plan = asyncio.Lock()
+        self._intake = Intake(writer, disk, in_videos=burst.video)
         self._background: set[asyncio.Task[None]] = set()
-        self._intake = ImageIntake(
-            writer,
-            disk,
-            self._choice,
-            self._camera,
-            check_open=self._check_open,
-            on_saved=lambda: self._spawn(self.finish_if_complete()),
-            on_failure=lambda error: self._spawn(self.finish_now(disk_reason(error))),
-        )
 
     @classmethod
     def resume(cls, folder: Path, heard_ns: int, disk: DiskThreads) -> "BurstSession":
@@ -145,33 +64,51 @@ class BurstSession:
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
         process writes it.
         """
-        before = plans.InterruptedBurst.read(folder, heard_ns)
-        return cls(before.burst, {}, before.writer, disk, interrupted=before)
+        writer = SessionWriter.resume(folder)
+        assert writer.plan is not None
+        shares = [
+            CameraShare(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
+            for plan in writer.plan.cameras
+        ]
+        return cls(plans.burst_of(writer.plan), shares, writer, disk, lost=plans.lost_images(writer, shares))
 
     async def write_plan(self, leader: int, note: str = "") -> None:
         """Put on disk what this is to become; `leader` is the run of the leader that nodes know it by.
 
         Raises DiskFullError where there is no room for it.
         """
-        self._plan.begin(leader, self.burst, note)
-        await self._settlement.save_plan()
+        self._plan = plans.plan_of(self.burst, self._writer, leader, note)
+        await self._save_plan(self._choice.wanted)
+
+    # What there is to tell
 
     @property
     def status(self) -> BurstStatus:
         """How far it is; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
-        waiting = (
-            "" if done else self.trouble or waiting_text(self._intake.commits, self._settlement.undecided)
-        )
-        return burst_status(
-            self.burst,
-            self._writer,
-            self._cameras,
-            self._choice,
-            message=self.message or waiting,
+        # Nobody knows how long a recording will be: of one under way as much is expected as any has sent.
+        so_far = max((share.instants.end for share in self._shares.values()), default=0)
+        instants = so_far if self.burst.video and not done else self.burst.frames
+        transfer = tuple(share.transfer(instants) for _, share in sorted(self._shares.items()))
+        received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
+        message = self.message or ("" if done else self.trouble or self._waiting_text())
+        if self._lost is not None:
+            message = f"{self._writer.name} of an earlier run: {received} of {expected} images" + (
+                f"; {message}" if message else "" if done else ", waiting for what its nodes still hold"
+            )
+        return BurstStatus(
+            burst=self.burst.number if self._lost is None else 0,
+            name=self._writer.name,
+            cameras=len(self._shares),
+            instants=instants,
+            received=received,
+            expected=expected,
             done=done,
-            session=self.session,
-            resumed=self._interrupted is not None,
+            session=None if self.session is None else str(self.session),
+            message=message,
+            transfer=transfer,
+            recording=self.burst.video,
+            skipped=self._choice.skipped(self._told),
         )
 
     @property
@@ -181,16 +118,33 @@ class BurstSession:
 
     def mean_image_bytes(self) -> dict[str, int]:
         """The mean size in bytes of each camera's images, of those that have any."""
-        return mean_image_bytes(self._writer, self._cameras)
+        videos = self._writer.videos.records()
+        means = {video.camera: video.bytes // video.frames for video in videos if video.frames}
+        for name, share in self._shares.items():
+            instants = () if name in means else share.instants
+            images = [self._writer.image(name, instant) for instant in instants]
+            if sizes := [image.bytes for image in images if image is not None]:
+                means[name] = sum(sizes) // len(sizes)
+        return means
+
+    def silent_cameras(self) -> set[str]:
+        """The cameras that have brought nothing, and were given up for their silence."""
+        return {name for name, of in self._shares.items() if of.silent and not of.instants}
+
+    def is_empty(self) -> bool:
+        """Whether no image has come yet."""
+        return not any(share.instants for share in self._shares.values())
+
+    # What comes in
 
     def stream_opened(self, camera: str) -> None:
         """That camera is connected: its images may take their time."""
-        self._camera(camera).streams += 1
+        self._share(camera).streams += 1
 
     def stream_closed(self, camera: str, now_ns: int) -> None:
         """That camera's stream broke off or was closed."""
-        self._camera(camera).streams -= 1
-        self._camera(camera).note_heard(now_ns)
+        self._share(camera).streams -= 1
+        self._share(camera).note_heard(now_ns)
 
     async def accept_report(self, report: CameraReport, now_ns: int, *, wait_s: float = 0.0) -> ReportAck:
         """Note what a camera will send; return what of it is wanted, and is here already.
@@ -198,27 +152,31 @@ class BurstSession:
         While that depends on other cameras it waits up to `wait_s` for them. Raises BadInputError for a
         report that is not of this burst, DiskError while the disk does not take it.
         """
-        camera = self._camera(report.camera.name)
+        share, told = self._share(report.plan.camera.name), report.plan
         if self.burst.streamed:
             # It may have heard late that the burst ends earlier.
-            report = replace(report, instants=tuple(n for n in report.instants if n < self.burst.frames))
-        self._choice.check_ordered([*report.instants, *(missing.instant for missing in report.missing)])
-        camera.interrupt()
-        async with camera.writing:
-            self._check_open()
-            first = camera.report is None
-            if first and report.events:
-                events = ({"camera": report.camera.name, **event} for event in report.events)
-                await self._disk.call(self._writer.add_event, *events)
-            known = camera.report if self._interrupted else None
-            camera.report, camera.given_up, camera.silent = plans.camera_plan(report, known), "", False
-            camera.note_heard(now_ns, advanced=first or not self._choice.is_settled)
-            await self._settlement.settle()
-            if self._choice.is_settled:
-                await self._settlement.save_plan()
-        if not await self._settlement.wait(wait_s):
+            told = replace(told, instants=tuple(n for n in told.instants if n < self.burst.frames))
+        self._choice.check_ordered([*told.instants, *(missing.instant for missing in told.missing)])
+        share.interrupt()
+        try:
+            async with share.writing:
+                self._check_open()
+                first = not share.plan.reported
+                if first and report.events:
+                    events = ({"camera": share.name, **event} for event in report.events)
+                    await self._disk.call(self._writer.add_event, *events)
+                share.note_report(told, is_of_earlier_run=self._lost is not None)
+                share.note_heard(now_ns, advanced=first or not self._choice.is_committed)
+                await self._commit_instants()
+                if self._choice.is_committed:
+                    await self._save_plan(self._choice.wanted)
+        except DiskError as error:
+            self.trouble = str(error)
+            raise
+        self.trouble = ""
+        if not await self._choice.wait(wait_s):
             return ReportAck(undecided=True)
-        receipts = await self._disk.call(camera.receipts, self._writer, self._choice)
+        receipts = await self._disk.call(share.receipts, self._writer, self._choice)
         await self.finish_if_complete()
         return ReportAck(receipts=receipts, wanted=self._choice.wanted)
 
@@ -230,41 +188,138 @@ class BurstSession:
         What came of it stays where the stream breaks off, with NetworkError. Raises BadInputError,
         TryAgainError for a damaged one, DiskFullError, as does the future; a full disk ends the burst.
         """
-        return await self._intake.take(self.burst, upload, payload, now_ns)
+        self._check_open()
+        if self.burst.streamed and upload.record.instant >= self.burst.frames:
+            # The node heard late that the burst ends earlier.
+            async for _ in payload:
+                pass
+            return _known(upload.record.sha256)
+        upload = replace(upload, record=self._choice.renumbered(upload.record))
+        share = self._share(upload.record.camera)
+        if (known := self._find_known(share, upload.record.instant)) is not None:
+            return known
+        if self.burst.video:
+            frame = await _receive_frame(upload, payload)
+            self._check_open()
+            known = self._find_known(share, upload.record.instant)
+            saving = known or self._save(share, frame)
+        else:
+            saving = await self._take_file(share, upload, payload)
+        share.note_heard(now_ns, advanced=True)
+        return saving
+
+    async def _take_file(
+        self, share: CameraShare, upload: ImageUpload, payload: AsyncIterator[bytes]
+    ) -> "asyncio.Future[str]":
+        partial = PartialImage(self._writer.folder, upload)
+        try:
+            async with share.writing:
+                self._check_open()
+                share.interrupt()
+                share.partial = partial
+                await self._disk.call(partial.open)
+            await share.receive(partial, payload, self._disk)
+            async with share.writing:
+                self._check_open()
+                if (known := self._find_known(share, upload.record.instant)) is not None:
+                    return known
+                truth = await self._disk.call(partial.split_off_truth)
+                return self._save(share, StoredImage(upload.record, partial.file, truth, upload.true_ns))
+        except DiskError as error:
+            self._spawn(self.finish_now(_disk_reason(error)))
+            raise
+
+    def _find_known(self, share: CameraShare, instant: int) -> "asyncio.Future[str] | None":
+        """The answer for an image that is saved, or on its way to the disk; None for any other."""
+        saved = self._writer.image(share.name, instant)
+        return share.saving.get(instant) if saved is None else _known(saved.sha256)
+
+    def _save(self, share: CameraShare, image: StoredImage) -> "asyncio.Future[str]":
+        """Queue an image for the disk; from now on a second upload of it joins this one."""
+        instant, saving = image.record.instant, self._intake.add(image)
+
+        def note(saved: "asyncio.Future[str]") -> None:
+            del share.saving[instant]
+            error = None if saved.cancelled() else saved.exception()
+            if error is None and not saved.cancelled():
+                share.instants.add(instant)
+                # The node hears of its image before the session is finished, which takes the disk some time.
+                self._spawn(self.finish_if_complete())
+            elif isinstance(error, DiskError):
+                self._spawn(self.finish_now(_disk_reason(error)))
+
+        share.saving[instant] = saving
+        saving.add_done_callback(note)
+        return saving
+
+    # Which instants it gets, and its plan
+
+    async def _commit_instants(self) -> None:
+        """Commit the burst to its instants if that is possible now: on disk before any node hears of them.
+
+        Raises DiskFullError; it is committed to nothing then.
+        """
+        async with self._committing:
+            if self._choice.is_committed:
+                return
+            awaited = [share.told for share in self._shares.values() if not share.given_up]
+            chosen = self._choice.find(awaited)
+            if chosen is not None:
+                await self._save_plan(chosen)
+                self._choice.commit(chosen)
+
+    async def _save_plan(self, chosen: tuple[int, ...] | None) -> None:
+        """Return once what the cameras have told, and the instants, are on disk. Raises DiskFullError.
+
+        What is to be in the plan while it is being written is written together, afterwards.
+        """
+        if self._plan is None:
+            return
+        told = tuple(share.plan for share in self._shares.values())
+        self._plan = replace(
+            self._plan, cameras=told, chosen=chosen, streamed=plans.instant_range(self.burst)
+        )
+        async with self._writing_plan:
+            if self._plan != self._writer.plan:
+                await self._disk.call(self._writer.set_plan, self._plan)
+
+    # How it ends
 
     async def end(self, burst: Burst) -> None:
         """Wait for no instants beyond those of `burst`: it ends earlier than it was ordered."""
         self.burst = burst
         self._choice.end(burst)
-        self._plan.end(burst)
-        await self._settlement.save_plan()
+        await self._save_plan(self._choice.wanted)
         await self.finish_if_complete()
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Wait no longer for a camera; `silent` where it may have its images all the same."""
-        camera = self._cameras.get(name)
-        if camera is None or camera.is_complete(self._choice):
+        share = self._shares.get(name)
+        if share is None or share.is_complete(self._choice):
             return
-        camera.given_up, camera.silent = reason, silent
+        share.given_up, share.silent = reason, silent
         try:
-            await self._settlement.settle()
+            await self._commit_instants()
         except SimulshotError as error:
             # No node may hear of instants that a crash would make others of.
-            self._choice.settle_without_reports()
-            for other in self._cameras.values():
+            self._choice.commit(range(self.burst.frames))
+            for other in self._shares.values():
                 other.given_up = other.given_up or error.what
         await self.finish_if_complete()
 
     async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
         """Wait no longer for cameras without a stream, or lost (name to reason), or stalled."""
-        for name, camera in self._cameras.items():
-            camera.note_arrivals(now_ns)
-            if reason := camera.why_silent(lost, now_ns):
+        for name, share in self._shares.items():
+            share.note_arrivals(now_ns)
+            if reason := share.why_silent(lost, now_ns):
                 await self.give_up_camera(name, reason, silent=True)
 
     async def finish_now(self, reason: str, *, silent: bool = True) -> None:
-        """Finish with what has come; `reason` is recorded with the images that are missing."""
-        for name in self._cameras:
+        """Finish with what has come; `reason` is recorded with the images that are missing.
+
+        Unless the cameras were `silent`, there is no session without any image.
+        """
+        for name in self._shares:
             await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
 
@@ -291,22 +346,48 @@ class BurstSession:
                 self.message = f"left unfinished: {how}"
                 self.finished.set()
 
-    async def cancel(self, reason: str) -> None:
-        """Wait for nothing more: what has come is saved, and without any image there is no session."""
-        await self.finish_now(reason, silent=False)
+    def _may_finish(self) -> bool:
+        return not self.finished.is_set() and all(
+            share.is_complete(self._choice) for share in self._shares.values()
+        )
 
-    def silent_cameras(self) -> set[str]:
-        """Those that have brought nothing, and were given up for their silence."""
-        return {name for name, of in self._cameras.items() if of.silent and not of.instants}
+    @asynccontextmanager
+    async def _no_image_written(self) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            for share in self._shares.values():
+                await stack.enter_async_context(share.writing)
+            while saving := [image for share in self._shares.values() for image in share.saving.values()]:
+                await asyncio.wait(saving)
+            yield
 
-    def is_empty(self) -> bool:
-        """Whether no image has come yet."""
-        return not any(camera.instants for camera in self._cameras.values())
+    def _finish(self) -> Path | None:
+        if self.burst.video:
+            # Without an end, or cut off by one, it lasts as long as any camera has recorded.
+            ends = [n for of in self._shares.values() for n in (of.plan.picked or 0, of.instants.end)]
+            instants_ns = self.burst.instants_ns[: max([1, *ends])]
+            self.burst = dataclasses.replace(self.burst, instants_ns=instants_ns)
+            self._choice.end(self.burst)
+        lost = self._lost or {}
+        missing = [gap for of in self._shares.values() for gap in of.missing_images(self._choice, lost)]
+        burst = self._choice.record(self._told)
+        self.message = plans.result_text(burst, missing)
+        silent = any(share.silent for share in self._shares.values())
+        if self.is_empty() and self._lost is None and not silent:
+            self._writer.discard()
+            self.message = f"no image came, so no session was made; {self.message}"
+            return None
+        return plans.write_manifest(self._writer, self._shares, burst, missing)
 
-    def _camera(self, name: str) -> CameraProgress:
-        if name not in self._cameras:
+    # Its parts
+
+    @property
+    def _told(self) -> dict[str, CameraPlan | None]:
+        return {name: share.told for name, share in self._shares.items()}
+
+    def _share(self, name: str) -> CameraShare:
+        if name not in self._shares:
             raise BadInputError(f"camera {name!r} is not in burst {self.burst.number}")
-        return self._cameras[name]
+        return self._shares[name]
 
     def _check_open(self) -> None:
         if self.finished.is_set():
@@ -317,31 +398,33 @@ class BurstSession:
         self._background.add(task)
         task.add_done_callback(self._background.discard)
 
-    def _may_finish(self) -> bool:
-        return not self.finished.is_set() and all(
-            camera.is_complete(self._choice) for camera in self._cameras.values()
-        )
+    def _waiting_text(self) -> str:
+        """What it waits for: the disk, or cameras that have not told what they have; empty for neither."""
+        images, seconds = self._intake.waiting()
+        if seconds >= SAID_AFTER_S:
+            return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
+        if self._choice.is_committed or not any(self._told.values()):
+            return ""
+        undecided = [name for name, of in self._shares.items() if not of.told and not of.given_up]
+        return f"waiting to hear from {', '.join(undecided)}" if undecided else ""
 
-    @asynccontextmanager
-    async def _no_image_written(self) -> AsyncIterator[None]:
-        async with AsyncExitStack() as stack:
-            for camera in self._cameras.values():
-                await stack.enter_async_context(camera.writing)
-            await self._intake.commits.wait_until_idle()
-            yield
 
-    def _finish(self) -> Path | None:
-        if self.burst.video:
-            # Without an end, or cut off by one, it lasts as long as any camera has recorded.
-            self.burst = shortened(self.burst, self._cameras)
-            self._choice.end(self.burst)
-        lost = {} if self._interrupted is None else self._interrupted.lost
-        missing = [gap for c in self._cameras.values() for gap in c.missing_images(self._choice, lost)]
-        burst = self._choice.record(self._settlement.reports)
-        self.message = plans.result_text(burst, missing)
-        silent = any(camera.silent for camera in self._cameras.values())
-        if self.is_empty() and self._interrupted is None and not silent:
-            self._writer.discard()
-            self.message = f"no image came, so no session was made; {self.message}"
-            return None
-        return plans.write_manifest(self._writer, self._cameras, burst, missing)
+async def _receive_frame(upload: ImageUpload, payload: AsyncIterator[bytes]) -> StoredImage:
+    """Take a frame in. Raises TryAgainError where it is not what the upload tells, NetworkError."""
+    data, record = b"".join([chunk async for chunk in payload]), upload.record
+    whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
+    if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
+        raise TryAgainError(f"the frame of {record.camera} at instant {record.instant} arrived damaged")
+    return StoredImage(record, data, true_ns=upload.true_ns)
+
+
+def _known(sha256: str) -> "asyncio.Future[str]":
+    """The answer for an image that need not be saved."""
+    done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    done.set_result(sha256)
+    return done
+
+
+def _disk_reason(error: DiskError) -> str:
+    """Why images are missing when the leader's disk failed."""
+    return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"

@@ -1,28 +1,20 @@
-"""What one camera owes: its report, its partial image, its patience.
-
-An image on its way into a session: as much of it as has come survives a stream that breaks off.
-
-The threads of a leader that wait for its disk.
-
-What one camera owes to a burst, and how far it is.
-"""
+"""What one camera owes to a burst: what it has told, the image that comes in, how long it is waited for."""
 
 import asyncio
-import functools
 import hashlib
 import os
 import threading
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import AsyncIterator, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ParamSpec, TypeVar
 
 from msgspec.structs import replace
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.errors import NetworkError, TryAgainError
 from capture_app.names import is_name
 from capture_app.node.burst.instant_choice import InstantChoice
+from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.wire.messages import ImageReceipt, ImageUpload
 from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.files.disk import disk_error
@@ -32,6 +24,7 @@ from capture_app.session.format.manifest import CameraRecord, MissingImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_picks import Burst
 
 _BLOCK = 1 << 20
 
@@ -124,51 +117,30 @@ def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
             yield ImageReceipt(instant=int(instant), sha256=sha256, bytes=file.stat().st_size, stored=False)
 
 
-DISK_THREADS = 8
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-class DiskThreads:
-    """One pool for all bursts of a leader; its threads end with `close`."""
-
-    def __init__(self) -> None:
-        self._threads = ThreadPoolExecutor(DISK_THREADS, "disk")
-
-    async def call(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-        """Do work that blocks on the disk, and return or raise what it does."""
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._threads, functools.partial(work, *arguments, **options))
-
-    def close(self) -> None:
-        """Take on no more work, and end when what was begun is done."""
-        self._threads.shutdown(wait=False)
-
-
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""
-HASTE_NS = 2_000_000_000
-"""The same of a camera that left the burst before without a word."""
+SHORT_TIMEOUT_NS = 2_000_000_000
+"""So long, where it left the burst before without a word."""
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
+AFTER_LAST_INSTANT_NS = 2_000_000_000
+"""A camera is waited for from so long after its last frame on."""
 ADVANCE_BYTES = 1 << 18
 """So much of an image is something: a slow link brings less than a whole one in all that time."""
 
 
 @dataclass(slots=True)
-class CameraProgress:
-    """One camera's part of a burst; times in ns of the leader's clock."""
+class CameraShare:
+    """What one camera owes to a burst, and how far it is; times in ns of the leader's clock."""
 
-    camera: CameraRecord
-    heard_ns: int
-    streams: int = 0
-    report: CameraPlan | None = None
+    plan: CameraPlan
     """What it has told, with the instants' numbers as they were ordered."""
-    instants: InstantSet = field(default_factory=InstantSet)
-    """Those whose images are in the session, with their numbers there."""
-    was_silent: bool = False
+    heard_ns: int
+    short_timeout: bool = False
     """It brought nothing of the burst before, without a word: it is waited for less."""
+    instants: InstantSet = field(default_factory=InstantSet)
+    """Whose images are in the session, with their numbers there."""
+    streams: int = 0
     advanced_ns: int = 0
     """When it last brought something, or had to wait for others."""
     arrived: dict[int, int] = field(default_factory=dict)
@@ -189,35 +161,46 @@ class CameraProgress:
         """Count as advanced from when it is waited for."""
         self.advanced_ns = max(self.advanced_ns, self.heard_ns)
 
+    @property
+    def name(self) -> str:
+        """The camera's."""
+        return self.plan.camera.name
+
+    @property
+    def told(self) -> CameraPlan | None:
+        """The plan, once the camera has told it."""
+        return self.plan if self.plan.reported else None
+
     def is_complete(self, choice: InstantChoice) -> bool:
         """Whether nothing is waited for."""
+        plan = self.plan
         if self.given_up:
             return True
-        if self.report is None or not choice.is_settled or self.report.picking:
+        if not plan.reported or not choice.is_committed or plan.picking:
             return False
-        if self.report.picked is not None:
-            decided = min(self.report.picked, len(choice.chosen or ()))
-            gone = sum(
-                max(0, min(run.first + run.count, decided) - run.first) for run in self.report.missing_runs
-            )
+        if plan.picked is not None:
+            decided = min(plan.picked, len(choice.chosen or ()))
+            gone = sum(max(0, min(run.first + run.count, decided) - run.first) for run in plan.missing_runs)
             return len(self.instants) >= decided - gone
-        return self.instants >= choice.numbers(self.report.instants)
+        return self.instants >= choice.numbers(plan.instants)
 
     def transfer(self, instants: int) -> CameraTransfer:
         """How much of so many instants it has brought."""
         return CameraTransfer(
-            camera=self.camera.name, received=len(self.instants), expected=instants, problem=self.given_up
+            camera=self.name, received=len(self.instants), expected=instants, problem=self.given_up
         )
 
     def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
         """Why not to wait for it any longer, empty where there is no reason; `lost` are reasons by name."""
         if self.saving:
             return ""
-        silent_ns, name = now_ns - self.heard_ns, self.camera.name
-        gone_ns, stalled_ns = (HASTE_NS, PATIENCE_NS) if self.was_silent else (PATIENCE_NS, STALL_NS)
-        if silent_ns >= gone_ns and (not self.streams or name in lost):
-            return lost.get(name, "it sent nothing")
-        if self.streams and name not in lost and self.report is not None and self.report.picking:
+        silent_ns = now_ns - self.heard_ns
+        gone_ns, stalled_ns = (
+            (SHORT_TIMEOUT_NS, PATIENCE_NS) if self.short_timeout else (PATIENCE_NS, STALL_NS)
+        )
+        if silent_ns >= gone_ns and (not self.streams or self.name in lost):
+            return lost.get(self.name, "it sent nothing")
+        if self.streams and self.name not in lost and self.plan.picking:
             # The next instant may be hours away.
             return ""
         # Words without images do not count, nor images that trickle: they could go on for ever.
@@ -237,20 +220,47 @@ class CameraProgress:
             self.counted_bytes = arrived
             self.note_heard(now_ns, advanced=True)
 
+    def note_report(self, told: CameraPlan, *, is_of_earlier_run: bool) -> None:
+        """Take what the camera tells for its plan, and wait for it.
+
+        What an earlier run of the leader knew the camera to be stays: only what is to come is told anew.
+        """
+        if is_of_earlier_run and self.plan.reported:
+            before = self.plan
+            told = replace(
+                told, camera=before.camera, calibration=before.calibration, true_clock=before.true_clock
+            )
+        self.plan = replace(told, reported=True)
+        self.given_up, self.silent = "", False
+
     def interrupt(self) -> None:
         """End the image that is coming in: a stream that the node has left may not have noticed yet."""
         if self.partial is not None:
             self.partial.close()
+
+    async def receive(self, partial: PartialImage, payload: AsyncIterator[bytes], disk: DiskThreads) -> None:
+        """Write an image into its file as it comes in.
+
+        What came of it stays where the stream breaks off. Raises what `PartialImage` raises.
+        """
+        instant, end = partial.upload.record.instant, partial.upload.offset
+        try:
+            async for chunk in payload:
+                await disk.call(partial.add, chunk)
+                end += len(chunk)
+                self.arrived[instant] = max(self.arrived.get(instant, 0), end)
+        finally:
+            partial.close()
 
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
         """What is here of its images, whole or in part, numbered as ordered. Blocks on the disk.
 
         Of images that are sent as they come only those count that the camera says it still has.
         """
-        name, chosen, report = self.camera.name, choice.chosen or (), self.report
-        sent_as_they_come = report is not None and (report.picking or report.picked is not None)
-        asked = self.instants & {*report.instants} if report and sent_as_they_come else self.instants
-        images = [writer.image(name, instant) for instant in sorted(asked)]
+        chosen, plan = choice.chosen or (), self.plan
+        sent_as_they_come = plan.picking or plan.picked is not None
+        asked = self.instants & {*plan.instants} if sent_as_they_come else self.instants
+        images = [writer.image(self.name, instant) for instant in sorted(asked)]
         stored = (
             ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
             for image in images
@@ -258,7 +268,7 @@ class CameraProgress:
         )
         return tuple(
             replace(receipt, instant=chosen[receipt.instant])
-            for receipt in (*stored, *partial_receipts(writer.folder, name))
+            for receipt in (*stored, *partial_receipts(writer.folder, self.name))
             if receipt.instant < len(chosen)
         )
 
@@ -266,14 +276,14 @@ class CameraProgress:
         self, choice: InstantChoice, lost: Mapping[tuple[str, int], MissingImage]
     ) -> list[MissingImage]:
         """What has not come of the session's instants, and why; `lost` are reasons from before."""
-        name, chosen = self.camera.name, choice.chosen or ()
+        name, chosen = self.name, choice.chosen or ()
         told = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
-        for run in self.report.missing_runs if self.report else ():
+        for run in self.plan.missing_runs:
             for instant in range(run.first, min(run.first + run.count, len(chosen))):
                 told[instant] = MissingImage(
                     camera=name, instant=instant, reason=run.reason, dropped=run.dropped
                 )
-        for gap in self.report.missing if self.report else ():
+        for gap in self.plan.missing:
             if gap.instant in chosen:
                 number = chosen.index(gap.instant)
                 told[number] = replace(gap, instant=number)
@@ -284,27 +294,18 @@ class CameraProgress:
             if number not in self.instants
         ]
 
-    async def receive_image(
-        self,
-        partial: PartialImage,
-        payload: AsyncIterator[bytes],
-        disk: DiskThreads,
-        check_open: Callable[[], None],
-    ) -> None:
-        """Write an image into its file as it comes in; `check_open` raises where the burst takes no more.
 
-        What came of it stays where the stream breaks off. Raises what `PartialImage` raises.
-        """
-        async with self.writing:
-            check_open()
-            self.interrupt()
-            self.partial = partial
-            await disk.call(partial.open)
-        instant, end = partial.upload.record.instant, partial.upload.offset
-        try:
-            async for chunk in payload:
-                await disk.call(partial.add, chunk)
-                end += len(chunk)
-                self.arrived[instant] = max(self.arrived.get(instant, 0), end)
-        finally:
-            partial.close()
+def new_shares(
+    burst: Burst, cameras: Mapping[str, CameraFacts], *, short_timeouts: Collection[str] = ()
+) -> list[CameraShare]:
+    """The shares of a burst's cameras, new ones; the `short_timeouts` are waited for less."""
+    begin_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
+    return [
+        CameraShare(
+            CameraPlan(camera=CameraRecord(name=name, facts=facts)),
+            begin_ns,
+            short_timeout=name in short_timeouts,
+        )
+        for name, facts in cameras.items()
+        if name in burst.clients
+    ]

@@ -1,9 +1,8 @@
-"""Which of the instants that were ordered a burst gets, and what becomes of their numbers.
+"""Which of the instants that were ordered a burst gets, and what becomes of their numbers."""
 
-Which instants a burst is to have: the first that are complete for all cameras.
-"""
-
+import asyncio
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -79,12 +78,27 @@ class InstantChoice:
         """`chosen` are the instants of a burst that was begun before; without spare ones it has all."""
         self._burst = burst
         self.chosen: Sequence[int] | None = chosen if burst.spare else range(burst.frames)
-        """Their numbers as ordered; None while it is not settled which they are."""
+        """Their numbers as ordered; None while the burst is not committed to any."""
+        self._committed = asyncio.Event()
+        if self.chosen is not None:
+            self._committed.set()
 
     @property
-    def is_settled(self) -> bool:
+    def is_committed(self) -> bool:
         """Whether the instants are known; they never change after that."""
         return self.chosen is not None
+
+    def commit(self, chosen: Sequence[int]) -> None:
+        """Commit the burst to these instants, by their numbers as ordered."""
+        self.chosen = chosen
+        self._committed.set()
+
+    async def wait(self, timeout_s: float) -> bool:
+        """Wait until the instants are known, at most so long; return whether they are."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await self._committed.wait()
+        return self.is_committed
 
     @property
     def wanted(self) -> tuple[int, ...] | None:
@@ -96,7 +110,7 @@ class InstantChoice:
         self._burst, self.chosen = burst, range(burst.frames)
 
     def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:
-        """The instants that can be settled on by what the cameras that are awaited have told."""
+        """The instants to commit to by what the cameras that are awaited have told; None for not yet."""
         told = [
             None
             if report is None
@@ -104,10 +118,6 @@ class InstantChoice:
             for report in awaited
         ]
         return choose_instants(len(self._burst.instants_ns), self._burst.frames, told)
-
-    def settle_without_reports(self) -> None:
-        """Take the instants as they were ordered: no camera can be asked."""
-        self.chosen = range(self._burst.frames)
 
     def check_ordered(self, instants: Collection[int]) -> None:
         """Raise BadInputError for one that was not ordered."""
@@ -125,11 +135,11 @@ class InstantChoice:
     def renumbered(self, record: ImageRecord) -> ImageRecord:
         """An image's record as the session has it.
 
-        Raises BadInputError for one that no camera may send, TryAgainError while nothing is settled.
+        Raises BadInputError for one that no camera may send, TryAgainError while that is not known.
         """
         self.check_ordered([record.instant])
         if self.chosen is None:
-            raise TryAgainError(f"it is not settled yet which instants burst {self._burst.number} has")
+            raise TryAgainError(f"it is not known yet which instants burst {self._burst.number} has")
         suffix = record.path[record.path.rfind(".") :]
         if record.path != image_path(record.camera, record.instant, suffix):
             raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import PATIENCE_NS, DiskThreads
+from capture_app.node.burst.camera_share import PATIENCE_NS
+from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
@@ -67,7 +68,7 @@ class ResumedBursts:
         session = self._open.get(key)
         if session is not None and not session.finished.is_set():
             return None
-        return await asyncio.to_thread(self._whole_share, key, report.camera.name)
+        return await asyncio.to_thread(self._whole_share, key, report.plan.camera.name)
 
     def _whole_share(self, key: Key, camera: str) -> ReportAck | None:
         folder = self._find(key)

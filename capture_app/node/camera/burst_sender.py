@@ -89,7 +89,7 @@ class BurstSender:
         while not burst.is_over:
             self._news.clear()
             refusal = None
-            if told is not burst.report or not burst.is_settled:
+            if told is not burst.report or not burst.is_committed:
                 refusal = await self._take_all_answers(burst)
                 if refusal is None:
                     report = burst.report_now() if told is None else replace(burst.report_now(), events=())
@@ -125,7 +125,7 @@ class BurstSender:
             # The leader takes its time before it says so; another one may not.
             await asyncio.sleep(ASK_AGAIN_S)
             return {}
-        unwanted = burst.settle(answer.wanted)
+        unwanted = burst.commit(answer.wanted)
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
         await _delete([*unwanted, *burst.confirm(stored)])
         if lost := burst.lost_instants():

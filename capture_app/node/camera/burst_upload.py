@@ -80,8 +80,8 @@ class PickedStream:
 
     def report(self, report: CameraReport, waiting: Iterable[int]) -> CameraReport:
         """A node's report with what there is to tell now; `waiting` are instants whose images are here."""
-        told = replace(report, instants=tuple(waiting), picking=not self.ended, missing=())
-        return replace(told, picked=self.over, missing_runs=tuple(self.runs)) if self.ended else told
+        told = report.with_plan(instants=tuple(waiting), picking=not self.ended, missing=())
+        return told.with_plan(picked=self.over, missing_runs=tuple(self.runs)) if self.ended else told
 
 
 @dataclass(slots=True)
@@ -104,13 +104,13 @@ class BurstUpload:
     spooled: SpooledBurst | None = None
     spooling: bool = True
     """Whether the spool is to be used; False once it could not be."""
-    is_settled: bool = False
+    is_committed: bool = False
     """Whether the leader has said which instants it wants."""
     wanted: frozenset[int] | None = None
     """Those; None for all."""
     is_over: bool = False
     """Nothing of it is to be sent any more: the leader has it, or does not want it."""
-    on_settled: Callable[[], None] = lambda: None
+    on_commit: Callable[[], None] = lambda: None
     """Called when no further instants are wanted."""
     stream: PickedStream | None = None
     """Of a burst whose frames are sent as they are picked."""
@@ -123,7 +123,12 @@ class BurstUpload:
     @property
     def has_work(self) -> bool:
         """Whether there is something to tell or to send."""
-        return not self.is_picking or bool(self.images) or not self.is_settled
+        return not self.is_picking or bool(self.images) or not self.is_committed
+
+    @property
+    def announced(self) -> set[int]:
+        """The instants that the leader was told of."""
+        return {*self.report.plan.instants}
 
     def report_now(self) -> CameraReport:
         """The report as it stands now."""
@@ -173,19 +178,19 @@ class BurstUpload:
                 self.stream.ended = True
                 self.report = replace(self.report)
             return
-        if self.is_settled or self.is_over:
+        if self.is_committed or self.is_over:
             return
         new = [*frames]
         self.frames.extend(new)
-        instants = (*self.report.instants, *(frame.instant for frame in new))
-        self.report = replace(self.report, instants=instants, missing=(*self.report.missing, *missing))
+        instants = (*self.report.plan.instants, *(frame.instant for frame in new))
+        self.report = self.report.with_plan(instants=instants, missing=(*self.report.plan.missing, *missing))
 
-    def settle(self, wanted: Collection[int] | None) -> list[Path]:
+    def commit(self, wanted: Collection[int] | None) -> list[Path]:
         """Keep only what the leader wants, None for all; return the files of the rest."""
-        first, self.is_settled = not self.is_settled, True
+        first, self.is_committed = not self.is_committed, True
         self.wanted = None if wanted is None else frozenset(wanted)
         if first:
-            self.on_settled()
+            self.on_commit()
         if wanted is None:
             return []
         self.frames = deque(frame for frame in self.frames if frame.instant in wanted)
@@ -193,7 +198,7 @@ class BurstUpload:
 
     def reopen(self) -> None:
         """Begin anew with another stream: the leader may be another one, or have changed its mind."""
-        self.is_settled = False
+        self.is_committed = False
         self.images.extend(self.disputed)
         self.disputed.clear()
 
@@ -221,7 +226,7 @@ class BurstUpload:
         if self.stream is not None:
             return []
         here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
-        wanted = set(self.report.instants) if self.wanted is None else self.wanted & {*self.report.instants}
+        wanted = self.announced if self.wanted is None else self.wanted & self.announced
         return sorted(wanted - here - self.confirmed)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
@@ -232,10 +237,11 @@ class BurstUpload:
             if self.stream.ended:
                 self.report = replace(self.report)
             return
-        name = self.report.camera.name
+        plan = self.report.plan
+        name = plan.camera.name
         gone = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
-        left = tuple(instant for instant in self.report.instants if instant not in instants)
-        self.report = replace(self.report, instants=left, missing=(*self.report.missing, *gone))
+        left = tuple(instant for instant in plan.instants if instant not in instants)
+        self.report = self.report.with_plan(instants=left, missing=(*plan.missing, *gone))
 
     def _let_go(self, of: Callable[[int], bool]) -> list[Path]:
         gone = [image for image in self.images if of(image.record.instant)]

@@ -35,7 +35,7 @@ def encode_frame(
     except Exception as error:
         # Drivers and encoders raise what they like; one bad frame must not end the node.
         raise EncodingError(f"the frame could not be encoded: {error}") from error
-    camera, name = report.camera, report.camera.name
+    camera, name = report.plan.camera, report.plan.camera.name
     record = ImageRecord(
         camera=name,
         instant=picked.instant,

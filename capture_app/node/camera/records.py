@@ -10,6 +10,7 @@ from capture_app.camera_facts import SIMULATED, CameraFacts
 from capture_app.cameras.base import CapturedFrame, DeviceClock
 from capture_app.clock import NodeClock, SimulatedClock
 from capture_app.node.wire.messages import CameraReport, JsonValue
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.rig import events, node_message
@@ -78,16 +79,15 @@ def camera_report(
     events: tuple[dict[str, JsonValue], ...],
 ) -> CameraReport:
     """What a node tells the root of its part of a burst."""
-    return CameraReport(
-        leader=ready.leader,
-        burst=ready.burst,
+    plan = CameraPlan(
         camera=camera,
+        reported=True,
         instants=tuple(pick.instant for pick in ready.picks),
         missing=missing_images(camera.name, ready.gaps),
         calibration=calibration,
         true_clock=true_clock,
-        events=events,
     )
+    return CameraReport(leader=ready.leader, burst=ready.burst, plan=plan, events=events)
 
 
 def missing_images(camera: str, gaps: Iterable[Gap]) -> tuple[MissingImage, ...]:

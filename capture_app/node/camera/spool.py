@@ -92,7 +92,7 @@ class SpooledBurst:
     def read_report(self) -> CameraReport:
         """Read the report again. Raises BadInputError."""
         report = read_struct(self.folder / REPORT, CameraReport)
-        check_name(report.camera.name, "camera")
+        check_name(report.plan.camera.name, "camera")
         return report
 
     def read_images(self) -> Iterator[ImageUpload]:

@@ -10,8 +10,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from msgspec.structs import replace
-
 from capture_app.cameras.base import CapturedFrame
 from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError, SimulshotError
@@ -286,12 +284,12 @@ class Uploader:
 def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraReport:
     """A report with the spare instants, too, that were picked after it was written."""
     here = {image.record.instant for image in images}
-    if report.picking or report.picked is not None:
+    if report.plan.picking or report.plan.picked is not None:
         # What is not here any more the leader has: it was sent as it came.
-        return replace(report, instants=tuple(sorted(here)), picking=False)
-    instants = sorted({*report.instants, *here})
-    missing = tuple(gap for gap in report.missing if gap.instant not in instants)
-    return replace(report, instants=tuple(instants), missing=missing)
+        return report.with_plan(instants=tuple(sorted(here)), picking=False)
+    instants = sorted({*report.plan.instants, *here})
+    missing = tuple(gap for gap in report.plan.missing if gap.instant not in instants)
+    return report.with_plan(instants=tuple(instants), missing=missing)
 
 
 EVENTS_KEPT = 200
@@ -336,10 +334,10 @@ class PickedBursts:
         self._events.clear()
         if ready.trigger is not None:
             stream = PickedStream(ready.trigger.video, self._ring_bytes)
-            begun = replace(report, instants=(), missing=(), picking=True)
+            begun = report.with_plan(instants=(), missing=(), picking=True)
             upload = BurstUpload(begun, deque(), stream=stream)
-            upload.extend(ready.picks, report.missing, over=ready.over, ended=ready.ended)
+            upload.extend(ready.picks, report.plan.missing, over=ready.over, ended=ready.ended)
             self._uploader.add_burst(upload)
             return
         forget = functools.partial(engine.forget_burst, ready.leader, ready.burst)
-        self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_settled=forget))
+        self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_commit=forget))

@@ -18,8 +18,9 @@ from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
 from capture_app.node.burst.answers import CancelledBurstError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import DiskThreads
+from capture_app.node.burst.camera_share import new_shares
 from capture_app.node.burst.instant_choice import usual_spare
+from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.news import DiskNews, News
 from capture_app.node.leader.readiness import check_open_bursts, check_room, expected_image_bytes
@@ -221,15 +222,14 @@ class ActiveBursts:
             await asyncio.to_thread(writer.discard)
             raise
         facts = {view.name: view.camera for view in self._engine.clients(self.now_ns())}
-        session = self._bursts[number] = self.newest = BurstSession(
-            burst, facts, writer, self._disk, hasty=self._silent
-        )
+        shares = new_shares(burst, facts, short_timeouts=self._silent)
+        session = self._bursts[number] = self.newest = BurstSession(burst, shares, writer, self._disk)
         self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
             await session.write_plan(self._engine.config.instance, note)
         except SimulshotError as error:
-            await session.cancel(error.what)
+            await session.finish_now(error.what, silent=False)
             raise
         return session
 
@@ -264,7 +264,7 @@ class ActiveBursts:
             raise BadInputError(f"burst {number} is not under way", hint="a saved one is a session")
         self._cancelled.add(number)
         self._engine.cancel(session.burst, self.now_ns())
-        await session.cancel(CANCELLED)
+        await session.finish_now(CANCELLED, silent=False)
 
     async def end(self, number: int | None = None) -> None:
         """Let a recording, or a long burst, end now; None: the newest. Raises BadInputError."""

@@ -7,7 +7,7 @@ from msgspec import Struct
 
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import DiskThreads
+from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.news import News
 from capture_app.session.format.burst_plan import PLAN

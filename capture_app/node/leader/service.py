@@ -120,8 +120,8 @@ class LeaderService:
                 if not self._is_node(channel.who, message.camera, message.instance):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
-            case messages.CameraReport(camera=record) if record.name != speaker:
-                raise BadInputError(f"this stream does not speak for camera {record.name!r}")
+            case messages.CameraReport(plan=plan) if plan.camera.name != speaker:
+                raise BadInputError(f"this stream does not speak for camera {plan.camera.name!r}")
             case messages.ImageUpload(record=record) if record.camera != speaker:
                 raise BadInputError(f"this stream does not speak for camera {record.camera!r}")
             case messages.SpoolSpace() if message.camera != speaker:
@@ -134,15 +134,6 @@ class LeaderService:
         saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
         saving.add_done_callback(lambda _: self._bursts.tell_progress(session))
         return saving
-
-    async def _take_report(self, session: BurstSession, message: messages.CameraReport) -> messages.ReportAck:
-        try:
-            ack = await session.accept_report(message, self._bursts.now_ns(), wait_s=UNDECIDED_S)
-        except DiskError as error:
-            session.trouble = str(error)
-            raise
-        session.trouble = ""
-        return ack
 
     async def _answer(
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
@@ -165,13 +156,14 @@ class LeaderService:
                     await channel.send(done)
                     return
                 session = await self._bursts.find_session(message)
-                key, camera = (message.leader, message.burst), message.camera.name
+                key, camera = (message.leader, message.burst), message.plan.camera.name
                 if key not in working_on or working_on[key][0] is not session:
                     session.stream_opened(camera)
                     if key in working_on:
                         working_on[key][0].stream_closed(camera, self._bursts.now_ns())
                     working_on[key] = session, camera
-                await channel.send(await self._take_report(session, message))
+                now_ns = self._bursts.now_ns()
+                await channel.send(await session.accept_report(message, now_ns, wait_s=UNDECIDED_S))
             case messages.KeyRequest():
                 await channel.send(self._keys.hand_out(channel.who, message))
             case messages.NodeStream():

@@ -1,21 +1,20 @@
 """Messages of the transfer stream: images and reports from nodes, requests from the command line."""
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from msgspec import Meta
+from msgspec.structs import replace
 
 from capture_app import errors
 from capture_app.camera_facts import Count
-from capture_app.clock import SimulatedClock
 from capture_app.errors import SimulshotError
 from capture_app.names import Name
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.operating import FromOperator, FromViewfinder, ToOperator, ToViewfinder
 from capture_app.node.wire.pairing import FromStranger, Invite, Invited, SpeaksFor, ToStranger
 from capture_app.node.wire.status import BurstStatus, RigStatus
-from capture_app.session.format.burst_plan import MissingRun
-from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
+from capture_app.session.format.burst_plan import CameraPlan
+from capture_app.session.format.manifest import ImageRecord, Sha256
 from capture_app.trust.keys import Grant
 
 LONGEST_S = 31 * 86_400.0
@@ -54,20 +53,14 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
 
     leader: int
     burst: int
-    camera: CameraRecord
-    instants: tuple[Count, ...]
-    missing: tuple[MissingImage, ...] = ()
-    calibration: CameraCalibration | None = None
-    true_clock: SimulatedClock | None = None
-    """Of a simulated camera: the node's clock as it really is."""
+    plan: CameraPlan
+    """What the session keeps of it; of frames that are sent as they come, `instants` are those that wait."""
     events: tuple[dict[str, JsonValue], ...] = ()
     """What the node's engine saw and did lately, times in its own clock."""
-    picking: bool = False
-    """Its frames are sent as they are picked, and more will be; `instants` are those that wait here now."""
-    picked: Count | None = None
-    """Of such a burst, when nothing more is picked: the instants before this one are there or missing."""
-    missing_runs: tuple[MissingRun, ...] = ()
-    """Those that are missing then."""
+
+    def with_plan(self, **changes: Any) -> Self:
+        """The report with another plan in these fields."""
+        return replace(self, plan=replace(self.plan, **changes))
 
 
 class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):

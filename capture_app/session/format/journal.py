@@ -1,74 +1,17 @@
-"""The journal of a session: a line for each image that is safely on disk, and nothing but such lines.
+"""Lines of a session's journals: for each image that is safely on disk, and each frame safely in a video."""
 
-The frames of a recording: a line for each that is safely in its video, with its place and its times.
-"""
-
-import threading
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import TypeVar
 
 import msgspec
 from msgspec import Struct
 
 from capture_app.camera_facts import Count, Positive
-from capture_app.session.files.durable import AppendOnlyFile, sync_all
 from capture_app.session.format.manifest import RIG, VIDEOS, FrameRecord, ImageRecord, Sha256, VideoRecord
 from capture_app.text import UNREADABLE
 
 _T = TypeVar("_T")
-
-
-@dataclass(slots=True)
-class JournalEntry:
-    """A line, and the files and folders that must be on the disk before it."""
-
-    line: bytes
-    paths: tuple[Path, ...]
-    done: bool = False
-    error: OSError | None = None
-    """Why the line is not in the journal."""
-
-
-class Journal:
-    """The journal file. Images that are added while the disk is being synced share the next sync."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = AppendOnlyFile(path)
-        self._waiting: list[JournalEntry] = []
-        self._arriving = threading.Lock()
-        self._syncing = threading.Lock()
-
-    def note(self, entries: Sequence[JournalEntry]) -> None:
-        """Return once the entries' files, and then their lines, are on the disk, or have an error."""
-        with self._arriving:
-            self._waiting.extend(entries)
-        with self._syncing:
-            # While this thread waited, the one before it may have noted these entries with its own.
-            if not all(entry.done for entry in entries):
-                self._note_all()
-
-    def close(self) -> None:
-        """Close. Calling it twice is harmless."""
-        # Each line was synced when it was added.
-        self._file.close(synced=False)
-
-    def _note_all(self) -> None:
-        with self._arriving:
-            entries, self._waiting = self._waiting, []
-        failed = sync_all(path for entry in entries for path in entry.paths)
-        for entry in entries:
-            entry.error = next((failed[path] for path in entry.paths if path in failed), None)
-        good = [entry for entry in entries if entry.error is None]
-        try:
-            if good:
-                self._file.append(*(entry.line for entry in good), durable=True)
-        except OSError as error:
-            for entry in good:
-                entry.error = error
-        for entry in entries:
-            entry.done = True
 
 
 def record_of_line(line: bytes, kind: type[_T]) -> _T | None:

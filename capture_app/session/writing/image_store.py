@@ -1,49 +1,69 @@
-"""The images of a session being written; several threads may add images at once.
-
-An image that has come into a file of its own, and waits for its place in a session.
-"""
+"""The images of a session being written: each a file, then a line of the journal, and their truth."""
 
 import hashlib
-import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import BadInputError
+import msgspec
+
+from capture_app.clock import SimulatedClock
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
-from capture_app.session.files.durable import make_folders_unsynced, sync_all, write_unsynced
-from capture_app.session.format.checks import encode_checked
-from capture_app.session.format.journal import Journal, JournalEntry
+from capture_app.session.files.disk import disk_error
+from capture_app.session.files.durable import (
+    AppendOnlyFile,
+    make_folders_unsynced,
+    sync_all,
+    write_unsynced,
+)
+from capture_app.session.format.checks import encode_checked, indented
+from capture_app.session.format.ground_truth import (
+    TIMES,
+    TRUE_TIMES_JOURNAL,
+    TrueTime,
+    TrueTimes,
+    ground_truth_path,
+)
 from capture_app.session.format.manifest import IMAGE_SUFFIXES, JOURNAL, ImageRecord, image_path
-from capture_app.session.writing.recovery import recover_images
+from capture_app.session.writing.recovery import recover_images, recover_true_times
 
 Key = tuple[str, int]
 """A camera and an instant."""
 
 
 @dataclass(frozen=True, slots=True)
-class NewImage:
-    """An image that is to be saved."""
+class StoredImage:
+    """An image, or a frame of a video, that is to be saved, with what the simulator knows of it."""
 
     record: ImageRecord
-    line: bytes
-    """Its record, as the journal has it."""
-    put: Callable[[Path], object]
-    """Gives the file its name; neither needs to be on the disk yet."""
-    before: tuple[Path, ...] = ()
-    """Further files and folders that must be on the disk before it counts."""
+    source: Path | bytes
+    """Its bytes, or the file on the session's disk that holds them."""
+    truth: bytes = b""
+    """The .npz of a simulated image; empty for none."""
+    true_ns: int | None = None
+    """True start of the first row's exposure, of a simulated image, in the host's clock."""
 
     @property
     def key(self) -> Key:
         """What tells it from the others."""
         return self.record.camera, self.record.instant
 
+    def journal_line(self) -> bytes:
+        """The record as the journal has it. Raises BadInputError for one that no session can hold."""
+        record = self.record
+        check_name(record.camera, "camera")
+        suffix = Path(record.path).suffix
+        if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
+            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
+        return encode_checked(record, ImageRecord)
 
-def new_image(
+
+def image_of_bytes(
     data: bytes, *, camera: str, instant: int, leader_ns: int, suffix: str, **further: Any
-) -> NewImage:
+) -> StoredImage:
     """An image of these bytes. Raises BadInputError as `SessionWriter.add_image` does."""
     check_name(camera, "camera")
     if suffix not in IMAGE_SUFFIXES:
@@ -61,22 +81,109 @@ def new_image(
         sha256=hashlib.sha256(data).hexdigest(),
         **further,
     )
-    return NewImage(record, encode_checked(record, ImageRecord), lambda path: write_unsynced(path, data))
+    return StoredImage(record, data)
+
+
+class NewFolders:
+    """The folders of a session that have new ones in them and are not known to be on the disk."""
+
+    def __init__(self, session: Path) -> None:
+        self._session = session
+        self._changed: frozenset[Path] = frozenset()
+
+    def make(self, folder: Path) -> None:
+        """Make a folder in the session, to be synced with what is synced next. Raises OSError."""
+        self._changed |= set(make_folders_unsynced(folder, self._session))
+
+    def sync(self, paths: Iterable[Path]) -> dict[Path, OSError]:
+        """Wait until these files and folders, and the new ones, are on the disk; return what failed.
+
+        Where a new folder did, none of `paths` is safe.
+        """
+        each = [*paths]
+        failed = sync_all((*each, *self._changed))
+        self._changed &= failed.keys()
+        for folder in self._changed:
+            failed |= dict.fromkeys(each, failed[folder])
+        return failed
+
+
+class TruthStore:
+    """The ground truth of one session being written; all methods may raise OSError."""
+
+    def __init__(self, folder: Path, folders: NewFolders) -> None:
+        self.is_crash_safe = False
+        """Whether true times are kept as they come; else they are written with the manifest only."""
+        self._folder = folder
+        self._folders = folders
+        self._times: dict[Key, TrueTime] = {}
+        self._clocks: dict[str, SimulatedClock] = {}
+        self._journal: AppendOnlyFile | None = None
+
+    @property
+    def knows_times(self) -> bool:
+        """Whether any image came with its true time."""
+        return bool(self._times)
+
+    def recover(self, images: Iterable[ImageRecord]) -> None:
+        """Read the true times of these images that an interrupted writer has left."""
+        self._times = recover_true_times(self._folder, images)
+
+    def add(self, camera: str, instant: int, true_ns: int, data: bytes | None) -> tuple[Path, ...]:
+        """Keep an image's true first-row time in ns of the host's clock, and its .npz where there is one.
+
+        Returns the files and folders that are still to be synced.
+        """
+        changed: tuple[Path, ...] = ()
+        if data is not None:
+            path = self._folder / ground_truth_path(camera, instant)
+            self._folders.make(path.parent)
+            write_unsynced(path, data)
+            changed = path, path.parent
+        sha256 = None if data is None else hashlib.sha256(data).hexdigest()
+        true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
+        self._times[camera, instant] = true
+        if self.is_crash_safe:
+            journal = self._folder / TRUE_TIMES_JOURNAL
+            if self._journal is None:
+                self._folders.make(journal.parent)
+                self._journal = AppendOnlyFile(journal)
+            self._journal.append(msgspec.json.encode(true), durable=False)
+            changed = *changed, journal, journal.parent
+        return changed
+
+    def set_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
+        """Keep each camera's clock as it really is."""
+        self._clocks = dict(clocks)
+
+    def write(self) -> tuple[Path, ...]:
+        """Write times.json, unless no true time and no clock is known; return what is still to be synced."""
+        if not self._times and not self._clocks:
+            return ()
+        images = tuple(true for _, true in sorted(self._times.items()))
+        times = TrueTimes(images=images, clocks=self._clocks)
+        path = self._folder / TIMES
+        changed = make_folders_unsynced(path.parent, self._folder)
+        write_unsynced(path, indented(encode_checked(times, TrueTimes)))
+        return path, path.parent, *changed
+
+    def close(self) -> None:
+        """Close the journal: all saved times are in it already."""
+        if self._journal is not None:
+            with suppress(OSError):
+                self._journal.close(synced=False)
 
 
 class ImageStore:
-    """The images of one session being written; all methods may raise OSError."""
+    """The images of one session being written; its writer calls one method at a time."""
 
-    def __init__(self, folder: Path, mutex: threading.RLock) -> None:
-        """`mutex` is the writer's; it is held while `begin`, `make_folders` and `wait_for_all` are called."""
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._folders = NewFolders(folder)
+        self.truth = TruthStore(folder, self._folders)
+        """What the simulator knows of the images."""
         self._records: dict[Key, ImageRecord] = {}
-        self._under_way: set[Key] = set()
-        self._changed_folders: frozenset[Path] = frozenset()
-        """Those with new folders in them that are not known to be on the disk."""
-        self._mutex = mutex
-        self._all_there = threading.Condition(mutex)
-        self._journal: Journal | None = None
+        self._journal: AppendOnlyFile
         self.damaged: tuple[Key, ...] = ()
         """Images of a resumed session that were saved and are damaged now."""
 
@@ -94,100 +201,85 @@ class ImageStore:
         return {instant for of, instant in self._records if of == camera}
 
     def open(self, *, recover: bool) -> None:
-        """Open the journal; with `recover`, first find the images that an interrupted writer has left."""
+        """Open the journal; with `recover`, first find the images that an interrupted writer has left.
+
+        Raises OSError.
+        """
         if recover:
             images, damaged = recover_images(self._folder)
             self.damaged = tuple((image.camera, image.instant) for image in damaged)
             self._records = {(image.camera, image.instant): image for image in images}
-        self._journal = Journal(self._folder / JOURNAL)
+            self.truth.recover(images)
+        self._journal = AppendOnlyFile(self._folder / JOURNAL)
 
-    def begin(self, image: NewImage) -> None:
-        """Reserve the place of an image. Raises BadInputError where there is one already."""
-        if image.key in self._records or image.key in self._under_way:
-            raise BadInputError(f"there is an image of {image.key[0]} at instant {image.key[1]} already")
-        self.make_folders((self._folder / image.record.path).parent)
-        self._under_way.add(image.key)
+    def save(self, images: Sequence[StoredImage]) -> list[SimulshotError | None]:
+        """Put images with their truth on the disk, and then their lines into the journal.
 
-    def make_folders(self, folder: Path) -> None:
-        """Make a folder in the session, which is on the disk once any image that is saved later is."""
-        self._changed_folders |= set(make_folders_unsynced(folder, self._folder))
-
-    def sync(self, paths: Iterable[Path]) -> None:
-        """Wait until these files and folders, and all folders that were made, are on the disk."""
-        for error in sync_all((*paths, *self._changed_folders)).values():
-            raise error
-
-    def save(self, images: Sequence[NewImage]) -> list[OSError | None]:
-        """Put the files of images that were begun on the disk, and their lines into the journal.
-
-        All at once: the disk is synced once for all of them, and for what other threads save at the same
-        time. Returns what went wrong with each; that one is not in the session then.
+        The disk is synced once for all of them. Returns what went wrong with each; that one is not in the
+        session then.
         """
-        assert self._journal is not None
-        changed = self._changed_folders
-        errors: list[OSError | None] = [None] * len(images)
-        entries: list[JournalEntry | None] = [None] * len(images)
-        try:
-            for place, image in enumerate(images):
-                path = self._folder / image.record.path
-                try:
-                    image.put(path)
-                except OSError as error:
-                    errors[place] = error
-                    continue
-                entries[place] = JournalEntry(image.line, (path, path.parent, *image.before, *changed))
-            self._journal.note([entry for entry in entries if entry is not None])
-        finally:
-            self._note_saved(images, entries, errors, changed)
+        errors: list[SimulshotError | None] = [None] * len(images)
+        begun: dict[int, tuple[Path, ...]] = {}
+        keys: set[Key] = set()
+        for place, image in enumerate(images):
+            try:
+                self._check_new(image, keys)
+                begun[place] = self._put(image)
+                keys.add(image.key)
+            except OSError as error:
+                errors[place] = disk_error(error, self._folder)
+            except BadInputError as error:
+                errors[place] = error
+        failed = self._folders.sync(path for paths in begun.values() for path in paths)
+        for place, paths in begun.items():
+            if (failure := next((failed[path] for path in paths if path in failed), None)) is not None:
+                errors[place] = disk_error(failure, self._folder)
+        self._note(images, [place for place in begun if errors[place] is None], errors)
+        for place in begun:
+            if errors[place] is not None:
+                with suppress(OSError):
+                    (self._folder / images[place].record.path).unlink()
         return errors
 
-    def wait_for_all(self) -> None:
-        """Wait until no image is being saved."""
-        while self._under_way:
-            self._all_there.wait()
+    def add_truth(self, camera: str, instant: int, true_ns: int, data: bytes | None) -> None:
+        """Save the truth of an image alone. Raises OSError."""
+        failed = self._folders.sync(self.truth.add(camera, instant, true_ns, data))
+        for error in failed.values():
+            raise error
 
     def close(self) -> None:
-        """Close the journal: all saved images are in it already."""
-        if self._journal is not None:
-            with suppress(OSError):
-                self._journal.close()
+        """Close the journals: all that is saved is in them already."""
+        with suppress(OSError):
+            self._journal.close(synced=False)
+        self.truth.close()
 
-    def _note_saved(
-        self,
-        images: Sequence[NewImage],
-        entries: Sequence[JournalEntry | None],
-        errors: list[OSError | None],
-        changed: frozenset[Path],
+    def _check_new(self, image: StoredImage, begun: Set[Key]) -> None:
+        image.journal_line()
+        if image.key in self._records or image.key in begun:
+            raise BadInputError(f"there is an image of {image.key[0]} at instant {image.key[1]} already")
+
+    def _put(self, image: StoredImage) -> tuple[Path, ...]:
+        """Give an image's file its name, and keep its truth; return what is still to be synced."""
+        record, path = image.record, self._folder / image.record.path
+        truth: tuple[Path, ...] = ()
+        if image.true_ns is not None:
+            truth = self.truth.add(record.camera, record.instant, image.true_ns, image.truth or None)
+        self._folders.make(path.parent)
+        if isinstance(image.source, bytes):
+            write_unsynced(path, image.source)
+        else:
+            image.source.replace(path)
+        return path, path.parent, *truth
+
+    def _note(
+        self, images: Sequence[StoredImage], good: Sequence[int], errors: list[SimulshotError | None]
     ) -> None:
-        with self._mutex:
-            for place, (image, entry) in enumerate(zip(images, entries, strict=True)):
-                if entry is not None and entry.done and entry.error is None:
-                    self._records[image.key] = image.record
-                    self._changed_folders -= changed
-                else:
-                    errors[place] = errors[place] or (entry.error if entry is not None else None)
-                    with suppress(OSError):
-                        (self._folder / image.record.path).unlink()
-                self._under_way.discard(image.key)
-            self._all_there.notify_all()
-
-
-@dataclass(frozen=True, slots=True)
-class ReceivedImage:
-    """Its file is on the session's disk and fits the record."""
-
-    record: ImageRecord
-    file: Path
-    truth: bytes = b""
-    """The .npz of a simulated image; empty for none."""
-    true_ns: int | None = None
-    """True start of the first row's exposure, of a simulated image."""
-
-    def journal_line(self) -> bytes:
-        """The record as the journal has it. Raises BadInputError for one that no session can hold."""
-        record = self.record
-        check_name(record.camera, "camera")
-        suffix = Path(record.path).suffix
-        if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
-            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
-        return encode_checked(record, ImageRecord)
+        """Add the lines of images that are on the disk to the journal."""
+        try:
+            self._journal.append(*(images[place].journal_line() for place in good), durable=bool(good))
+        except OSError as error:
+            for place in good:
+                errors[place] = disk_error(error, self._folder)
+            return
+        for place in good:
+            self._records[images[place].key] = images[place].record

@@ -1,16 +1,10 @@
-"""Writes a session so that a crash at any moment loses at most the image being written.
+"""Writes a session so that a crash at any moment loses at most the images being written."""
 
-The manifest that completes a session: reserves room for it, checks it and writes it.
-
-Writes the ground truth of a simulated session, as safely as its images.
-"""
-
-import hashlib
 import heapq
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,23 +19,14 @@ from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,
-    make_folders_unsynced,
     sync_all,
     sync_folder,
     write_atomic,
-    write_unsynced,
 )
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, encode_checked, indented
-from capture_app.session.format.ground_truth import (
-    TIMES,
-    TRUE_TIMES_JOURNAL,
-    TrueTime,
-    TrueTimes,
-    ground_truth_path,
-)
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
@@ -56,10 +41,10 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import sync_record
-from capture_app.session.writing.image_store import ImageStore, NewImage, ReceivedImage, new_image
+from capture_app.session.writing.image_store import ImageStore, StoredImage, image_of_bytes
 from capture_app.session.writing.instant_set import InstantSet
-from capture_app.session.writing.recovery import RESERVE, recover_true_times, remove_leftovers
-from capture_app.session.writing.video_store import NewFrame, VideoStore
+from capture_app.session.writing.recovery import RESERVE, remove_leftovers
+from capture_app.session.writing.video_store import VideoStore
 
 RESERVED_BYTES = 1 << 16
 RESERVED_BYTES_PER_IMAGE = 1500
@@ -109,74 +94,6 @@ def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:
     write_atomic(folder / MANIFEST, data)
 
 
-class TruthStore:
-    """The ground truth of one session being written; all methods may raise OSError."""
-
-    def __init__(self, folder: Path, make_folders: Callable[[Path], None]) -> None:
-        """`make_folders` makes a folder in the session, which `add` leaves to be synced."""
-        self._folder = folder
-        self._make_folders = make_folders
-        self._times: dict[tuple[str, int], TrueTime] = {}
-        self._clocks: dict[str, SimulatedClock] = {}
-        self._journal: AppendOnlyFile | None = None
-
-    @property
-    def knows_times(self) -> bool:
-        """Whether any image came with its true time."""
-        return bool(self._times)
-
-    def recover(self, images: Iterable[ImageRecord]) -> None:
-        """Read the true times of these images that an interrupted writer has left."""
-        self._times = recover_true_times(self._folder, images)
-
-    def add(
-        self, camera: str, instant: int, true_ns: int, *, data: bytes | None, crash_safe: bool
-    ) -> tuple[Path, ...]:
-        """Keep an image's true first-row time in ns of the host's clock, and its .npz where there is one.
-
-        With `crash_safe` the time survives a crash; else it is written with the manifest only. Returns the
-        files and folders that are still to be synced.
-        """
-        changed: tuple[Path, ...] = ()
-        if data is not None:
-            path = self._folder / ground_truth_path(camera, instant)
-            self._make_folders(path.parent)
-            write_unsynced(path, data)
-            changed = path, path.parent
-        sha256 = None if data is None else hashlib.sha256(data).hexdigest()
-        true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
-        self._times[camera, instant] = true
-        if crash_safe:
-            journal = self._folder / TRUE_TIMES_JOURNAL
-            if self._journal is None:
-                self._make_folders(journal.parent)
-                self._journal = AppendOnlyFile(journal)
-            self._journal.append(msgspec.json.encode(true), durable=False)
-            changed = *changed, journal, journal.parent
-        return changed
-
-    def set_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
-        """Keep each camera's clock as it really is."""
-        self._clocks = dict(clocks)
-
-    def write(self) -> tuple[Path, ...]:
-        """Write times.json, unless no true time and no clock is known; return what is still to be synced."""
-        if not self._times and not self._clocks:
-            return ()
-        images = tuple(true for _, true in sorted(self._times.items()))
-        times = TrueTimes(images=images, clocks=self._clocks)
-        path = self._folder / TIMES
-        changed = make_folders_unsynced(path.parent, self._folder)
-        write_unsynced(path, indented(encode_checked(times, TrueTimes)))
-        return path, path.parent, *changed
-
-    def close(self) -> None:
-        """Close the journal: all saved times are in it already."""
-        if self._journal is not None:
-            with suppress(OSError):
-                self._journal.close(synced=False)
-
-
 class SessionWriter:
     """One session being written. Methods may be called from any thread; each blocks on the disk."""
 
@@ -187,8 +104,7 @@ class SessionWriter:
         self.created = created or now
         self.software = software or f"simulshot {__version__}"
         self._mutex = threading.RLock()
-        self._images = ImageStore(folder, self._mutex)
-        self._truth = TruthStore(folder, self._images.make_folders)
+        self._images = ImageStore(folder)
         self.videos = VideoStore(folder)
         """Of a recording, whose frames are no files of their own."""
         self.plan: BurstPlan | None = None
@@ -243,7 +159,7 @@ class SessionWriter:
             write_atomic(self.folder / PLAN, indented(encode_checked(plan, BurstPlan)))
             if self.plan is None:
                 reserve_room(self.folder, plan)
-            self.plan = plan
+            self._know_plan(plan)
 
     def add_image(
         self, data: bytes, *, camera: str, instant: int, leader_ns: int, suffix: str = ".jpg", **further: Any
@@ -253,40 +169,25 @@ class SessionWriter:
         `further` are the fields of its ImageRecord that are known. Raises BadInputError for an unsafe camera
         name, an unknown kind of file, an empty image, or an image that the session has already.
         """
-        image = new_image(data, camera=camera, instant=instant, leader_ns=leader_ns, suffix=suffix, **further)
-        with self._writing():
-            self._images.begin(image)
-        for error in self._images.save([image]):
+        image = image_of_bytes(
+            data, camera=camera, instant=instant, leader_ns=leader_ns, suffix=suffix, **further
+        )
+        for error in self.save([image]):
             if error is not None:
-                raise disk_error(error, self.folder) from error
+                raise error
         return image.record
 
-    def add_received(self, images: Sequence[ReceivedImage]) -> list[SimulshotError | None]:
-        """Add images that were received into files on this disk and checked against their records.
+    def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
+        """Add images, as files, or `in_videos` as frames to the videos of their cameras.
 
-        Each file is moved into its place; once this returns no crash can lose one, unless it has an error
-        in the answer. The disk is synced once for all of them.
+        The disk is synced once for all of them, or once for each video; once this returns no crash can lose
+        one, unless it has an error in the answer. A frame that its video has already is left out.
         """
-        outcome: list[SimulshotError | None] = [None] * len(images)
-        begun: dict[int, NewImage] = {}
-        for place, image in enumerate(images):
-            try:
-                with self._writing():
-                    begun[place] = self._begin(image)
-            except SimulshotError as error:
-                outcome[place] = error
-        for place, failure in zip(begun, self._images.save(list(begun.values())), strict=True):
-            outcome[place] = None if failure is None else disk_error(failure, self.folder)
-        return outcome
-
-    def add_frames(self, frames: Sequence[NewFrame]) -> None:
-        """Add frames to the video of their one camera, all of them, or none and a SimulshotError."""
         try:
-            with self._mutex:
-                self._check_open()
-            self.videos.add(frames)
-        except OSError as error:
-            raise disk_error(error, self.folder) from error
+            with self._writing():
+                return self.videos.save(images) if in_videos else self._images.save(images)
+        except SimulshotError as error:
+            return [error] * len(images)
 
     @property
     def damaged(self) -> tuple[tuple[str, int], ...]:
@@ -313,16 +214,16 @@ class SessionWriter:
         """
         check_name(camera, "camera")
         with self._writing():
-            self._images.sync(self._add_truth(camera, instant, data, true_ns))
+            self._images.add_truth(camera, instant, true_ns, data)
 
     @property
     def knows_true_times(self) -> bool:
         """Whether any image came with its true time, as simulated ones do."""
-        return self._truth.knows_times or self.videos.knows_true_times
+        return self._images.truth.knows_times or self.videos.knows_true_times
 
     def set_ground_truth_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
         """Keep each simulated camera's clock as it really is."""
-        self._truth.set_clocks(clocks)
+        self._images.truth.set_clocks(clocks)
 
     def set_calibration(self, calibration: Calibration) -> None:
         """Save the rig's calibration. Raises BadInputError where it holds what JSON cannot (NaN)."""
@@ -343,7 +244,6 @@ class SessionWriter:
         BadInputError where the records contradict each other; the session is then left as it was.
         """
         with self._writing():
-            self._images.wait_for_all()
             gone = (gap for gap in missing if not self._has(gap.camera, gap.instant))
             manifest = Manifest(
                 name=self.name,
@@ -359,7 +259,7 @@ class SessionWriter:
             )
             data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
             remove_leftovers(self.folder)
-            write_manifest(self.folder, data, (*self._truth.write(), self.folder / EVENTS))
+            write_manifest(self.folder, data, (*self._images.truth.write(), self.folder / EVENTS))
             self._close()
         return Session.open(self.folder)
 
@@ -384,24 +284,15 @@ class SessionWriter:
 
     def _recover(self) -> None:
         if (self.folder / PLAN).exists():
-            self.plan = read_plan(self.folder)
+            self._know_plan(read_plan(self.folder))
         interrupted = self.plan is not None or (self.folder / JOURNAL).exists()
         self._images.open(recover=interrupted)
         if interrupted:
             self.videos.recover()
-            self._truth.recover(self._images.records)
 
-    def _begin(self, image: ReceivedImage) -> NewImage:
-        record, line = image.record, image.journal_line()
-        truth: tuple[Path, ...] = ()
-        if image.true_ns is not None:
-            truth = self._add_truth(record.camera, record.instant, image.truth or None, image.true_ns)
-        new = NewImage(record, line, image.file.replace, truth)
-        self._images.begin(new)
-        return new
-
-    def _add_truth(self, camera: str, instant: int, data: bytes | None, true_ns: int) -> tuple[Path, ...]:
-        return self._truth.add(camera, instant, true_ns, data=data, crash_safe=self.plan is not None)
+    def _know_plan(self, plan: BurstPlan) -> None:
+        # A crash is mended by the plan, and then the true times are wanted, too.
+        self.plan, self._images.truth.is_crash_safe = plan, True
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -420,12 +311,10 @@ class SessionWriter:
             raise BadInputError(f"{self.folder} is closed: nothing can be added any more")
 
     def _close(self) -> None:
-        self._images.wait_for_all()
         self.videos.close()
         self._open = False
         # All saved images are synced already: an error here loses none.
         self._images.close()
         with suppress(OSError):
             self._events.close(synced=False)
-        self._truth.close()
         os.close(self._lock)

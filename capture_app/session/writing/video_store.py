@@ -13,7 +13,9 @@ from pathlib import Path
 
 import msgspec
 
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
+from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     free_name,
@@ -28,19 +30,10 @@ from capture_app.session.format.journal import (
     frame_record,
     frames_path,
 )
-from capture_app.session.format.manifest import VIDEOS, FrameRecord, ImageRecord, VideoRecord, video_path
+from capture_app.session.format.manifest import VIDEOS, FrameRecord, VideoRecord, video_path
+from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import SET_ASIDE
 from capture_app.text import UNREADABLE
-
-
-@dataclass(frozen=True, slots=True)
-class NewFrame:
-    """A frame that is to be added to its camera's video."""
-
-    record: ImageRecord
-    data: bytes
-    true_ns: int | None = None
-    """True start of the first row's exposure, of a simulated frame."""
 
 
 @dataclass(slots=True)
@@ -74,7 +67,7 @@ class _Video:
 
 
 class VideoStore:
-    """The videos of one session; all methods may raise OSError, and may be called from any thread."""
+    """The videos of one session; methods may raise OSError, and may be called from any thread."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -121,14 +114,22 @@ class VideoStore:
         cameras = (self._in_order(video, instants_ns) for _, video in sorted(self._videos.items()))
         return heapq.merge(*cameras, key=lambda record: record.instant)
 
-    def add(self, frames: Sequence[NewFrame]) -> None:
-        """Add frames of one camera: all are on the disk when this returns, or none is in the video.
+    def save(self, frames: Sequence[StoredImage]) -> list[SimulshotError | None]:
+        """Add frames; return what went wrong with each. All of one camera's are in its video, or none is.
 
-        Those of instants that the video has already are left out. Raises BadInputError for an invalid name.
+        Frames of instants that the video has already are left out.
         """
-        with self._mutex:
-            video = self._video(frames[0].record.camera)
-            self._append(video, [frame for frame in frames if video.find(frame.record.instant) is None])
+        errors: dict[str, SimulshotError | None] = {}
+        for camera in dict.fromkeys(frame.record.camera for frame in frames):
+            try:
+                with self._mutex:
+                    self._append(self._video(camera), [of for of in frames if of.record.camera == camera])
+                errors[camera] = None
+            except OSError as error:
+                errors[camera] = disk_error(error, self._folder)
+            except BadInputError as error:
+                errors[camera] = error
+        return [errors[frame.record.camera] for frame in frames]
 
     def records(self) -> tuple[VideoRecord, ...]:
         """What the manifest says of the videos."""
@@ -158,16 +159,19 @@ class VideoStore:
                 frame = msgspec.json.decode(line, type=VideoFrame)
                 yield frame_record(video.record, frame, instant, instants_ns[instant])
 
-    def _append(self, video: _Video, frames: Sequence[NewFrame]) -> None:
-        end, lines, ends = video.record.bytes, [], []
+    def _append(self, video: _Video, given: Sequence[StoredImage]) -> None:
+        end, lines, ends, blocks = video.record.bytes, [], [], []
+        frames = [frame for frame in given if video.find(frame.record.instant) is None]
         for frame in frames:
+            assert isinstance(frame.source, bytes), "a frame of a video is no file"
             lines.append(frame_line(frame.record, end, frame.true_ns))
-            end += len(frame.data)
+            blocks.append(frame.source)
+            end += len(frame.source)
             ends.append(end)
         try:
             os.lseek(video.handle, video.record.bytes, os.SEEK_SET)
-            for frame in frames:
-                left = memoryview(frame.data)
+            for block in blocks:
+                left = memoryview(block)
                 while left:
                     left = left[os.write(video.handle, left) :]
             os.fdatasync(video.handle)

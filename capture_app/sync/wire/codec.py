@@ -33,7 +33,7 @@ from capture_app.sync.wire.messages import (
 from capture_app.text import REPLACEMENT, UNREADABLE
 
 MAGIC = b"sS"
-VERSION = 2
+VERSION = 3
 TOKEN_BYTES = 8
 KIND_VERSION = 0
 _ASKING = 0

@@ -109,24 +109,25 @@ async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("hasty", "piece_bytes", "comes"), [(False, 1 << 18, True), (True, 1 << 18, True), (False, 1, False)]
+    ("short_timeout", "piece_bytes", "comes"),
+    [(False, 1 << 18, True), (True, 1 << 18, True), (False, 1, False)],
 )
 async def test_an_image_over_a_slow_link_is_waited_for_while_it_comes(
-    tmp_path: Path, hasty: bool, piece_bytes: int, comes: bool
+    tmp_path: Path, short_timeout: bool, piece_bytes: int, comes: bool
 ) -> None:
-    session = burst_session(tmp_path, "a", hasty=("a",) if hasty else ())
+    session = burst_session(tmp_path, "a", short_timeouts=("a",) if short_timeout else ())
     session.stream_opened("a")
     began_ns = now_ns = 5_000_000_000
     await session.accept_report(report("a", 0), now_ns)
     image = bytes(8 * piece_bytes)
     # Its heartbeats may be lost where its images take all of the link.
-    lost = {"a": "lost: silent for 2 s"} if hasty else {}
+    lost = {"a": "lost: silent for 2 s"} if short_timeout else {}
 
     async def slowly() -> AsyncIterator[bytes]:
         nonlocal now_ns
         for begin in range(0, len(image), piece_bytes):
             yield image[begin : begin + piece_bytes]
-            now_ns += (PATIENCE_NS if hasty else STALL_NS) // 2
+            now_ns += (PATIENCE_NS if short_timeout else STALL_NS) // 2
             await session.give_up_silent_cameras(lost, now_ns)
 
     sent = upload("a", 0)

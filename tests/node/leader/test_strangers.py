@@ -185,7 +185,7 @@ async def test_a_report_leaves_a_finished_session_as_it_is(tmp_path: Path) -> No
     before = contents(session.folder)
     resumed = ResumedBursts(tmp_path, lambda _: None, bursts.DISK)
     lie = bursts.report("a", missing=())
-    told = await resumed.answer_finished(replace(lie, camera=replace(lie.camera, facts=ODD)))
+    told = await resumed.answer_finished(lie.with_plan(camera=replace(lie.plan.camera, facts=ODD)))
     assert told is not None
     assert [(of.instant, of.stored) for of in told.receipts] == [(0, True), (1, True)]
     assert {of.sha256 for of in told.receipts} == {hashlib.sha256(bursts.IMAGE).hexdigest()}
@@ -203,7 +203,7 @@ async def test_a_late_report_changes_only_what_was_missing_of_its_camera(tmp_pat
     late = await resumed.reopen(told, 0)
     await late.accept_report(told, 0)
     odd = bursts.report("a", 0, 1)
-    await late.accept_report(replace(odd, camera=replace(odd.camera, facts=ODD)), 0)
+    await late.accept_report(odd.with_plan(camera=replace(odd.plan.camera, facts=ODD)), 0)
     for instant in (0, 1):
         await bursts.receive_image(late, bursts.upload("b", instant), bursts.pieces(bursts.IMAGE))
     manifest = Session.open(session.folder).manifest

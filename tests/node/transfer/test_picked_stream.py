@@ -18,7 +18,7 @@ from tests.waiting import until
 def streamed(burst: int, *pictures: Picture, most_bytes: int = 1 << 20) -> BurstUpload:
     """A burst that is being picked, with these frames so far."""
     whole = burst_upload(*pictures)
-    report = replace(whole.report, burst=burst, instants=(), picking=True)
+    report = replace(whole.report, burst=burst).with_plan(instants=(), picking=True)
     upload = BurstUpload(report, deque(), stream=PickedStream(most_bytes=most_bytes))
     upload.extend(whole.frames, [], over=len(pictures))
     return upload
@@ -30,14 +30,14 @@ def gap(instant: int) -> MissingImage:
 
 def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
     upload = streamed(1, Picture(b"zero"))
-    assert upload.report_now().picking
+    assert upload.report_now().plan.picking
     upload.extend([], [gap(1), gap(2)], over=3)
     upload.extend([], [gap(4)], over=5)
     upload.report_lost([5], "its file in the spool is damaged")
-    told = upload.report_now()
+    told = upload.report_now().plan
     assert (told.picked, told.missing_runs) == (None, ())
     upload.extend([], [], over=6, ended=True)
-    told = upload.report_now()
+    told = upload.report_now().plan
     assert (told.picking, told.picked, told.instants, told.missing) == (False, 6, (), ())
     assert told.missing_runs == (
         MissingRun(first=1, count=2, reason=gap(1).reason, dropped=True),
@@ -50,7 +50,7 @@ def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None
     upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), most_bytes=250)
     assert [frame.instant for frame in upload.frames] == [0, 1]
     upload.extend([], [], over=5, ended=True)
-    assert upload.report_now().missing_runs == (MissingRun(first=2, count=3, reason=TOO_SLOW),)
+    assert upload.report_now().plan.missing_runs == (MissingRun(first=2, count=3, reason=TOO_SLOW),)
 
 
 async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
         upload = streamed(1, Picture(b"zero"), Picture(b"one"))
         uploader.add_burst(upload)
         await until(lambda: sent == [(1, 0), (1, 1)])
-        assert [report.picking for report in reports] == [True]
+        assert [report.plan.picking for report in reports] == [True]
         # Another burst does not wait for the end of this one.
         other = burst_upload(Picture(b"still"))
         other.report = replace(other.report, burst=2)
@@ -83,9 +83,9 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
         await until(lambda: (1, 2) in sent)
         await until(lambda: not upload.images)
         uploader.extend_burst(1, 1, [], [gap(3)], over=4, ended=True)
-        await until(lambda: reports[-1].picked == 4)
+        await until(lambda: reports[-1].plan.picked == 4)
         await until(lambda: not list((tmp_path / "a").iterdir()))
-    assert reports[-1].missing_runs[0].first == 3
+    assert reports[-1].plan.missing_runs[0].first == 3
     assert sorted(sent) == [(1, 0), (1, 1), (1, 2), (2, 0)]
 
 
@@ -115,4 +115,4 @@ async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: 
 
     async with uploading(serve, [], Spool(tmp_path, "a")):
         await until(lambda: not list((tmp_path / "a").iterdir()))
-    assert [(report.picking, report.instants) for report in reports] == [(False, (0, 1))]
+    assert [(report.plan.picking, report.plan.instants) for report in reports] == [(False, (0, 1))]

@@ -72,9 +72,9 @@ async def test_a_frame_that_cannot_be_developed_is_reported_missing() -> None:
     async with uploading(serve, said) as uploader:
         uploader.add_burst(burst_upload(Picture(b"0"), Picture(b""), Picture(b"2")))
         await done.wait()
-    assert reports[-1].instants == (0, 2)
-    assert [gap.instant for gap in reports[-1].missing] == [1]
-    assert "the film is torn" in reports[-1].missing[0].reason
+    assert reports[-1].plan.instants == (0, 2)
+    assert [gap.instant for gap in reports[-1].plan.missing] == [1]
+    assert "the film is torn" in reports[-1].plan.missing[0].reason
     assert any("is lost" in line for line in said)
 
 
@@ -82,7 +82,9 @@ async def test_a_burst_that_the_leader_does_not_want_is_dropped_and_the_next_one
     got: asyncio.Queue[int] = asyncio.Queue()
 
     def refuse_the_old(report: CameraReport) -> ReportAck | Refusal:
-        return Refusal(what="burst 1 is not of this leader") if len(report.instants) == 1 else ReportAck()
+        return (
+            Refusal(what="burst 1 is not of this leader") if len(report.plan.instants) == 1 else ReportAck()
+        )
 
     async def serve(channel: Channel[ToLeader]) -> None:
         async for image, _ in images(channel, refuse_the_old):

@@ -30,7 +30,7 @@ async def test_only_what_the_leader_wants_is_sent_once_it_is_settled(tmp_path: P
 
     def answer(report: CameraReport) -> ReportAck:
         reports.append(report)
-        enough = len(report.instants) == 3
+        enough = len(report.plan.instants) == 3
         return ReportAck(wanted=(0, 3)) if enough else ReportAck(undecided=True)
 
     async def serve(channel: Channel[ToLeader]) -> None:
@@ -41,7 +41,7 @@ async def test_only_what_the_leader_wants_is_sent_once_it_is_settled(tmp_path: P
 
     async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
         burst = burst_upload(*pictures(2))
-        burst.on_settled = forgotten.set
+        burst.on_commit = forgotten.set
         uploader.add_burst(burst)
         await until(lambda: len(reports) > 1)
         assert not sent, "which are wanted is not known yet"
@@ -54,8 +54,8 @@ async def test_only_what_the_leader_wants_is_sent_once_it_is_settled(tmp_path: P
         await until(lambda: not list((tmp_path / "a").iterdir()))
     assert sent == [0, 3]
     assert forgotten.is_set()
-    assert reports[-1].instants == (0, 1, 3)
-    assert reports[-1].missing == (gap,)
+    assert reports[-1].plan.instants == (0, 1, 3)
+    assert reports[-1].plan.missing == (gap,)
 
 
 async def test_images_are_sent_ahead_of_the_answers() -> None:

@@ -22,6 +22,7 @@ from capture_app.node.wire.messages import (
     ReportAck,
     ToLeader,
 )
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.rig.frame_picks import Pick
 from tests.facts import make_facts
@@ -51,10 +52,9 @@ def burst_upload(*pictures: Picture) -> BurstUpload:
         Pick(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
         for n, picture in enumerate(pictures)
     ]
-    report = CameraReport(
-        leader=1, burst=1, camera=CameraRecord(name="a", facts=CAMERA), instants=tuple(range(len(picks)))
-    )
-    return BurstUpload(report, deque(picks))
+    camera = CameraRecord(name="a", facts=CAMERA)
+    plan = CameraPlan(camera=camera, reported=True, instants=tuple(range(len(picks))))
+    return BurstUpload(CameraReport(leader=1, burst=1, plan=plan), deque(picks))
 
 
 Serve = Callable[[Channel[ToLeader]], Awaitable[None]]

@@ -8,8 +8,8 @@ import pytest
 from capture_app.errors import IncompleteError
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.decoding import decode_image
+from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.session.writing.video_store import NewFrame
 from reconstruction.session.dataset import Dataset
 
 SAMPLE = Path(__file__).parents[3] / "sample_sessions/jumper"
@@ -19,7 +19,7 @@ def test_a_dataset_reads_the_frames_of_videos(tmp_path: Path) -> None:
     burst = Dataset.open(SAMPLE).session
     writer = SessionWriter.create(tmp_path, "recorded")
     for image in burst.manifest.images:
-        writer.add_frames([NewFrame(image, burst.image_bytes(image))])
+        assert writer.save([StoredImage(image, burst.image_bytes(image))], in_videos=True) == [None]
     instants_ns, period_ns = burst.manifest.burst.instants_ns, burst.manifest.burst.period_ns
     writer.finish(burst.manifest.cameras, BurstRecord(instants_ns=instants_ns, period_ns=period_ns))
 

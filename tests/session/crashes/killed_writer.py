@@ -39,10 +39,9 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import Problem, ProblemKind, verify
-from capture_app.session.writing.image_store import ReceivedImage
+from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.session.writing.video_store import NewFrame
 from tests.facts import make_facts
 
 ROOT = Path(__file__).parents[3]
@@ -82,7 +81,7 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
     def add_batches() -> None:
         for instant in range(0, INSTANTS, 2):
             batch = [(camera, instant + n) for n in range(2) for camera in range(CAMERAS)]
-            for error in writer.add_received([received(root / NAME, *of) for of in batch]):
+            for error in writer.save([received(root / NAME, *of) for of in batch]):
                 assert error is None
             REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
 
@@ -90,7 +89,7 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
         for instant in range(0, INSTANTS, 2):
             for camera in range(CAMERAS):
                 batch = [(camera, instant), (camera, instant + 1)]
-                writer.add_frames([new_frame(*of) for of in batch])
+                assert writer.save([new_frame(*of) for of in batch], in_videos=True) == [None, None]
                 REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
 
     ways: dict[str, Callable[[], None]] = {
@@ -109,17 +108,17 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
     REAL["write"](confirmed, b"\xff\xff")
 
 
-def received(folder: Path, camera: int, instant: int) -> ReceivedImage:
+def received(folder: Path, camera: int, instant: int) -> StoredImage:
     """An image whose transfer has just ended."""
     record = record_of(camera, instant)
     file = folder / INCOMING / f"{record.camera}.{instant}"
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(picture(camera, instant))
-    return ReceivedImage(record, file, b"truth", PERIOD_NS * instant)
+    return StoredImage(record, file, b"truth", PERIOD_NS * instant)
 
 
-def new_frame(camera: int, instant: int) -> NewFrame:
-    return NewFrame(record_of(camera, instant), picture(camera, instant), PERIOD_NS * instant)
+def new_frame(camera: int, instant: int) -> StoredImage:
+    return StoredImage(record_of(camera, instant), picture(camera, instant), true_ns=PERIOD_NS * instant)
 
 
 def record_of(camera: int, instant: int) -> ImageRecord:

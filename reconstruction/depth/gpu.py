@@ -79,7 +79,7 @@ class GpuEngine:
                 self._upload(reference.grey),
                 self._upload(reference.mean),
                 self._upload(reference.deviation),
-                xp.zeros((height, width), np.float32) if base is None else xp.asarray(base, np.float32),
+                xp.zeros((height, width), np.float32) if base is None else self._copy(base),
                 xp.asarray(offsets, np.float32),
                 np.int32(count),
                 xp.concatenate([self._upload(picture).reshape(-1) for picture in pictures]),
@@ -125,6 +125,10 @@ class GpuEngine:
         with _told_in_words():
             return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
 
+    def _copy(self, array: Array) -> Any:
+        """The array on the GPU, row by row as the kernels read it; CuPy would keep the order it has here."""
+        return self._cupy.asarray(np.ascontiguousarray(array, np.float32))
+
     def _kernel(self, name: str, *, half_window: int = 2, lane_depths: int = 4) -> Any:
         with self._lock:
             return self._compiled(half_window, lane_depths).get_function(name)
@@ -140,7 +144,7 @@ class GpuEngine:
             if known is not None and known[0]() is array:
                 return known[1]
             self._uploads = {key: held for key, held in self._uploads.items() if held[0]() is not None}
-            there = self._cupy.asarray(array, np.float32)
+            there = self._copy(array)
             self._uploads[id(array)] = ref(array), there
             return there
 

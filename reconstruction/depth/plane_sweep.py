@@ -260,7 +260,7 @@ def _enlarge_surface(surface: Surface, reference: CalibratedImage) -> Surface:
     column = np.clip(np.rint(x), 0, width - 1).astype(int)
     row = np.clip(np.rint(y), 0, height - 1).astype(int)
     parts = surface.inverse_depth, surface.slope_x, surface.slope_y, surface.cost
-    level, slope_x, slope_y, cost = (part[row][:, column] for part in parts)
+    level, slope_x, slope_y, cost = (part[row[:, None], column] for part in parts)
     level = (
         level + slope_x * (x - column).astype(np.float32) + slope_y * (y - row).astype(np.float32)[:, None]
     )

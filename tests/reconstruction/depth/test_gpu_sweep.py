@@ -14,6 +14,7 @@ from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
 from reconstruction.depth.engine import CPU, aggregate_costs, cheapest_depths
 from reconstruction.depth.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
+from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
 from reconstruction.depth.sweep_matcher import match_all_views
 from tests.reconstruction.depth.cuda_stand_in import COMPILER, StandIn
 from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, photo_of, view_at
@@ -137,6 +138,25 @@ def test_the_whole_sweep_finds_the_same_on_either_way() -> None:
         both = (one > 0) & (other > 0)
         assert np.median(np.abs(one - other)[both] / one[both]) < 0.001
         assert np.mean(np.abs(one - other)[both] < 0.01 * one[both]) > 0.98
+
+
+def test_a_picture_that_is_swept_at_a_smaller_size_first_gets_the_same_depth_on_either_way() -> None:
+    views = source_views(3, 5)
+    reference, sources = views[0].reference, [view.source for view in views]
+    options = SweepOptions(max_cells=24 * reference.grey.size // 3)
+    cpu, gpu = (sweep_view(reference, sources, 1.0, 4.0, options, engine) for engine in (CPU, GPU))
+    off = np.abs(cpu.inverse_depth / gpu.inverse_depth - 1)
+    assert np.median(off) < 0.001
+    assert np.mean(off > 0.01) < 0.02
+
+
+def test_kernels_read_row_by_row_what_lies_column_by_column() -> None:
+    views = source_views(2, 5)
+    base = np.asfortranarray(np.linspace(0, 0.2, views[0].reference.grey.size, dtype=np.float32))
+    base = base.reshape(views[0].reference.grey.shape, order="F")
+    assert not base.flags.c_contiguous
+    found = on_host(GPU.cost_volume(views, base, OFFSETS))
+    assert np.array_equal(found, array_version(views, base, OFFSETS))
 
 
 class Cuda:

@@ -95,17 +95,21 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
         if asyncio.run(find_obstacle(leader, trust=Trust.open())) is not None:
             continue
         try:
-            if asyncio.run(_is_known(leader, trust)):
-                continue
-            if code is not None:
-                pair_with(leader, code)
+            if not asyncio.run(_is_known(leader, trust)):
+                _introduce(leader, code)
                 code = None
-            elif sys.stdin.isatty():
-                _ask_code(leader)
         except UnknownMachineError:
             raise
         except NetworkError:
             continue
+
+
+def _introduce(leader: Address, code: str | None) -> None:
+    """Make this machine known by the code, which is good once, or by one that a person is asked for."""
+    if code is not None:
+        pair_with(leader, code)
+    elif sys.stdin.isatty():
+        _ask_code(leader)
 
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:

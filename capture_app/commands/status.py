@@ -15,6 +15,8 @@ from capture_app.text import clock_offset, count
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from capture_app.node.wire.status import NodeStatus, RigStatus
 
 
@@ -87,14 +89,7 @@ def _print_rig(rig: "RigStatus") -> None:
         if line:
             print_line(line)
     if rig.nodes:
-        rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
-        if all(node.relative_uncertainty_ns is None for node in rig.nodes):
-            for row in rows:
-                del row["apart µs"]
-        if all(_stamp_error_ns(node) is None for node in rig.nodes):
-            for row in rows:
-                del row["stamps µs"]
-        print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
+        _print_nodes(list(in_tree_order(rig.nodes)))
     if rig.app_phones:
         print_table(
             ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"), _phone_rows(rig)
@@ -105,6 +100,17 @@ def _print_rig(rig: "RigStatus") -> None:
         print_line(f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back")
     for path in rig.sessions:
         print_line(f"saved {path}")
+
+
+def _print_nodes(nodes: "Sequence[NodeStatus]") -> None:
+    rows = [_node_row(node) for node in nodes]
+    if all(node.relative_uncertainty_ns is None for node in nodes):
+        for row in rows:
+            del row["apart µs"]
+    if all(_stamp_error_ns(node) is None for node in nodes):
+        for row in rows:
+            del row["stamps µs"]
+    print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 
 def _phone_rows(rig: "RigStatus") -> list[tuple[str, ...]]:

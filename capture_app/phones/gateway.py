@@ -235,18 +235,10 @@ class PhoneGateway:
     async def _serve(
         self, link: web.WebSocketResponse, admitted: Admitted, transport: asyncio.BaseTransport | None
     ) -> None:
-        first = await link.receive(timeout=HELLO_S)
-        hello = wire.decode_text(first.data) if first.type is WSMsgType.TEXT else None
-        if not isinstance(hello, wire.Hello):
-            raise ValueError("a page begins with its hello")
+        hello = await _hello(link)
         if self._door is not None:
             self._door.trust(transport)
-        former, self._link_of[admitted.key] = self._link_of.get(admitted.key), link
-        if former is not None and not former.closed:
-            # Two pages would tell of two clocks.
-            closing = asyncio.create_task(former.close(code=REPLACED, message=_REPLACED))
-            self._closing.add(closing)
-            closing.add_done_callback(self._closing.discard)
+        self._replace_link(admitted, link)
 
         async def send(message: str | bytes) -> None:
             # That a link has just broken off is noticed by who reads it.
@@ -271,12 +263,32 @@ class PhoneGateway:
                         await send(wire.pong(told.number))
                     phone.take_binary(told, received_ns)
                 elif message.type is WSMsgType.TEXT:
-                    said = wire.decode_text(message.data)
-                    if isinstance(said, wire.Hello):
-                        raise ValueError("a second hello")
-                    phone.take_text(said)
+                    phone.take_text(_later_text(message.data))
         finally:
             phone.link_closed(send, by_user=link.close_code == LEFT)
+
+    def _replace_link(self, admitted: Admitted, link: web.WebSocketResponse) -> None:
+        former, self._link_of[admitted.key] = self._link_of.get(admitted.key), link
+        if former is not None and not former.closed:
+            # Two pages would tell of two clocks.
+            closing = asyncio.create_task(former.close(code=REPLACED, message=_REPLACED))
+            self._closing.add(closing)
+            closing.add_done_callback(self._closing.discard)
+
+
+async def _hello(link: web.WebSocketResponse) -> wire.Hello:
+    first = await link.receive(timeout=HELLO_S)
+    hello = wire.decode_text(first.data) if first.type is WSMsgType.TEXT else None
+    if not isinstance(hello, wire.Hello):
+        raise ValueError("a page begins with its hello")
+    return hello
+
+
+def _later_text(data: str) -> wire.Opened | wire.Controls | wire.Away:
+    said = wire.decode_text(data)
+    if isinstance(said, wire.Hello):
+        raise ValueError("a second hello")
+    return said
 
 
 def _server_log() -> logging.Logger:

@@ -31,7 +31,7 @@ from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping.poll_schedule import AccuracyGoal, PollSchedule, SteadySchedule
-from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
+from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.wire.messages import Group, NodeState
 
 
@@ -289,14 +289,7 @@ class VirtualRig:
             for delay_ns in node.channel.deliveries("to_leader", self.now_true_ns, self._rng):
                 self._time.schedule(self.now_true_ns + delay_ns, self._to_leader, data, node)
         while (command := client.next_command()) is not None:
-            match command:
-                case InjectFrame(exposure_ns):
-                    node.sensor.inject(exposure_ns, self.now_true_ns)
-                case SetFrameDuration(duration_ns):
-                    node.sensor.set_frame_duration(duration_ns, self.now_true_ns)
-                case RestartStream(delay_ns):
-                    node.sensor.stop()
-                    self._time.schedule(self.now_true_ns + delay_ns, self._start_stream, node)
+            self._apply(command, node)
         while (event := client.next_event()) is not None:
             node.events.append(event)
             if isinstance(event, BurstPicked):
@@ -308,6 +301,16 @@ class VirtualRig:
                     )
                 node.bursts[event.burst] = event
         node.timer.set(node.spec.clock.true_from_local(client.next_timer()) + 1)
+
+    def _apply(self, command: CameraCommand, node: VirtualNode) -> None:
+        match command:
+            case InjectFrame(exposure_ns):
+                node.sensor.inject(exposure_ns, self.now_true_ns)
+            case SetFrameDuration(duration_ns):
+                node.sensor.set_frame_duration(duration_ns, self.now_true_ns)
+            case RestartStream(delay_ns):
+                node.sensor.stop()
+                self._time.schedule(self.now_true_ns + delay_ns, self._start_stream, node)
 
     def _to_leader(self, data: bytes, node: VirtualNode) -> None:
         self.leader.receive_datagram(data, (node.spec.name, 0), self.now_true_ns)

@@ -24,8 +24,18 @@ def read_regular(path: Path) -> bytes:
         return file.read()
 
 
+def read_text(path: Path, *, encoding: str = "utf-8") -> str:
+    """The text of a file. Raises BadInputError where it cannot be read or is none."""
+    try:
+        return read_regular(path).decode(encoding)
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise BadInputError(f"cannot read {path}: {error}") from error
+
+
 MOST_BYTES = 1 << 30
-"""Of all arrays of a file together, unpacked."""
+"""The most that all arrays of a file may have, unpacked."""
 
 
 def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":

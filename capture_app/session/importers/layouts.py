@@ -1,22 +1,13 @@
-"""Folders of other programs, recognized.
+"""Folders of other programs, and our own exports, recognized by their files.
 
-Caliscope: videos with `timestamps.csv` beside them, in a workspace with its `camera_array.toml`.
-
-FreeMoCap, 1 and 2: synchronized videos of as many frames each, when they were taken, and a calibration.
-
-By freemocap's docs ("Recording folder structure") and its system/default_paths.py the videos are in
-`synchronized_videos` or, in version 2, `videos/synchronized`; by skellycam's parse_video_filename.py and
-recording_info.py they are named RECORDING.id-CAMERA.idx-N.mp4, and each has a table in
-`timestamps/camera_timestamps/RECORDING.cameraCAMERA.timestamps.csv` with a row a frame, whose
-`timestamp.perf_counter_ns.ns` is one computer's clock for all cameras. Lengths are in mm.
-
-OpenCap: the folder of a session, whose trials have a video of each camera.
-
-By opencap-api's zipsession.py a download has `Videos/CamN/InputMedia/TRIAL/TRIAL.mov`, as the phone took it,
+FreeMoCap, 1 and 2, by its docs ("Recording folder structure") and its system/default_paths.py: videos of as
+many frames each in `synchronized_videos` or, in version 2, `videos/synchronized`; by skellycam's
+parse_video_filename.py and recording_info.py they are named RECORDING.id-CAMERA.idx-N.mp4, and each has a
+table in `timestamps/camera_timestamps/RECORDING.cameraCAMERA.timestamps.csv` with a row a frame, whose
+`timestamp.perf_counter_ns.ns` is one computer's clock for all cameras. Lengths are in mm. OpenCap, by
+opencap-api's zipsession.py: a download has `Videos/CamN/InputMedia/TRIAL/TRIAL.mov`, as the phone took it,
 beside it `TRIAL_sync.mp4` where OpenCap aligned it to the others by their motion, and
 `Videos/CamN/cameraIntrinsicsExtrinsics.pickle`.
-
-Recognizes recording folders of other programs, and our own exports, by their files.
 """
 
 import csv
@@ -27,6 +18,7 @@ from pathlib import Path
 from capture_app.errors import BadInputError
 from capture_app.names import natural_order
 from capture_app.session.exchange import RECORD
+from capture_app.session.files.strangers import read_text
 from capture_app.session.importers.calibrations.motion_capture import PARAMETERS
 from capture_app.session.importers.frame_matching import (
     Instant,
@@ -64,8 +56,9 @@ def caliscope(folder: Path, *, png: bool, recording: str | None) -> Layout | Non
     what = "without a recording: none with videos and their timestamps.csv"
     if inner:
         what = f"of several recordings: {', '.join(path.name for path in inner)}"
-    hint = f"name one: {folder / _RECORDINGS}/NAME"
-    raise BadInputError(f"{folder} is a Caliscope workspace {what}", hint=hint)
+    raise BadInputError(
+        f"{folder} is a Caliscope workspace {what}", hint=f"name one: {folder / _RECORDINGS}/NAME"
+    )
 
 
 _VIDEOS = ("synchronized_videos", "videos/synchronized", "SyncedVideos")
@@ -78,7 +71,9 @@ def freemocap(folder: Path, *, png: bool) -> Layout | None:
     videos = next((folder / name for name in _VIDEOS if videos_in(folder / name)), None)
     if videos is None:
         return None
-    named = {_camera_name(path): path for path in videos_in(videos)}
+    # Calibrations name a camera by the id in SkellyCam's names.
+    found = {path: _NAME.fullmatch(path.stem) for path in videos_in(videos)}
+    named = {name[1] if name else path.stem: path for path, name in found.items()}
     calibrations = sorted(folder.glob("*camera_calibration.toml"))
     tables = _tables(videos, named)
     return Layout(
@@ -92,31 +87,22 @@ def freemocap(folder: Path, *, png: bool) -> Layout | None:
     )
 
 
-def _camera_name(video: Path) -> str:
-    """The camera's id where the name is SkellyCam's, which calibrations name it by; else the video's name."""
-    found = _NAME.fullmatch(video.stem)
-    return found[1] if found else video.stem
-
-
 def _tables(videos: Path, named: dict[str, Path]) -> dict[str, Path]:
     """The table of each camera; none unless every camera has one."""
     folder = videos / "timestamps" / "camera_timestamps"
-    found = {}
-    for name, video in named.items():
-        recording = video.stem.partition(".id-")[0]
-        table = folder / f"{recording}.camera{name}.timestamps.csv"
-        if table.is_file():
-            found[name] = table
-    return found if len(found) == len(named) else {}
+    tables = {
+        name: folder / f"{video.stem.partition('.id-')[0]}.camera{name}.timestamps.csv"
+        for name, video in named.items()
+    }
+    return tables if all(table.is_file() for table in tables.values()) else {}
 
 
 def _timeline(tables: dict[str, Path]) -> Timeline:
     """Frames of the same number are one instant, each at its own time."""
     cameras = {name: _read(path) for name, path in tables.items()}
-    for name, frames in cameras.items():
-        check_order(str(tables[name]), frames)
     by_number: dict[int, dict[str, TimedFrame]] = {}
     for name, frames in cameras.items():
+        check_order(str(tables[name]), frames)
         for frame in frames:
             by_number.setdefault(frame.index, {})[name] = frame
     periods = periods_of(cameras)
@@ -126,12 +112,9 @@ def _timeline(tables: dict[str, Path]) -> Timeline:
 
 def _read(path: Path) -> list[TimedFrame]:
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = csv.DictReader(read_text(path).splitlines())
         return [TimedFrame(int(row[_FRAME]), int(row[_TIME])) for row in rows]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInputError(f"cannot read {path}: {error}") from error
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise BadInputError(f"{path} has no whole numbers {_FRAME} and {_TIME}") from error
 
 
@@ -161,9 +144,7 @@ def opencap(folder: Path, *, png: bool, recording: str | None) -> Layout | None:
     paths = [f"{camera.parent.name}={path}" for camera, path in zip(there, chosen, strict=True)]
     if None in chosen:
         raise BadInputError(f"{folder}: not every camera has a video {trial}", hint="name them: NAME=PATH")
-    remark = ""
-    if chosen is raw:
-        remark = f"{trial} was not aligned by OpenCap: its phones start a little apart"
+    apart = f"{trial} was not aligned by OpenCap: its phones start a little apart"
     pickles = all((camera.parent / PARAMETERS).is_file() for camera in there)
     return Layout(
         program="OpenCap",
@@ -171,7 +152,7 @@ def opencap(folder: Path, *, png: bool, recording: str | None) -> Layout | None:
         sources=tuple(open_sources(paths, png=png)),
         same_frames=chosen is aligned,
         calibration=videos if pickles else None,
-        remark=remark,
+        remark=apart if chosen is raw else "",
     )
 
 

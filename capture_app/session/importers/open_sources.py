@@ -18,6 +18,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, is_name, natural_order
+from capture_app.session.files.strangers import read_text
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.frame_matching import TimedFrame, check_order
 from capture_app.session.importers.sources import (
@@ -104,16 +105,12 @@ def phone(name: str, folder: Path, *, png: bool, recording: str | None = None) -
     chosen = [path for path in pairs if recording is None or recording in path.stem]
     if len(chosen) == 1:
         return PhoneVideo(name, chosen[0], png=png)
-    files = ", ".join(path.name for path in pairs)
+    several = "several recordings"
+    hint = f"--recording {pairs[0].stem}, or choose one: {name}={pairs[0]}"
     if recording is not None:
-        raise BadInputError(
-            f"{folder} has {len(chosen)} recordings named like {recording}: {files}",
-            hint="--recording takes a part of one's name that no other has",
-        )
-    raise BadInputError(
-        f"{folder} has several recordings: {files}",
-        hint=f"--recording {pairs[0].stem}, or choose one: {name}={pairs[0]}",
-    )
+        several = f"{len(chosen)} recordings named like {recording}"
+        hint = "--recording takes a part of one's name that no other has"
+    raise BadInputError(f"{folder} has {several}: {', '.join(path.name for path in pairs)}", hint=hint)
 
 
 def table_of(video: Path) -> Path | None:
@@ -122,17 +119,16 @@ def table_of(video: Path) -> Path | None:
     for folder in folders:
         for stem in (video.stem, video.stem.removeprefix("VID_")):
             table = folder / f"{stem}.csv"
-            if table.is_file() and _is_table(table):
+            # It begins with a time in ns, or with RecSyncNG's heading, or has nothing in it.
+            if table.is_file() and re.match(rf"(-?\d{{1,19}}\s*|{_HEADING}.*|)$", _first_line(table)):
                 return table
     return None
 
 
-def _is_table(path: Path) -> bool:
-    """Whether a CSV begins with a time in ns, or with RecSyncNG's heading, or has nothing in it."""
-    with path.open("rb") as file:
+def _first_line(table: Path) -> str:
+    with table.open("rb") as file:
         lines = file.read(4096).decode("utf-8", "replace").splitlines()
-    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    return not first or first.startswith(_HEADING) or re.fullmatch(r"-?\d{1,19}\s*", first) is not None
+    return next((line for line in lines if line.strip() and not line.startswith("#")), "")
 
 
 def _metadata_in(folder: Path) -> Iterator[Path]:
@@ -146,12 +142,7 @@ def _pairs_in(folder: Path) -> list[Path]:
     places = (folder, folder / _VIDEOS, folder / "RecSync" / _VIDEOS, folder / "TMP_MROB" / _VIDEOS)
     videos = [path for place in places for path in sorted(place.glob("*.mp4"))]
     tables = {path: table for path in videos if (table := table_of(path)) is not None}
-    return [path for path, table in tables.items() if not _has_heading(table)]
-
-
-def _has_heading(table: Path) -> bool:
-    with table.open("rb") as file:
-        return file.read(len(_HEADING)).startswith(_HEADING.encode())
+    return [path for path, table in tables.items() if not _first_line(table).startswith(_HEADING)]
 
 
 def _shot(metadata: Path) -> _Shot | None:
@@ -167,11 +158,8 @@ def _shot(metadata: Path) -> _Shot | None:
 
 def _values(path: Path) -> dict[str, int]:
     """Numbers of `name: number` lines."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"cannot read {path}: {error}") from error
-    return {key: int(value) for key, value in re.findall(r"^(\w+):\s*(-?\d+)\s*$", text, re.MULTILINE)}
+    found = re.findall(r"^(\w+):\s*(-?\d+)\s*$", read_text(path), re.MULTILINE)
+    return {key: int(value) for key, value in found}
 
 
 def _from_nv21(file: Path) -> bytes:
@@ -192,11 +180,7 @@ def _lines(table: Path) -> tuple[list[int], set[int]]:
     """The time in ns of every frame, and the numbers of frames that were put in."""
     times: list[int] = []
     put_in: set[int] = set()
-    try:
-        lines = table.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"cannot read {table}: {error}") from error
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(read_text(table).splitlines(), 1):
         text, _, made = (part.strip() for part in line.partition(","))
         if not text or text.startswith("#") or (number == 1 and text == _HEADING):
             continue
@@ -221,14 +205,11 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
         name, path = split_name(text)
         if not path.exists():
             raise BadInputError(f"nothing at {path}")
-        if name:
-            sources.append(_source(name, path, png, recording))
-        elif is_phone(path):
-            sources.append(_source(path.resolve().name, path, png, recording))
-        elif path.is_dir():
-            sources.extend(_sources_in(path, png, recording))
+        if not name and path.is_dir() and not is_phone(path):
+            sources += _sources_in(path, png, recording)
         else:
-            sources.append(_source(path.stem, path, png, recording))
+            own = path.resolve().name if path.is_dir() else path.stem
+            sources.append(_source(name or own, path, png, recording))
     names = [source.name for source in sources]
     for name in names:
         if names.count(name) > 1:

@@ -8,9 +8,8 @@ CameraCalibration, and FrameTransform, which is where the child is in the parent
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -19,6 +18,7 @@ from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import is_name, name_like
 from capture_app.optional_packages import load_optional
 from capture_app.session.exchange import FRAMES, ExportRecord, message_class, read_record
+from capture_app.session.files.strangers import read_text
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, inside
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord, Manifest
@@ -39,26 +39,6 @@ _OF_THE_FRAME = (
 _LEFT_OUT = "the export does not have it"
 
 
-class ExportedVideo(Source):
-    """A camera's video in an export: some of its frames, each by its number."""
-
-    kind = "exported video"
-    numbered = True
-
-    def __init__(self, name: str, path: Path, frames: Sequence[int], *, png: bool) -> None:
-        self.name, self.path, self._frames = name, path, frames
-        self.numbers = range(len(frames))
-        self._video = Video(name, path, png=png)
-        self._video.use_embedded_times()
-        self.suffix = self._video.suffix
-
-    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """See `Source.frames`."""
-        wanted = {self._frames[index]: index for index in indices}
-        for frame, data, size in self._video.frames(sorted(wanted)):
-            yield wanted[frame], data, size
-
-
 def exported(folder: Path, *, png: bool) -> Layout:
     """An export's folder. Raises BadInputError where what it says of itself is broken."""
     record = read_record(folder)
@@ -70,11 +50,20 @@ def exported(folder: Path, *, png: bool) -> Layout:
             raise BadInputError(f"{folder} does not have one .mcap but {len(files)}")
         return mcap(files[0])
     rows = _rows(folder)
-    sources, places = [], {}
+    sources: list[Source] = []
+    places: dict[Place, int] = {}
     for camera in record.manifest.cameras:
         own = {at: row for at, row in rows.items() if at[0] == camera.name and row[0].is_file()}
-        if own:
-            sources.append(_source(camera.name, list(own.values()), png))
+        if not own:
+            continue
+        files = [file for file, _ in own.values()]
+        if files[0].suffix.lower() in VIDEO_SUFFIXES:
+            video = Video(camera.name, files[0], png=png)
+            video.use_embedded_times()
+            sources.append(video)
+            places.update({at: number for at, (_, number) in own.items()})
+        else:
+            sources.append(Images(camera.name, files[0].parent, files, "exported images"))
             places.update({at: index for index, at in enumerate(own)})
     if not sources:
         raise BadInputError(f"{folder} has none of the files that its {FRAMES} names")
@@ -110,25 +99,15 @@ def calibration_of_record(record: ExportRecord, sizes: Mapping[str, tuple[int, i
 
 def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
     """The file, and the number of its frame, of every place that the export has."""
-    path, found = folder / FRAMES, {}
+    path = folder / FRAMES
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            for row in csv.DictReader(file):
-                if row["file"] and row["content"] in ("image", "substitute"):
-                    at = row["camera"], int(row["instant"])
-                    found[at] = inside(folder, row["file"]), int(row["frame"])
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInputError(f"cannot read {path}: {error}") from error
-    except (KeyError, TypeError, ValueError) as error:
+        return {
+            (row["camera"], int(row["instant"])): (inside(folder, row["file"]), int(row["frame"]))
+            for row in csv.DictReader(read_text(path).splitlines())
+            if row["file"] and row["content"] in ("image", "substitute")
+        }
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise BadInputError(f"{path} is not the table of an export: {error}") from error
-    return found
-
-
-def _source(name: str, rows: Sequence[tuple[Path, int]], png: bool) -> Source:
-    first = rows[0][0]
-    if first.suffix.lower() in VIDEO_SUFFIXES:
-        return ExportedVideo(name, first, [frame for _, frame in rows], png=png)
-    return Images(name, first.parent, [file for file, _ in rows], "exported images")
 
 
 def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]) -> Timeline:
@@ -163,14 +142,13 @@ _IMAGE, _LENS, _POSE = (
 _SUFFIXES = {"jpeg": ".jpg", "jpg": ".jpg", "png": ".png"}
 
 
-@dataclass
-class _Topic:
-    """The images of one topic: what they are, and each one's number and time in ns."""
+class _Message(NamedTuple):
+    """What is kept of an image's message: its number and its time in ns."""
 
     frame_id: str
     format: str
-    sequences: list[int] = field(default_factory=list)
-    times_ns: list[int] = field(default_factory=list)
+    sequence: int
+    at_ns: int
 
 
 class McapImages(Source):
@@ -190,7 +168,9 @@ class McapImages(Source):
         """See `Source.frames`."""
         wanted = set(indices)
         with _reader(self.path) as reader:
-            for index, (_, _, message) in enumerate(_messages(reader, [self._topic])):
+            for index, (_, _, message) in enumerate(
+                reader.iter_messages(topics=[self._topic], log_time_order=False)
+            ):
                 if index in wanted:
                     data = bytes(_decode(_IMAGE, message.data).data)
                     size = image_size(data)
@@ -203,14 +183,17 @@ def mcap(path: Path) -> Layout:
     """The cameras of an .mcap. Raises BadInputError where it has no images that can be read."""
     lenses: dict[str, Any] = {}
     poses: dict[str, Any] = {}
-    topics: dict[str, _Topic] = {}
+    topics: dict[str, list[_Message]] = {}
     with _reader(path) as reader:
         attached = {one.name: one.data for one in reader.iter_attachments()}
-        for schema, channel, message in _messages(reader, None):
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
             if schema is None or channel.message_encoding != "protobuf":
                 continue
             if schema.name == _IMAGE:
-                _add(topics, channel.topic, message)
+                one = _decode(_IMAGE, message.data)
+                at_ns = one.timestamp.seconds * 1_000_000_000 + one.timestamp.nanos or message.log_time
+                kept = _Message(one.frame_id, one.format.lower(), message.sequence, at_ns)
+                topics.setdefault(channel.topic, []).append(kept)
             elif schema.name == _LENS:
                 lens = _decode(_LENS, message.data)
                 lenses[lens.frame_id] = lens
@@ -223,19 +206,19 @@ def mcap(path: Path) -> Layout:
         )
     names = _names(topics)
     sources = [
-        McapImages(name, path, topic, topics[topic].format, len(topics[topic].times_ns))
+        McapImages(name, path, topic, topics[topic][0].format, len(topics[topic]))
         for topic, name in names.items()
     ]
     if MANIFEST in attached:
         places = {
-            (name, number): index
+            (name, one.sequence): index
             for topic, name in names.items()
-            for index, number in enumerate(topics[topic].sequences)
+            for index, one in enumerate(topics[topic])
         }
         return layout_of_record(path, _record(path, attached), sources, places)
     times = {
         name: sorted(
-            (TimedFrame(n, at_ns) for n, at_ns in enumerate(topics[topic].times_ns)),
+            (TimedFrame(n, one.at_ns) for n, one in enumerate(topics[topic])),
             key=lambda frame: frame.leader_ns,
         )
         for topic, name in names.items()
@@ -245,26 +228,16 @@ def mcap(path: Path) -> Layout:
         path=path,
         sources=tuple(sources),
         timeline=timeline_by_times(str(path), times),
-        views=_views(path, {topics[topic].frame_id: name for topic, name in names.items()}, lenses, poses),
+        views=_views(path, {topics[topic][0].frame_id: name for topic, name in names.items()}, lenses, poses),
     )
 
 
-def _add(topics: dict[str, _Topic], topic: str, message: Any) -> None:
-    image = _decode(_IMAGE, message.data)
-    of = topics.setdefault(topic, _Topic(image.frame_id, image.format.lower()))
-    at_ns = image.timestamp.seconds * 1_000_000_000 + image.timestamp.nanos
-    of.sequences.append(message.sequence)
-    of.times_ns.append(at_ns or message.log_time)
-
-
-def _names(topics: Mapping[str, _Topic]) -> dict[str, str]:
+def _names(topics: Mapping[str, Sequence[_Message]]) -> dict[str, str]:
     """Each topic's camera: its frame_id where that is a name and no other topic's."""
-    ids = [topic.frame_id for topic in topics.values()]
+    ids = [messages[0].frame_id for messages in topics.values()]
     return {
-        name: of.frame_id
-        if is_name(of.frame_id) and ids.count(of.frame_id) == 1
-        else name_like(name.strip("/"), f"camera{number}")
-        for number, (name, of) in enumerate(topics.items())
+        topic: own if is_name(own) and ids.count(own) == 1 else name_like(topic.strip("/"), f"camera{number}")
+        for number, (topic, own) in enumerate(zip(topics, ids, strict=True))
     }
 
 
@@ -316,11 +289,6 @@ def _reader(path: Path) -> Iterator[Any]:
         raise
     except Exception as error:  # of a broken file its reader, struct and decompressors raise a dozen kinds
         raise BadInputError(f"{path} is not an intact MCAP: {error}") from error
-
-
-def _messages(reader: Any, topics: Sequence[str] | None) -> Iterator[Any]:
-    """Schema, channel and message, in the order of the file."""
-    return iter(reader.iter_messages(topics=topics, log_time_order=False))
 
 
 def _decode(name: str, data: bytes) -> Any:

@@ -3,14 +3,15 @@
 import csv
 import re
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
 from capture_app.errors import BadInputError
+from capture_app.session.files.strangers import read_text
 from capture_app.session.importers.frame_matching import (
     Instant,
     TimedFrame,
@@ -58,15 +59,16 @@ def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
     every = sorted(set().union(*indices.values()))
     shared = [number for number in every if sum(number in of for of in indices.values()) > 1]
     if len(sources) > 1 and not shared:
-        hint = "frames of one instant need the same number in their file names; else use --timestamps"
-        raise BadInputError("no two cameras share a frame number", hint=hint)
-    instants = []
-    for number in every:
-        at_ns = round((number - every[0]) * period)
-        frames = {name: TimedFrame(of[number], at_ns) for name, of in indices.items() if number in of}
-        instants.append(Instant(at_ns, frames))
-    period_ns = round(period)
-    return Timeline(instants, period_ns, {source.name: period_ns for source in sources})
+        raise BadInputError(
+            "no two cameras share a frame number",
+            hint="frames of one instant need the same number in their file names; else use --timestamps",
+        )
+    times_ns = {number: round((number - every[0]) * period) for number in every}
+    instants = [
+        Instant(at_ns, {name: TimedFrame(of[n], at_ns) for name, of in indices.items() if n in of})
+        for n, at_ns in times_ns.items()
+    ]
+    return Timeline(instants, round(period), dict.fromkeys(indices, round(period)))
 
 
 def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
@@ -77,11 +79,8 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
     Raises BadInputError, with the line, for a table that does not fit itself or the recording.
     """
     rows = _read_table(path, [source.name for source in sources])
-    counts = {source.name: len(source.numbers) for source in sources}
-    timed = {name: _number_rows(path, name, rows, count) for name, count in counts.items()}
-    times = {name: sorted(frame.leader_ns for _, frame in of) for name, of in timed.items()}
-    periods = {name: _period(path, name, of) for name, of in times.items()}
-    period_ns = round(statistics.median(periods.values()))
+    timed = {one.name: _number_rows(path, one.name, rows, len(one.numbers)) for one in sources}
+    periods = {name: _period(path, name, [frame.leader_ns for _, frame in of]) for name, of in timed.items()}
     cameras = {
         name: sorted((frame for _, frame in of), key=lambda frame: frame.index) for name, of in timed.items()
     }
@@ -93,7 +92,7 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
     for before, after in pairwise(instants):
         if after.leader_ns <= before.leader_ns:
             raise BadInputError(f"{path}: two instants are at the same time, {after.leader_ns} ns")
-    return Timeline(instants, period_ns, periods)
+    return Timeline(instants, round(statistics.median(periods.values())), periods)
 
 
 def _period_of(fps: float) -> Fraction:
@@ -127,19 +126,20 @@ def _number(text: str) -> int | None:
 
 
 def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"cannot read the table of times {path}: {error}") from error
+    text = read_text(path, encoding="utf-8-sig")
     header = text.partition("\n")[0]
     delimiter = next((mark for mark in ",;\t" if mark in header), ",")
     reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
     columns = {str(name).strip().lower(): str(name) for name in reader.fieldnames or ()}
-    camera, time = _column(columns, _CAMERA), _column(columns, _TIMES)
-    frame, group = _column(columns, _FRAME), _column(columns, _GROUP)
+    camera, time, frame, group = (
+        next((columns[name] for name in known if name in columns), None)
+        for known in (_CAMERA, _TIMES, _FRAME, _GROUP)
+    )
     if camera is None or time is None or (frame is None and group is None):
-        hint = f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}"
-        raise BadInputError(f"{path} has the columns {', '.join(columns) or '(none)'}", hint=hint)
+        raise BadInputError(
+            f"{path} has the columns {', '.join(columns) or '(none)'}",
+            hint=f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}",
+        )
     ns = 10 ** _TIMES[time.strip().lower()]
 
     def nanoseconds(text: str) -> int:
@@ -165,10 +165,6 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
     return rows
 
 
-def _column(columns: Mapping[str, str], known: Iterable[str]) -> str | None:
-    return next((columns[name] for name in known if name in columns), None)
-
-
 def _parse(where: str, text: str | None, to_int: Callable[[str], int], what: str) -> int | None:
     """The number in a cell, None for an empty one. Raises BadInputError where it is not `what`."""
     if not (text or "").strip():
@@ -186,19 +182,18 @@ def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> lis
         own.sort(key=lambda row: row.leader_ns or 0)
         if len(own) != count:
             raise BadInputError(f"{path} has {len(own)} times of camera {name}, which has {count} frames")
-        return [(row, TimedFrame(index, row.leader_ns or 0)) for index, row in enumerate(own)]
-    timed = []
-    for row in own:
-        if row.frame is None or not 0 <= row.frame < count:
-            raise BadInputError(f"{path} names frame {row.frame} of camera {name}, which has {count} frames")
-        timed.append((row, TimedFrame(row.frame, row.leader_ns or 0)))
-    if len({frame.index for _, frame in timed}) < len(timed):
+        own = [replace(row, frame=index) for index, row in enumerate(own)]
+    numbers = [-1 if row.frame is None else row.frame for row in own]
+    for number in numbers:
+        if not 0 <= number < count:
+            raise BadInputError(f"{path} names frame {number} of camera {name}, which has {count} frames")
+    if len(set(numbers)) < len(numbers):
         raise BadInputError(f"{path} names a frame of camera {name} twice")
-    return timed
+    return [(row, TimedFrame(n, row.leader_ns or 0)) for n, row in zip(numbers, own, strict=True)]
 
 
 def _period(path: Path, name: str, times_ns: Sequence[int]) -> int:
-    steps = [after - before for before, after in pairwise(times_ns)]
+    steps = [after - before for before, after in pairwise(sorted(times_ns))]
     if not steps or min(steps) <= 0:
         reason = "has only one time" if not steps else "has a time twice"
         raise BadInputError(f"{path}: camera {name} {reason}")

@@ -1,9 +1,4 @@
-"""What a take is good for, in words and numbers: the one judgement that commands and screens show.
-
-How well a burst is synchronized: the record that the manifest keeps.
-
-The instants that a burst does without, in words.
-"""
+"""How well a burst is synchronized and what it is good for: the one judgement that is shown everywhere."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -45,25 +40,27 @@ def sync_record(
     by_stamps = burst.common_times is None
     unshared_ns = unshared_uncertainties_ns(facts) if by_stamps else dict.fromkeys(facts, 0)
     spreads_ns = [0] * len(burst.instants_ns)
-    rows_ns, errors, bounds = _Worst(), _Worst(), _Worst()
-    substituted = late = 0
+    rows_ns: int | None = None
+    error_ns: int | None = 0
+    bound_ns: int | None = 0
+    number = substituted = late = 0
     for instant, group in groupby(images, key=lambda image: image.instant):
         of = list(group)
+        number += len(of)
         spreads_ns[instant] = _spread([image.leader_ns for image in of])
         rows = _row_spread([(by_name[image.camera], image) for image in of])
-        if rows is not None:
-            rows_ns.add(rows)
+        rows_ns = max(rows_ns or 0, rows) if rows is not None else rows_ns
         for image in of:
             known_ns = image.uncertainty_ns
-            errors.add(None if known_ns is None else known_ns + unshared_ns[image.camera])
-            bounds.add(image.hard_bound_ns)
+            shared_ns = None if known_ns is None else known_ns + unshared_ns[image.camera]
+            error_ns, bound_ns = _worse(error_ns, shared_ns), _worse(bound_ns, image.hard_bound_ns)
             substituted += image.substitute
             late += image.late
     return SyncRecord(
         spread_ns=tuple(spreads_ns),
-        row_spread_ns=rows_ns.value,
-        uncertainty_ns=errors.value,
-        hard_bound_ns=bounds.value,
+        row_spread_ns=rows_ns,
+        uncertainty_ns=error_ns if number else None,
+        hard_bound_ns=bound_ns if number else None,
         dropped=sum(gone.dropped for gone in missing),
         substituted=substituted,
         late=late,
@@ -76,24 +73,9 @@ def computed_sync(manifest: Manifest) -> SyncRecord:
     return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
 
 
-class _Worst:
-    """The largest of some numbers; None where any is not known, or there is none."""
-
-    def __init__(self) -> None:
-        self._largest: int | None = None
-        self._all_known = True
-
-    def add(self, number: int | None) -> None:
-        """Take one in."""
-        if number is None:
-            self._all_known = False
-        elif self._largest is None or number > self._largest:
-            self._largest = number
-
-    @property
-    def value(self) -> int | None:
-        """The largest so far."""
-        return self._largest if self._all_known else None
+def _worse(worst: int | None, number: int | None) -> int | None:
+    """The larger of two; None, which stays so, where either is not known."""
+    return None if worst is None or number is None else max(worst, number)
 
 
 def _spread(times_ns: Sequence[int]) -> int:
@@ -182,6 +164,8 @@ def judge(manifest: Manifest) -> Verdict:
     spread_ns = None if unknown else max(spreads, default=None)
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
     grade, motion = grade_of(spread_ns, error_ns)
+    # What was recorded before anybody asked, or elsewhere, has no error bar that its stamps could be part of.
+    stamped = {camera.name: camera.facts for camera in manifest.cameras if camera.facts.stamp is not None}
     purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
     if unknown:
         purpose, sentence = NOT_SYNCHRONIZED, UNSYNCHRONIZED_SENTENCE
@@ -199,7 +183,7 @@ def judge(manifest: Manifest) -> Verdict:
         dropped=sync.dropped,
         substituted=sync.substituted,
         late=sync.late,
-        stamps=_stamps(manifest),
+        stamps=unmeasured_stamps(stamped),
     )
 
 
@@ -253,20 +237,13 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
     return f"{grade}: within a pixel for motion up to {speed:,.0f} px/s"
 
 
-def _stamps(manifest: Manifest) -> str:
-    # What was recorded before anybody asked, or elsewhere, has no error bar that it could be a part of.
-    told = {camera.name: camera.facts for camera in manifest.cameras if camera.facts.stamp is not None}
-    return unmeasured_stamps(told)
-
-
 def _completeness(manifest: Manifest, sync: SyncRecord) -> str:
     expected = len(manifest.cameras) * len(manifest.burst.instants_ns)
     missing = expected - len(manifest.images)
+    dropped = f", {sync.dropped} dropped by the camera" if sync.dropped else ""
+    there = f"{missing} of {count(expected, 'image')} missing{dropped}"
     if not missing:
         there = f"all {count(expected, 'image')} there"
-    else:
-        dropped = f", {sync.dropped} dropped by the camera" if sync.dropped else ""
-        there = f"{missing} of {count(expected, 'image')} missing{dropped}"
     notes = ((sync.substituted, "from the frame beside it"), (sync.late, "off the instant"))
     return ", ".join([there, *(f"{number} {what}" for number, what in notes if number)])
 

@@ -83,16 +83,18 @@ def _burst(session: Session) -> Iterator[Problem]:
             yield _contradiction(MANIFEST, f"instant {index + 1} is not after instant {index}")
     images = Counter((image.camera, image.instant) for image in manifest.images)
     missing = {(gone.camera, gone.instant) for gone in manifest.missing}
-    for camera in manifest.cameras:
-        for instant in range(len(manifest.burst.instants_ns)):
-            place = (camera.name, instant)
-            of = f"of {camera.name} at instant {instant}"
-            if images[place] > 1:
-                yield _contradiction(MANIFEST, f"{images[place]} images {of}")
-            if place in missing and images[place]:
-                yield _contradiction(MANIFEST, f"the image {of} is there and missing")
-            if place not in missing and not images[place]:
-                yield _contradiction(MANIFEST, f"no image {of}, nor why it is missing")
+    instants = range(len(manifest.burst.instants_ns))
+    for place in ((camera.name, instant) for camera in manifest.cameras for instant in instants):
+        of = f"of {place[0]} at instant {place[1]}"
+        if images[place] > 1:
+            yield _contradiction(MANIFEST, f"{images[place]} images {of}")
+        if (place in missing) == (images[place] > 0):
+            why = (
+                "the image {} is there and missing"
+                if place in missing
+                else "no image {}, nor why it is missing"
+            )
+            yield _contradiction(MANIFEST, why.format(of))
 
 
 def _order(session: Session) -> Iterator[Problem]:
@@ -113,12 +115,12 @@ def _sync(session: Session) -> Iterator[Problem]:
     manifest = session.manifest
     if manifest.sync is None:
         return
-    computed = computed_sync(manifest)
-    for name in manifest.sync.__struct_fields__:
-        stored, expected = getattr(manifest.sync, name), getattr(computed, name)
-        if stored != expected:
-            what = f"sync.{name} is {stored}; computed from the images it is {expected}"
-            yield _contradiction(MANIFEST, what)
+    stored, computed = (msgspec.structs.asdict(sync) for sync in (manifest.sync, computed_sync(manifest)))
+    for name, expected in computed.items():
+        if stored[name] != expected:
+            yield _contradiction(
+                MANIFEST, f"sync.{name} is {stored[name]}; computed from the images it is {expected}"
+            )
 
 
 def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
@@ -147,55 +149,65 @@ def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> 
     if size is None:
         yield Problem(ProblemKind.UNREADABLE, path, "not an image that can be decoded")
     elif size != own:
-        what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {own[0]}x{own[1]}"
-        yield _contradiction(path, what)
+        yield _contradiction(path, f"{size[0]}x{size[1]} pixels; {camera.name} takes {own[0]}x{own[1]}")
 
 
 def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
-    instant_ns = session.manifest.burst.instants_ns[record.instant]
-    if record.residual_ns != record.leader_ns - instant_ns:
-        what = f"residual_ns is {record.residual_ns}; by leader_ns it is {record.leader_ns - instant_ns}"
-        yield _contradiction(record.path, what)
-    camera = session.camera(record.camera)
-    stamp_ns = record.leader_ns - record.alignment_offset_ns
-    start_ns = camera.facts.exposure_start_ns(stamp_ns, record.exposure_ns)
-    if record.exposure_start_ns not in (None, start_ns):
-        what = f"exposure_start_ns is {record.exposure_start_ns}; by leader_ns it is {start_ns}"
-        yield _contradiction(record.path, what)
-    yield from _stamp(session, record, camera)
+    """Check an image's times against its instant, its camera's clock, and what is known of its stamps."""
+    burst, camera = session.manifest.burst, session.camera(record.camera)
+    residual_ns = record.leader_ns - burst.instants_ns[record.instant]
+    stamped_ns = record.leader_ns - record.alignment_offset_ns
+    start_ns = camera.facts.exposure_start_ns(stamped_ns, record.exposure_ns)
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
-    if tolerance_ns is not None and record.late != camera.is_late(record.residual_ns):
-        said = "late" if record.late else "not late"
-        what = f"is marked {said}, {record.residual_ns} ns from its instant with {tolerance_ns} ns allowed"
-        yield _contradiction(record.path, what)
-    clock = camera.clock
+    stamp = camera.facts.stamp
+    counts = stamp is not None and camera.clock is not None and burst.common_times is None
+    least_ns = 0 if stamp is None else stamp.uncertainty_ns
+    stated_ns = record.uncertainty_ns
+    error_ns, allowed_ns = _clock_error(session, record, camera, least_ns)
+    checks = (
+        (
+            record.residual_ns != residual_ns,
+            f"residual_ns is {record.residual_ns}; by leader_ns it is {residual_ns}",
+        ),
+        (
+            record.exposure_start_ns not in (None, start_ns),
+            f"exposure_start_ns is {record.exposure_start_ns}; by leader_ns it is {start_ns}",
+        ),
+        (
+            counts and stated_ns is not None and stated_ns < least_ns,
+            f"uncertainty_ns is {stated_ns}; its camera's stamps alone have {least_ns}",
+        ),
+        (
+            counts and record.hard_bound_ns is not None and stamp is not None and not stamp.is_exact,
+            "has a hard bound; its camera's stamps have none",
+        ),
+        (
+            tolerance_ns is not None and record.late != camera.is_late(record.residual_ns),
+            f"is marked {'late' if record.late else 'not late'}, "
+            f"{record.residual_ns} ns from its instant with {tolerance_ns} ns allowed",
+        ),
+        (
+            abs(error_ns) > allowed_ns,
+            f"leader_ns differs by {error_ns} ns from local_ns converted by the clock record",
+        ),
+    )
+    yield from (_contradiction(record.path, what) for wrong, what in checks if wrong)
+
+
+def _clock_error(
+    session: Session, record: ImageRecord, camera: CameraRecord, stamp_ns: int
+) -> tuple[int, int]:
+    """How far an image's leader time is from its local one converted, and how far it may be, in ns."""
+    clock, instants_ns = camera.clock, session.manifest.burst.instants_ns
     if clock is None or record.local_ns is None:
-        return
-    error_ns = record.leader_ns - clock.leader_from_local(record.local_ns)
-    uncertainty_ns = clock.uncertainty_ns
+        return 0, 0
+    allowed_ns = clock.uncertainty_ns + _ROUNDING_NS
     if record.uncertainty_ns is not None:
         # How late the stamps are is another matter than how clocks are converted.
-        stamp_ns = 0 if camera.facts.stamp is None else camera.facts.stamp.uncertainty_ns
-        uncertainty_ns = max(0, record.uncertainty_ns - stamp_ns)
-    instants_ns, allowed_ns = session.manifest.burst.instants_ns, uncertainty_ns + _ROUNDING_NS
+        allowed_ns = max(0, record.uncertainty_ns - stamp_ns) + _ROUNDING_NS
     if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
-    if abs(error_ns) > allowed_ns:
-        what = f"leader_ns differs by {error_ns} ns from local_ns converted by the clock record"
-        yield _contradiction(record.path, what)
-
-
-def _stamp(session: Session, record: ImageRecord, camera: CameraRecord) -> Iterator[Problem]:
-    """Check that an image's errors have room for what is not known of its camera's stamps."""
-    stamp = camera.facts.stamp
-    if stamp is None or camera.clock is None or session.manifest.burst.common_times is not None:
-        return
-    if record.uncertainty_ns is not None and record.uncertainty_ns < stamp.uncertainty_ns:
-        stated_ns, least_ns = record.uncertainty_ns, stamp.uncertainty_ns
-        what = f"uncertainty_ns is {stated_ns}; its camera's stamps alone have {least_ns}"
-        yield _contradiction(record.path, what)
-    if record.hard_bound_ns is not None and not stamp.is_exact:
-        yield _contradiction(record.path, "has a hard bound; its camera's stamps have none")
+    return record.leader_ns - clock.leader_from_local(record.local_ns), allowed_ns
 
 
 def _journal(session: Session) -> Iterator[Problem]:
@@ -211,8 +223,9 @@ def _journal(session: Session) -> Iterator[Problem]:
             yield Problem(ProblemKind.UNREADABLE, JOURNAL, f"line {number} cannot be read as an image record")
             continue
         if (record.camera, record.instant) in saved:
-            what = f"line {number} repeats {record.camera} at instant {record.instant}"
-            yield _contradiction(JOURNAL, what)
+            yield _contradiction(
+                JOURNAL, f"line {number} repeats {record.camera} at instant {record.instant}"
+            )
         saved[record.camera, record.instant] = record
     for image in session.stored_manifest.images:
         listed = saved.pop((image.camera, image.instant), None)
@@ -235,8 +248,9 @@ def _calibration(session: Session) -> Iterator[Problem]:
         if name not in known:
             yield _contradiction(CALIBRATION, f"calibrates a camera {name} that the session does not have")
         elif (of.width, of.height) != (known[name].facts.width, known[name].facts.height):
-            what = f"{name} is calibrated for {of.width}x{of.height} pixels, not its own size"
-            yield _contradiction(CALIBRATION, what)
+            yield _contradiction(
+                CALIBRATION, f"{name} is calibrated for {of.width}x{of.height} pixels, not its own size"
+            )
 
 
 def _ground_truth(session: Session) -> Iterator[Problem]:
@@ -262,12 +276,16 @@ def _videos(session: Session) -> Iterator[Problem]:
         frames = session.video_frames(video)
         size = session.folder.joinpath(video.path).stat().st_size if frames else video.bytes
         if (len(frames), size) != (video.frames, video.bytes):
-            what = f"{len(frames)} frames in {size} bytes, not {video.frames} in {video.bytes}"
-            yield Problem(ProblemKind.CHANGED, video.path, what)
+            yield Problem(
+                ProblemKind.CHANGED,
+                video.path,
+                f"{len(frames)} frames in {size} bytes, not {video.frames} in {video.bytes}",
+            )
         for number, (before, after) in enumerate(pairwise(frames), 1):
             if after.offset < before.offset + before.bytes:
-                what = f"frame {number} lies within frame {number - 1}"
-                yield _contradiction(frames_path(video.path), what)
+                yield _contradiction(
+                    frames_path(video.path), f"frame {number} lies within frame {number - 1}"
+                )
 
 
 def _unexpected(session: Session) -> Iterator[Problem]:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.session.files.strangers import read_text
 from capture_app.session.importers.calibrations.opencv import read_storage
 from capture_app.session.importers.calibrations.views import Array, View, Views, numbers, rotation_of
 
@@ -31,8 +32,8 @@ def read_caliscope(path: Path) -> Views:
     Raises BadInputError, with the camera, for what is broken or not yet calibrated.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
         raise BadInputError(f"cannot read the calibration {path}: {error}") from error
     inner = content.get("cameras")
     tables = inner if isinstance(inner, dict) else content

@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import click
@@ -18,9 +19,9 @@ from reconstruction.commands.calibrate import calibrate
 from reconstruction.commands.compare import compare
 from reconstruction.commands.depth import multiview, stereo
 from reconstruction.commands.movers import movers
-from reconstruction.commands.panorama import stitch
+from reconstruction.commands.panorama import panorama
 from reconstruction.commands.time import time_command
-from reconstruction.commands.tolerance import dose
+from reconstruction.commands.tolerance import tolerance
 from reconstruction.common.native_libraries import TRACEBACK, claim_stdout, unexpected_error
 
 
@@ -49,8 +50,14 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure what synchronization does for them."""
 
 
-for command in (batch, board, calibrate, compare, dose, movers, multiview, stereo, stitch, time_command):
+for command in (
+    batch, board, calibrate, compare, movers, multiview, panorama, stereo, time_command, tolerance
+):  # fmt: skip
     app.add_command(command)
+for earlier, command in {"dose": tolerance, "stitch": panorama}.items():
+    alias = copy(command)
+    alias.hidden = True
+    app.add_command(alias, earlier)
 add_verbosity(app)
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import msgspec
@@ -98,7 +97,7 @@ APPLICATIONS = (
             command=f"{_COMPARE}/crossing --offset-ms 66",
         ),
         "crossing",
-        "stitch",
+        "panorama",
         "panorama_overlap",
         {
             "mover_misfit_px": ("what moves, misfit", "px"),
@@ -138,9 +137,19 @@ class _Picture(msgspec.Struct):
     offset: str
 
 
+class _Value(msgspec.Struct):
+    value: float
+
+
+class _Measure(msgspec.Struct):
+    name: str
+    synced: _Value | None = None
+    offset: _Value | None = None
+
+
 class _Study(msgspec.Struct):
-    synced: Mapping[str, Any]
-    offset: Mapping[str, Any]
+    name: str
+    measures: tuple[_Measure, ...] = ()
     pictures: tuple[_Picture, ...] = ()
 
 
@@ -155,10 +164,7 @@ class _Sweep(msgspec.Struct):
 
 class _Metrics(msgspec.Struct):
     session: str
-    stereo: _Study | None = None
-    stitch: _Study | None = None
-    multiview: _Study | None = None
-    poses: _Study | None = None
+    studies: tuple[_Study, ...] = ()
     burst: _Burst | None = None
     bullet_time: _Sweep | None = None
 
@@ -187,12 +193,14 @@ def _fill(showing: Showing, metrics: _Metrics, folder: Path, out: Path) -> Appli
     application = showing.application
     if showing.study == BURST:
         return _fill_burst(application, metrics, folder, out)
-    study: _Study | None = getattr(metrics, showing.study)
-    if study is None:
+    study = next((one for one in metrics.studies if one.name == showing.study), None)
+    if study is None or not study.measures:
         return application
+    found = {one.name: one for one in study.measures}
     measures = tuple(
-        Measure(label, unit, *(_number(scores.get(name), unit) for scores in (study.synced, study.offset)))
+        Measure(label, unit, _number(found[name].synced, unit), _number(found[name].offset, unit))
         for name, (label, unit) in showing.measures.items()
+        if name in found
     )
     files: list[str] = []
     for picture in study.pictures:
@@ -219,10 +227,10 @@ def _fill_burst(application: Application, metrics: _Metrics, folder: Path, out: 
     return msgspec.structs.replace(application, measures=measures, files=files)
 
 
-def _number(value: Any, unit: str) -> float | None:
-    if not isinstance(value, int | float):
+def _number(found: _Value | None, unit: str) -> float | None:
+    if found is None:
         return None
-    return 100.0 * value if unit == "%" else float(value)
+    return 100.0 * found.value if unit == "%" else found.value
 
 
 def _load(path: Path) -> Picture:

@@ -29,7 +29,8 @@ def _refuse_synced(
     help="How late the second camera of a pair is, rounded to whole frames.",
 )
 @options.pair_option("--stereo-pair", "stereo", use="depth")
-@options.pair_option("--stitch-pair", "stitch", use="the panorama")
+@options.pair_option("--panorama-pair", "panorama", use="the panorama")
+@options.pair_option("--stitch-pair", "panorama", use="the panorama", hidden=True)
 @options.max_instants_option
 @options.time_shift_option
 @click.option(

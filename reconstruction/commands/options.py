@@ -89,10 +89,11 @@ OFFSETS_HELP = (
 CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
 
 
-def pair_option(*names: str, use: str) -> Callable[..., Any]:
-    """Make an option for two cameras and what they are used for."""
+def pair_option(*names: str, use: str, hidden: bool = False) -> Callable[..., Any]:
+    """Make an option for two cameras and what they are used for; one of an earlier name is hidden."""
     return click.option(
         *names,
+        hidden=hidden,
         type=parse_pair,
         metavar="CAMERA,CAMERA",
         show_default="chosen automatically",

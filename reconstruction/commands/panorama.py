@@ -1,4 +1,4 @@
-"""`reconstruct stitch`."""
+"""`reconstruct panorama`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 @click.command(
     epilog=examples(
-        "reconstruct stitch sessions/burst-001 --out panorama",
-        "reconstruct stitch left.jpg right.jpg --out panorama",
+        "reconstruct panorama sessions/burst-001 --out panorama",
+        "reconstruct panorama left.jpg right.jpg --out panorama",
     )
 )
 @click.argument(
@@ -42,15 +42,15 @@ if TYPE_CHECKING:
 @memory_option
 @checksums_option
 @json_option
-def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) -> None:
+def panorama(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) -> None:
     """Stitch a panorama from one instant of SESSION, or from image files or a folder of them.
 
     Lists the images that were left out and why, and marks ghosting in the panorama.
     """
-    from reconstruction.panorama.command import StitchOptions
-    from reconstruction.panorama.command import stitch as run
+    from reconstruction.panorama.command import PanoramaOptions
+    from reconstruction.panorama.command import panorama as run
 
-    result = run(sources, out, StitchOptions(**options))
+    result = run(sources, out, PanoramaOptions(**options))
     if as_json:
         print_json(result)
         return

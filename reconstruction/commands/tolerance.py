@@ -1,4 +1,4 @@
-"""`reconstruct dose`."""
+"""`reconstruct tolerance`."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from reconstruction.commands.options import (
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 
 
-@click.command(epilog=examples("reconstruct dose sessions/burst-001 --out dose"))
+@click.command(epilog=examples("reconstruct tolerance sessions/burst-001 --out tolerance"))
 @session_argument
 @click.option(
     "--max-offset-ms",
@@ -39,27 +39,26 @@ from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 @memory_option
 @checksums_option
 @json_option
-def dose(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
+def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure how late one camera may be before the motion in SESSION spoils the depth."""
-    from reconstruction.compare.tolerance import DoseOptions
-    from reconstruction.compare.tolerance import dose as run
+    from reconstruction.compare.tolerance import ToleranceOptions
+    from reconstruction.compare.tolerance import measure_tolerance as run
     from reconstruction.report.findings import late_or_early
-    from reconstruction.report.tolerance_report import dose_sentence
+    from reconstruction.report.tolerance_report import tolerance_sentence
 
-    result = run(session, out, DoseOptions(**options))
+    result = run(session, out, ToleranceOptions(**options))
     if as_json:
         print_json(result)
         return
     for instant in result.timing.instants if result.timing else ():
         late = late_or_early(instant.late_ms, 2 * instant.sd_ms)
-        print_line(f"instant {instant.instant:3d}: {result.other} is {late}")
+        print_line(f"instant {instant.instant:3d}: {result.cameras[1]} is {late}")
     for point in result.points:
-        scores = point.scores
-        share = scores.mover_coverage if result.measure == "mover_coverage" else scores.mover_within_2pct
-        found = scores.intervals.get(result.measure)
-        around = f"  ({100 * found.low:.1f} to {100 * found.high:.1f})" if found else ""
-        value = "n/a" if share is None else f"{100 * share:5.1f} %"
-        print_line(f"{point.offset_ms:6.1f} ms  {value}{around}")
-    print_line(dose_sentence(result))
+        found = point.interval(result.measure, "offset")
+        value = "n/a" if found is None else f"{100 * found.value:5.1f} %"
+        ends = () if found is None or found.low is None else found.ends
+        around = f"  ({' to '.join(f'{100 * end:.1f}' for end in ends)})" if ends else ""
+        print_line(f"{point.late_ms or 0.0:6.1f} ms  {value}{around}")
+    print_line(tolerance_sentence(result))
     if out is not None:
         print_line(f"report: {out / result.report}")

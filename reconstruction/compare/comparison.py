@@ -20,7 +20,7 @@ from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.compare.panorama_study import PanoramaStudy
 from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
 from reconstruction.compare.stereo_study import StereoStudy
-from reconstruction.compare.study import Result, StudyRun
+from reconstruction.compare.study import Study
 from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.compare.tolerance import measure_curve, whole_frame_offsets
 from reconstruction.compare.triangulation_study import TriangulationStudy
@@ -28,8 +28,8 @@ from reconstruction.multiview.matcher import Matcher, choose_matcher
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
-from reconstruction.scores.comparison_results import CompareResult, ConditionResult, DoseResult
-from reconstruction.scores.timing import RigTiming, Timing, are_together, with_depth_scores
+from reconstruction.scores.comparison_results import CompareResult, ConditionResult, OffsetTolerance
+from reconstruction.scores.timing import RigTiming, Timing, are_together, with_depth
 from reconstruction.session.conditions import (
     DEFAULT_OFFSET_MS,
     Condition,
@@ -41,8 +41,8 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import fixed_offsets_ms
 from reconstruction.session.picture_checksums import picture_checks
 
-DOSE_INSTANTS = 6
-"""Instants of the dose curve within a comparison; `reconstruct dose` takes more."""
+TOLERANCE_INSTANTS = 6
+"""Instants of the tolerance curve within a comparison; `reconstruct tolerance` takes more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class CompareOptions:
 
     offset_ms: float = DEFAULT_OFFSET_MS
     stereo: tuple[str, str] | None = None
-    stitch: tuple[str, str] | None = None
+    panorama: tuple[str, str] | None = None
     max_instants: int = 16
     multiview_instants: int = 3
     """Instants of the burst for depth from all cameras; 0 = none."""
@@ -85,7 +85,11 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     with comparison_folder(out) as output:
         result = Comparison(dataset, offset, options, output.folder).run_studies(session)
         result = msgspec.structs.replace(
-            result, words=report_words(result), report="report.html", seconds=time.monotonic() - began
+            result,
+            verdict=verdict(result),
+            words=report_words(result),
+            report="report.html",
+            seconds=time.monotonic() - began,
         )
         write_report(result, output.folder)
         write_metrics(output.folder, result)
@@ -100,33 +104,33 @@ class Comparison:
         self.offset = offset
         self.options = options
         self.folder = folder
-        self.rig = Rig(dataset, folder / STAGES, offset.step)
+        self.rig = rig = Rig(dataset, folder / STAGES, offset.step)
         self.middle = offset.pairs[len(offset.pairs) // 2][0]
-        for pair in (options.stereo, options.stitch):
-            self.rig.check_pair(pair)
+        most = options.max_instants
+        for pair in (options.stereo, options.panorama):
+            rig.check_pair(pair)
         for condition in options.conditions:
             condition.check(dataset)
         self.against = Dataset.open(options.against) if options.against is not None else None
-        depth = StereoStudy(self.rig, offset, options.stereo, options.max_instants)
-        self.stereo = StudyRun(depth)
-        self.panorama = StudyRun(PanoramaStudy(self.rig, offset, options.stitch, options.max_instants))
-        self.multiview = StudyRun(
-            MultiviewStudy(
-                self.rig,
-                options.multiview_instants,
-                options.multiview_width,
-                matcher=choose_matcher(options.matcher),
-            )
+        matcher = choose_matcher(options.matcher)
+        self.stereo = StereoStudy(rig, offset, options.stereo, most)
+        self.panorama = PanoramaStudy(rig, offset, options.panorama, most)
+        self.multiview = MultiviewStudy(
+            rig, options.multiview_instants, options.multiview_width, matcher=matcher
         )
-        self.triangulation = StudyRun(TriangulationStudy(self.rig, offset, depth, options.max_instants))
-        self.poses = StudyRun(PoseStudy(self.rig, ""))
-        asked = [self.stereo.study.steps, self.panorama.study.steps, self.triangulation.study.steps]
-        asked += [self.multiview.study.steps] * (options.multiview_instants > 0)
-        asked += [self.poses.study.steps] * (options.poses is not False)
+        self.triangulation = TriangulationStudy(rig, offset, self.stereo, most)
+        self.poses = PoseStudy(rig)
+        self.studies: tuple[Study, ...] = (
+            self.multiview, self.stereo, self.triangulation, self.panorama, self.poses
+        )  # fmt: skip
+        asked: list[Study] = [self.stereo, self.triangulation, self.panorama]
+        asked += [self.multiview] if options.multiview_instants else []
+        asked += [self.poses] if options.poses is not False else []
+        steps = sum(study.steps for study in asked)
         further = len(options.conditions) + (self.against is not None)
-        self.progress = Progress(5 + sum(asked) + (len(dataset.cameras) > 2) + further + 1)
-        self.dose: DoseResult | None = None
-        self.times = TimingStudy(self.rig)
+        self.progress = Progress(5 + steps + (len(dataset.cameras) > 2) + further + 1)
+        self.tolerance: OffsetTolerance | None = None
+        self.times = TimingStudy(rig)
         self.timing: Timing | None = None
         self.rig_timing: RigTiming | None = None
 
@@ -139,21 +143,17 @@ class Comparison:
         self.progress.step("choosing cameras")
         if no_views is None:
             self._run(self.stereo)
-            self._measure_dose()
-        else:
-            self.stereo.skipped = str(no_views)
+            self._measure_tolerance()
         self._run(self.panorama)
-        if no_views is None and self.timing is None and self.panorama.result is not None:
-            first, second = self.panorama.result.cameras[:2]
-            self.timing = self._measure_timing((first, second))
-        nothing = self.stereo.result is None and self.panorama.result is None
-        if nothing and isinstance(no_views, NotAvailableError):
-            raise no_views
         if no_views is None:
+            if self.timing is None and self.panorama.result is not None:
+                self.timing = self._measure_timing(self.panorama.result.pair)
             self._measure_rig_timing()
             self._run(self.triangulation)
         else:
-            self.triangulation.skipped = str(no_views)
+            if self.panorama.result is None and isinstance(no_views, NotAvailableError):
+                raise no_views
+            self.stereo.skipped = self.triangulation.skipped = str(no_views)
         if self.options.multiview_instants:
             self._run(self.multiview)
         self._run_poses(moving)
@@ -169,34 +169,15 @@ class Comparison:
             actual_offset_ms=self.offset.actual_ms,
             time_shifts_ms=dict(self.options.time_shifts_ms),
             unsynchronized=self.dataset.unsynchronized,
-            verdict=verdict(
-                self.stereo.result,
-                self.panorama.result,
-                self.offset.actual_ms,
-                moving,
-                self.poses.result,
-                self.multiview.result,
-                self.timing,
-                self.rig_timing,
-                self.dataset.unsynchronized,
-            ),
             timing=self.timing,
             rig_timing=self.rig_timing,
             calibration=self.rig.source,
-            stereo=self.stereo.result,
-            stitch=self.panorama.result,
-            multiview=self.multiview.result,
-            triangulation=self.triangulation.result,
-            poses=self.poses.result,
-            stereo_skipped=self.stereo.skipped,
-            stitch_skipped=self.panorama.skipped,
-            multiview_skipped=self.multiview.skipped,
-            triangulation_skipped=self.triangulation.skipped,
-            poses_skipped=self.poses.skipped,
+            moving_share=moving,
+            studies=tuple(study.found for study in self.studies),
             sync_residual_us=self.dataset.worst_residual_us(),
             sync_bound_us=self.dataset.worst_hard_bound_us(),
             conditions=conditions,
-            dose=self.dose,
+            tolerance=self.tolerance,
             burst=render_burst_grid(self.dataset, self.folder),
             bullet_time=render_camera_sweep(
                 self.dataset,
@@ -210,21 +191,22 @@ class Comparison:
             versions=library_versions(),
         )
 
-    def _run(self, study: StudyRun[Result]) -> None:
-        study.run_study(self.middle, self.progress, self.folder)
+    def _run(self, study: Study) -> None:
+        study.run(self.middle, self.progress, self.folder)
 
-    def _measure_dose(self) -> None:
+    def _measure_tolerance(self) -> None:
         """The stereo pair's depth against offset, over fewer instants."""
         if self.stereo.result is None:
             return
-        pair = self.stereo.result.cameras
-        self.timing = with_depth_scores(self._measure_timing(pair), self.stereo.result.synced)
+        pair = self.stereo.result.pair
+        self.timing = with_depth(self._measure_timing(pair), self.stereo.result)
         self.progress.step("depth against offset")
         with suppress(ValueError):
-            most = min(DOSE_INSTANTS, self.options.max_instants)
+            most = min(TOLERANCE_INSTANTS, self.options.max_instants)
             steps = whole_frame_offsets(self.dataset, max(self.offset.actual_ms, DEFAULT_OFFSET_MS))
-            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True), self.timing)
-            self.timing = self.dose.timing
+            quiet = Progress(0, silent=True)
+            self.tolerance = measure_curve(self.rig, pair, steps, most, quiet, self.timing)
+            self.timing = self.tolerance.timing
 
     def _measure_timing(self, pair: tuple[str, str]) -> Timing:
         self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
@@ -246,48 +228,30 @@ class Comparison:
                 "too (--poses measures it anyway)"
             )
         elif asked is not False:
-            reason = "asked for" if asked else f"{share} of the picture moves"
-            self.poses = StudyRun(PoseStudy(self.rig, reason))
+            self.poses.reason = "asked for" if asked else f"{share} of the picture moves"
             self._run(self.poses)
 
     def _further_conditions(self) -> tuple[ConditionResult, ...]:
-        """The conditions asked for beside every study's own."""
+        """The conditions asked for, and another session, beside every study's own."""
+        made = [study for study in self.studies if study.result is not None]
         found = []
         for condition in self.options.conditions:
             self.progress.step(f"condition {condition.name}")
-            found.append(self._compare_condition(condition))
+            late_ms = fixed_offsets_ms(condition, self.dataset)
+            studies = tuple(study.compare_condition(condition) for study in made)
+            found.append(ConditionResult(name=condition.name, offsets_ms=late_ms, studies=studies))
         if self.against is not None:
             self.progress.step(f"session {self.against.name}")
-            found.append(self._compare_session(self.against))
+            rig = self._calibrated_like_ours(self.against)
+            studies = tuple(study.compare_session(rig) for study in made)
+            session = str(self.against.session.folder)
+            found.append(ConditionResult(name=self.against.name, session=session, studies=studies))
         return tuple(found)
 
-    def _compare_condition(self, condition: Condition) -> ConditionResult:
-        skipped: list[str] = []
-        return ConditionResult(
-            name=condition.name,
-            offsets_ms=fixed_offsets_ms(condition, self.dataset),
-            stereo=self.stereo.compare_condition(condition, skipped),
-            stitch=self.panorama.compare_condition(condition, skipped),
-            multiview=self.multiview.compare_condition(condition, skipped),
-            triangulation=self.triangulation.compare_condition(condition, skipped),
-            poses=self.poses.compare_condition(condition, skipped),
-            skipped=tuple(skipped),
-        )
-
-    def _compare_session(self, other: Dataset) -> ConditionResult:
-        """Another session's pictures of the same instant: by its own calibration, else by this one's."""
+    def _calibrated_like_ours(self, other: Dataset) -> Rig:
+        """Another session's cameras by its own calibration, else by this one's."""
         rig = Rig(other, self.folder / STAGES, self.offset.step)
         calibration = other.calibration() or self.rig.calibration
         if calibration is not None:
             rig.use_calibration(calibration)
-        skipped: list[str] = []
-        return ConditionResult(
-            name=other.name,
-            session=str(other.session.folder),
-            stereo=self.stereo.compare_session(rig, skipped),
-            stitch=self.panorama.compare_session(rig, skipped),
-            multiview=self.multiview.compare_session(rig, skipped),
-            triangulation=self.triangulation.compare_session(rig, skipped),
-            poses=self.poses.compare_session(rig, skipped),
-            skipped=tuple(skipped),
-        )
+        return rig

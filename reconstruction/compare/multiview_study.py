@@ -1,9 +1,4 @@
-"""The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all.
-
-The cameras that a multi-view study compares conditions with, and the depths that they see.
-
-The fused clouds of the instant that is shown, in both conditions, as files and as a page turns them.
-"""
+"""The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,7 +15,7 @@ from reconstruction.common.drawing import colour_depth, display_range, mark_move
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import write_points
-from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally, write_pictures
+from reconstruction.compare.study import Study, write_pictures
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.mesh import draw_turntables
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
@@ -28,8 +23,8 @@ from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import ChosenMatcher
 from reconstruction.multiview.undistorted_session import UndistortedSession
-from reconstruction.scores.study_result import InstantClouds, MultiviewComparison, MultiviewScores, Picture
-from reconstruction.scores.tally import Measurements
+from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
+from reconstruction.scores.tally import SIDES, Measurements, Tally
 from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
 from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
@@ -138,17 +133,10 @@ def _pivot(synced: InstantDepth, view: View, moving: Array) -> Array:
     return np.asarray(np.median(points, axis=0))
 
 
-PER_INSTANT = (
-    "mover_coverage", "static_coverage", "mover_within_2pct", "static_within_2pct", "mover_consistency",
-    "mover_points",
-)  # fmt: skip
-
-
-class MultiviewStudy:
+class MultiviewStudy(Study):
     """Depth from all cameras in any condition; what is fixed for all comes from synchronized pictures."""
 
-    subject = "depth from all cameras"
-    condition = ALL_APART
+    name = "multiview"
 
     def __init__(
         self,
@@ -163,8 +151,7 @@ class MultiviewStudy:
 
         `match` makes the depth of an instant by the matcher, as `compute_instant_depth` does.
         """
-        self.rig = rig
-        self.dataset = rig.dataset
+        super().__init__(rig)
         self.max_instants = max_instants
         self.width = width
         self.reference = reference
@@ -178,13 +165,13 @@ class MultiviewStudy:
         return 1 + 2 * min(self.max_instants, len(self.dataset.instants_ns))
 
     def for_session(self, rig: Rig) -> Self:
-        """The same middle camera of another session."""
+        """This middle camera of another session."""
         return type(self)(rig, self.max_instants, self.width, self.group.reference, self.match, self.matcher)
 
     @cached_property
     def shots(self) -> UndistortedSession:
         """The session's pictures, undistorted."""
-        return UndistortedSession(self.dataset, self.rig.motion, self.rig.views, self.width)
+        return UndistortedSession(self.dataset, self.motion, self.rig.views, self.width)
 
     def prepare(self, middle: int, progress: Progress) -> None:
         """As `Study.prepare`.
@@ -199,9 +186,7 @@ class MultiviewStudy:
         if self.reference not in ("", self.group.reference):
             raise ValueError(f"its middle camera is {self.group.reference}, not {self.reference}")
 
-    def compare(
-        self, condition: Condition, progress: Progress, folder: Path | None = None
-    ) -> MultiviewComparison:
+    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
         """A condition against the synchronized one, on the same instants, pixels and cameras.
 
         Pictures of the instant with most moving pixels found go into the folder.
@@ -224,27 +209,30 @@ class MultiviewStudy:
             [one.instant for one in instants],
             [maps["synced"] for maps in found],
         )
-        tally = ComparisonTally(MultiviewScores, PER_INSTANT)
+        tally = Tally()
         for one, maps in zip(instants, found, strict=True):
             measured = scorer.measure(one.instant, one.shown, maps)
             tally.add(measured, self._facts(one, measured["synced"]))
         pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
-        return MultiviewComparison(
-            reference=self.group.reference,
-            cameras=self.group.cameras,
-            synced=tally.synced,
-            offset=tally.offset,
-            offsets_ms=relative_offsets_ms(condition, self.dataset, self.group.reference, self.group.cameras),
-            tolerance_m=scorer.tolerance_m,
-            width_px=self.shots.views[self.group.reference].width,
+        group = self.group
+        return StudyResult(
+            name=self.name,
+            cameras=group.cameras,
+            instants=tally.instants,
+            offsets_ms=relative_offsets_ms(condition, self.dataset, group.reference, group.cameras),
+            measures=tally.measures,
             per_instant=tally.per_instant,
-            differences=tally.differences,
             pictures=pictures,
-            clouds=clouds,
-            left_out=dict(self.group.left_out),
-            matcher=self.matcher.name,
-            matcher_note=self.matcher.note,
-            cloud_skipped=scorer.cloud_skipped,
+            facts={
+                "reference": group.reference,
+                "tolerance_m": scorer.tolerance_m,
+                "width_px": self.shots.views[group.reference].width,
+                "matcher": self.matcher.name,
+                "matcher_note": self.matcher.note,
+                "clouds": clouds,
+                "left_out": dict(group.left_out),
+                "cloud_skipped": scorer.cloud_skipped,
+            },
         )
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
@@ -253,7 +241,7 @@ class MultiviewStudy:
         fullest = fullest_instants(self.dataset, condition, reference, self.group.cameras)
         by_instant = {one.instant: one.shown for one in fullest}
         found = []
-        for now in choose_moving_instants(self.rig.motion, (reference,), list(by_instant), self.max_instants):
+        for now in choose_moving_instants(self.motion, (reference,), list(by_instant), self.max_instants):
             shown = {c: k for c, k in by_instant[now].items() if usable(c, now) and usable(c, k)}
             if reference in shown and len(shown) >= MIN_CAMERAS:
                 found.append(ShownInstant(now, shown))
@@ -280,7 +268,7 @@ class MultiviewStudy:
         )
         return InstantDepth(**made)
 
-    def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float | int | None]:
+    def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float]:
         pixels = synced.shares["mover_coverage"][1]
         return {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
 

@@ -8,12 +8,12 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import SIDES, SYNCHRONIZED, ComparisonTally, Pair, PairStudy, write_pictures
+from reconstruction.compare.study import SYNCHRONIZED, Pair, PairStudy, write_pictures
 from reconstruction.panorama.composition import Layer, average_layers
 from reconstruction.panorama.overlap import Overlap, known, measure_misfit, overlap_of
 from reconstruction.panorama.stitcher import PanoramaStitcher
-from reconstruction.scores.study_result import PanoramaComparison, PanoramaScores, Picture
-from reconstruction.scores.tally import Measurements, measures_of
+from reconstruction.scores.study_result import Picture, StudyResult
+from reconstruction.scores.tally import SIDES, Measurements, Tally
 from reconstruction.session.conditions import Condition, FrameOffset
 from reconstruction.session.motion import dilate
 
@@ -38,7 +38,7 @@ TEXTS = {
 class PanoramaStudy(PairStudy):
     """A panorama of two cameras, synchronized and offset, registered once on what stands still."""
 
-    subject = "panorama"
+    name = "panorama"
 
     def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
         super().__init__(rig, offset, asked, max_instants)
@@ -71,13 +71,11 @@ class PanoramaStudy(PairStudy):
         if overlap_of(*self.stitcher.layers(images).values()) is None:
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
-    def compare(
-        self, condition: Condition, progress: Progress, folder: Path | None = None
-    ) -> PanoramaComparison:
+    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
         """As `Study.compare`; the misfit is measured in the overlap, before seams and blending."""
         first, second = self.cameras
-        pairs, offset_ms = self.instant_pairs(condition)
-        tally = ComparisonTally(PanoramaScores, measures_of(PanoramaScores))
+        pairs, offsets_ms = self.instant_pairs(condition)
+        tally = Tally()
         moving = []
         for now, later in pairs:
             progress.step(f"panorama {first}-{second}, instant {now}")
@@ -87,15 +85,15 @@ class PanoramaStudy(PairStudy):
             }
             moving.append(measured["synced"].shares["mover_found"][1])
             tally.add(measured, {"instant": now, "offset_instant": later})
-        return PanoramaComparison(
+        return StudyResult(
+            name=self.name,
             cameras=self.cameras,
-            synced=tally.synced,
-            offset=tally.offset,
-            offset_ms=offset_ms,
-            per_instant=tally.per_instant,
-            differences=tally.differences,
-            pictures=self._pictures(*pairs[int(np.argmax(moving))], folder) if folder else (),
+            instants=tally.instants,
+            offsets_ms=offsets_ms,
             reason=self.reason,
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+            pictures=self._pictures(*pairs[int(np.argmax(moving))], folder) if folder else (),
         )
 
     def _layers(self, now: int, shown: int) -> dict[str, Layer]:
@@ -146,7 +144,7 @@ class PanoramaStudy(PairStudy):
 
 
 def _misfit_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
-    """Measures of `PanoramaScores`; masks of what moves in the first, moved in either, and stands still."""
+    """A panorama's measures; masks of what moves in the first, moved in either, and stands still."""
     matched_overlap = overlap.with_brightness_matched(still)
     found, difference = measure_misfit(matched_overlap), matched_overlap.difference
     measured = Measurements(medians={"overlap_misfit_px": known(found.length)})

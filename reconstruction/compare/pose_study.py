@@ -1,7 +1,4 @@
-"""The pose study of a comparison: camera poses estimated from the pictures of single instants.
-
-Where the cameras stand, from the pictures of one instant alone by COLMAP, and how far off that is.
-"""
+"""The pose study of a comparison: where the cameras stand by single instants, and how far off that is."""
 
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,6 +8,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import numpy as np
 
 from capture_app.terminal import Progress
@@ -18,9 +16,9 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
-from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
-from reconstruction.scores.study_result import PoseComparison, PoseScores
-from reconstruction.scores.tally import Measurements, measures_of
+from reconstruction.compare.study import Study
+from reconstruction.scores.study_result import StudyResult
+from reconstruction.scores.tally import SIDES, Measurements, Tally
 from reconstruction.session.conditions import Condition, evenly_spread
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import ShownInstant, fullest_instants, relative_offsets_ms
@@ -172,23 +170,21 @@ class InstantPoses:
         )
 
 
-class PoseStudy:
+class PoseStudy(Study):
     """Camera poses of single instants, compared with the calibration."""
 
-    subject = "poses"
-    condition = ALL_APART
+    name = "poses"
     steps = 1
 
     def __init__(
         self,
         rig: Rig,
-        reason: str,
+        reason: str = "",
         max_instants: int = MAX_INSTANTS,
         finder: Callable[[Dataset, Mapping[str, View], Path], PoseFinder] = PoseFinder,
     ) -> None:
         """`reason` says why poses are estimated; `finder` estimates them."""
-        self.rig = rig
-        self.dataset = rig.dataset
+        super().__init__(rig)
         self.reason = reason
         self.max_instants = max_instants
         self.finder = finder
@@ -211,29 +207,29 @@ class PoseStudy:
         if len(self.cameras) < 3:
             raise ValueError("poses of fewer than three cameras cannot be judged: the scale is unknown")
 
-    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> PoseComparison:
+    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
         """As `Study.compare`; there are no pictures."""
         instants = self._instants(condition)
-        tally = ComparisonTally(PoseScores, measures_of(PoseScores))
+        tally = Tally()
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = cache(lambda: self.finder(self.dataset, self.rig.views, Path(scratch)))
             for one in instants:
                 sides = zip(SIDES, (one.together, one.shown), strict=True)
                 measured = {side: self._poses(finder, pictures).measure() for side, pictures in sides}
                 tally.add(measured, {"instant": one.instant})
-        synced, offset = tally.synced, tally.offset
-        return PoseComparison(
+        found = StudyResult(
+            name=self.name,
             cameras=self.cameras,
-            synced=synced,
-            offset=offset,
-            degraded=synced.correct_pairs - offset.correct_pairs > HARMED,
-            tolerance_deg=TOLERANCE_DEG,
-            truth_source=self.rig.source,
+            instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
-            per_instant=tally.per_instant,
-            differences=tally.differences,
             reason=self.reason,
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+            facts={"tolerance_deg": TOLERANCE_DEG, "truth_source": self.rig.source},
         )
+        right = found.first_known("correct_pairs")
+        harmed = right is not None and right[1] - right[2] > HARMED
+        return msgspec.structs.replace(found, facts={"degraded": harmed, **found.facts})
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """The instants at which every camera has its pictures, thinned."""

@@ -1,14 +1,10 @@
-"""The stereo study of a comparison: depth of one pair at every usable instant, in both conditions.
-
-The pictures of a pair's depth, synchronized and offset, of the instant that shows it most clearly.
-"""
+"""The stereo study of a comparison: depth of one pair at every usable instant, and pictures of one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from capture_app.terminal import Progress
@@ -24,9 +20,9 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy, write_pictures
-from reconstruction.scores.study_result import DepthScores, Picture, StereoComparison
-from reconstruction.scores.tally import Measurements, measure_depth
+from reconstruction.compare.study import Pair, PairStudy, write_pictures
+from reconstruction.scores.study_result import Picture, StudyResult
+from reconstruction.scores.tally import SIDES, Measurements, Tally, measure_depth
 from reconstruction.scores.truth import (
     TOLERANCE_TEXT,
     median_still_depth,
@@ -124,13 +120,12 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
 
 
 RANGE_INSTANTS = 8
-PER_INSTANT = ("mover_coverage", "static_coverage", "mover_within_2pct", "mover_epipolar_px")
 
 
 class StereoStudy(PairStudy):
     """Depth of a pair, synchronized and offset, with all that is fixed for both taken from synced images."""
 
-    subject = "depth"
+    name = "stereo"
 
     def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
         """As `PairStudy`."""
@@ -146,19 +141,21 @@ class StereoStudy(PairStudy):
         """
         self.use_pair(self.rig.choose_stereo_pair(self.asked, middle))
 
-    def compare(
-        self, condition: Condition, progress: Progress, folder: Path | None = None
-    ) -> StereoComparison:
+    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
         """As `Study.compare`."""
-        pairs, offset_ms = self.instant_pairs(condition)
-        result, instants = self.compare_instants(pairs, progress)
-        pictures = stereo_pictures(self.dataset, self.cameras, instants, folder) if folder else ()
-        return msgspec.structs.replace(result, offset_ms=offset_ms, pictures=pictures)
+        pairs, offsets_ms = self.instant_pairs(condition)
+        return self.compare_instants(pairs, offsets_ms, progress, folder=folder)
 
     def compare_instants(
-        self, pairs: Sequence[tuple[int, int]], progress: Progress, range_instants: Sequence[int] = ()
-    ) -> tuple[StereoComparison, list[StereoInstant]]:
-        """Compute depth and scores of both conditions; `pairs` are (instant, instant of the second camera).
+        self,
+        pairs: Sequence[tuple[int, int]],
+        offsets_ms: dict[str, float],
+        progress: Progress,
+        *,
+        range_instants: Sequence[int] = (),
+        folder: Path | None = None,
+    ) -> StudyResult:
+        """Compare depth at `pairs` of instants: the first camera's, and the second's in the other condition.
 
         The range of disparities is that of `range_instants`, or of the pairs' own.
 
@@ -183,21 +180,21 @@ class StereoStudy(PairStudy):
             shown = {"synced": now, "offset": later}
             maps.append({side: self._depth(matcher, disparities, now, k) for side, k in shown.items()})
         instants = self._instants(pairs, maps, matcher)
-        tally = ComparisonTally(DepthScores, PER_INSTANT)
+        tally = Tally()
         for one in instants:
             pixels = int(one.moving.sum())
             facts = {"instant": one.now, "offset_instant": one.later, "mover_pixels": pixels}
             tally.add({side: self._measure(one, side) for side in SIDES}, facts)
-        result = StereoComparison(
-            reference=reference,
-            other=other,
-            synced=tally.synced,
-            offset=tally.offset,
-            per_instant=tally.per_instant,
-            differences=tally.differences,
+        return StudyResult(
+            name=self.name,
+            cameras=self.cameras,
+            instants=tally.instants,
+            offsets_ms=offsets_ms,
             reason=self.reason,
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+            pictures=stereo_pictures(self.dataset, self.cameras, instants, folder) if folder else (),
         )
-        return result, instants
 
     def _make_matcher(self, cameras: Pair, disparities: tuple[float, float]) -> StereoPair:
         """The pair's matcher; its maps serve every condition."""

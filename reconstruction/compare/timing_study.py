@@ -14,9 +14,9 @@ from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
 
 MAX_INSTANTS = 32
-"""Of a pair: more than depth takes, as they cost little, and the error bar is over instants."""
+"""Instants of a pair: more than depth takes, as they cost little, and the error bar is over instants."""
 RIG_IMAGES = 240
-"""Of all cameras together: the more there are, the fewer instants of each pair."""
+"""Images of all cameras together: the more there are, the fewer instants of each pair."""
 RIG_INSTANTS = 6, 24
 
 
@@ -63,7 +63,7 @@ class TimingStudy:
         return PairOffsets(self.rig, all_moves=True)
 
     def _moving(self, cameras: Sequence[str]) -> dict[str, float]:
-        """Those that move while they record, and by how many px from frame to frame."""
+        """The cameras that move while they record, and by how many px from frame to frame."""
         for name in cameras:
             if name not in self._motions:
                 self._motions[name] = measure_camera_motion(self.dataset, name)

@@ -1,9 +1,4 @@
-"""Depth against offset: how late a camera may be.
-
-A dose curve put together from comparisons of offset pictures with those of one instant.
-
-`reconstruct dose`: depth of a pair against offset to both sides, and how much the motion tolerates.
-"""
+"""`reconstruct tolerance`: a pair's depth against offset to both sides, and how much the motion tolerates."""
 
 import tempfile
 import time
@@ -25,11 +20,11 @@ from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import comparison_folder, write_metrics
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.timing_study import TimingStudy
-from reconstruction.report.tolerance_report import write_dose_report
-from reconstruction.scores.comparison_results import DoseInstant, DosePoint, DoseResult
-from reconstruction.scores.study_result import StereoComparison
+from reconstruction.report.tolerance_report import write_tolerance_report
+from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
+from reconstruction.scores.study_result import Interval, Measure, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
-from reconstruction.scores.timing import Timing, with_curve_peak, with_depth_scores
+from reconstruction.scores.timing import Timing, with_curve_peak, with_depth
 from reconstruction.session.conditions import (
     DEFAULT_OFFSET_MS,
     FrameOffset,
@@ -46,95 +41,84 @@ LOSS = 0.1
 """The share of the synchronized value whose loss an offset may cause and still be tolerable."""
 
 
-class DoseCurve:
-    """What was found at each offset, to be put together once all are measured."""
-
-    def __init__(self) -> None:
-        self._points: list[DosePoint] = []
-        self._compared: list[StereoComparison] = []
-
-    def add(self, offset_ms: float, frames: int, scored: StereoComparison) -> None:
-        """Add the comparison of pictures so far apart with those of one instant."""
-        self._compared.append(scored)
-        self._points.append(DosePoint(offset_ms=offset_ms, offset_frames=frames, scores=scored.offset))
-
-    @property
-    def points(self) -> tuple[DosePoint, ...]:
-        """The points of the curve, from the earliest to the latest."""
-        widest = max(self._compared, key=lambda one: one.synced.instants)
-        zero = DosePoint(offset_ms=0.0, offset_frames=0, scores=widest.synced)
-        return tuple(sorted([*self._points, zero], key=lambda point: point.offset_ms))
-
-    @property
-    def measure(self) -> str:
-        """Right depth where the truth is known, else any depth."""
-        true = self._compared[0].synced.mover_within_2pct is not None
-        return "mover_within_2pct" if true else "mover_coverage"
-
-    @property
-    def instants(self) -> tuple[DoseInstant, ...]:
-        """Every instant's own curve over the points."""
-        points = self.points
-        pixels: dict[int, int] = {}
-        found: dict[int, dict[float, float | None]] = {}
-        for point, scored in zip(self._points, self._compared, strict=True):
-            for row in scored.per_instant:
-                now = int(row["instant"] or 0)
-                pixels[now] = int(row["mover_pixels"] or 0)
-                values = found.setdefault(now, {})
-                values[0.0] = row[f"synced_{self.measure}"]
-                values[point.offset_ms] = row[f"offset_{self.measure}"]
-        return tuple(
-            _instant(now, pixels[now], points, [found[now].get(point.offset_ms) for point in points])
-            for now in sorted(found)
-        )
+def curve_measure(points: Sequence[StudyResult]) -> str:
+    """What the curve shows: right depth where the truth is known, else any depth."""
+    true = any(point.value("mover_within_2pct") is not None for point in points)
+    return "mover_within_2pct" if true else "mover_coverage"
 
 
-def _instant(
-    instant: int, pixels: int, points: Sequence[DosePoint], values: list[float | None]
-) -> DoseInstant:
-    known = {point.offset_ms: v for point, v in zip(points, values, strict=True) if v is not None}
+def with_zero(compared: Sequence[StudyResult]) -> tuple[StudyResult, ...]:
+    """The points of the curve from the earliest to the latest; at zero stands the widest's synchronized."""
+    widest = max(compared, key=lambda one: one.instants)
+    measures = tuple(
+        Measure(name=one.name, synced=one.synced, offset=one.synced) for one in widest.measures if one.synced
+    )
+    zero = msgspec.structs.replace(
+        widest,
+        offsets_ms=dict.fromkeys(widest.cameras, 0.0),
+        measures=measures,
+        per_instant=(),
+        facts={"offset_frames": 0},
+    )
+    return tuple(sorted([*compared, zero], key=lambda point: point.late_ms or 0.0))
+
+
+def instant_curves(points: Sequence[StudyResult], measure: str) -> tuple[InstantTolerance, ...]:
+    """Every instant's own curve over the points."""
+    pixels: dict[int, int] = {}
+    found: dict[int, dict[float, float | None]] = {}
+    for point in points:
+        for row in point.per_instant:
+            now = int(row["instant"] or 0)
+            pixels[now] = int(row["mover_pixels"] or 0)
+            values = found.setdefault(now, {})
+            values[0.0] = row.get(f"synced_{measure}")
+            values[point.late_ms or 0.0] = row.get(f"offset_{measure}")
+    offsets_ms = [point.late_ms or 0.0 for point in points]
+    return tuple(
+        _instant(now, pixels[now], [(ms, found[now].get(ms)) for ms in offsets_ms]) for now in sorted(found)
+    )
+
+
+def _instant(instant: int, pixels: int, curve: list[tuple[float, float | None]]) -> InstantTolerance:
+    known = {ms: value for ms, value in curve if value is not None}
     best = max(known, key=lambda ms: known[ms], default=None)
     peak = None
     if best is not None and len(known) > 1 and pixels >= MIN_COUNT:
         others = float(np.median([value for ms, value in known.items() if ms != best]))
         peak = best if known[best] - others >= CLEAR_PEAK else None
-    return DoseInstant(instant=instant, mover_pixels=pixels, values=tuple(values), peak_ms=peak)
+    values = tuple(value for _, value in curve)
+    return InstantTolerance(instant=instant, mover_pixels=pixels, values=values, peak_ms=peak)
 
 
-def is_decreasing(points: Sequence[DosePoint], measure: str) -> bool:
+def is_decreasing(points: Sequence[StudyResult], measure: str) -> bool:
     """Whether, to either side of zero, no point's interval lies wholly above that of the one before it."""
-    known = [
-        [one for point in side if (one := point.scores.interval_of(measure)) is not None]
-        for side in _sides(points)
-    ]
-    pairs = [pair for side in known for pair in pairwise(side)]
-    return bool(pairs) and all(after.low <= before.high for before, after in pairs)
+    pairs = [pair for side in _sides(points, measure) for pair in pairwise(side)]
+    return bool(pairs) and all(after.ends[0] <= before.ends[1] for (_, before), (_, after) in pairs)
 
 
 def tolerable_offset_ms(
-    points: Sequence[DosePoint], measure: str, speed_px_per_ms: float | None
+    points: Sequence[StudyResult], measure: str, speed_px_per_ms: float | None
 ) -> float | None:
     """The offset at which a tenth is lost or half of what moves has moved by a pixel; None = neither."""
     limits = []
-    for side in _sides(points):
-        known = [
-            (abs(p.offset_ms), one.value) for p in side if (one := p.scores.interval_of(measure)) is not None
-        ]
-        least = (1 - LOSS) * known[0][1] if known else 0.0
-        for (before, high), (after, low) in pairwise(known):
-            if low < least <= high:
-                limits.append(before + (after - before) * (high - least) / (high - low))
+    for side in _sides(points, measure):
+        least = (1 - LOSS) * side[0][1].value if side else 0.0
+        for (before, high), (after, low) in pairwise(side):
+            if low.value < least <= high.value:
+                share = (high.value - least) / (high.value - low.value)
+                limits.append(before + (after - before) * share)
                 break
     if speed_px_per_ms:
         limits.append(1 / speed_px_per_ms)
     return min(limits) if limits else None
 
 
-def _sides(points: Sequence[DosePoint]) -> tuple[list[DosePoint], list[DosePoint]]:
-    """The points from zero to the earliest, and from zero to the latest."""
-    early = [point for point in points if point.offset_ms <= 0]
-    return early[::-1], [point for point in points if point.offset_ms >= 0]
+def _sides(points: Sequence[StudyResult], measure: str) -> list[list[tuple[float, Interval]]]:
+    """What is known from zero to the earliest point, and to the latest, by the size of the offset."""
+    known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
+    early = [(-ms, one) for ms, one in reversed(known) if ms <= 0]
+    return [early, [(ms, one) for ms, one in known if ms >= 0]]
 
 
 MAX_STEPS = 4
@@ -142,8 +126,8 @@ MAX_STEPS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoseOptions:
-    """Options of a dose curve; the pair is names of cameras, None = chosen from the images."""
+class ToleranceOptions:
+    """Options of a tolerance curve; the pair is names of cameras, None = chosen from the images."""
 
     max_offset_ms: float = DEFAULT_OFFSET_MS
     stereo: tuple[str, str] | None = None
@@ -152,7 +136,7 @@ class DoseOptions:
     """What is added to the times of the cameras it names."""
 
 
-def dose(session: Path, out: Path | None, options: DoseOptions) -> DoseResult:
+def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions) -> OffsetTolerance:
     """Measure a pair's depth against offset; write curve, numbers and report to `out` where it is given.
 
     Raises:
@@ -160,16 +144,16 @@ def dose(session: Path, out: Path | None, options: DoseOptions) -> DoseResult:
     """
     if out is None:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            return _dose(session, Path(scratch) / "stages", options)
+            return _measure(session, Path(scratch) / "stages", options)
     with comparison_folder(out) as output:
-        result = _dose(session, output.folder / "stages", options)
+        result = _measure(session, output.folder / "stages", options)
         result = msgspec.structs.replace(result, report="report.html")
-        write_dose_report(result, output.folder)
+        write_tolerance_report(result, output.folder)
         write_metrics(output.folder, result)
     return result
 
 
-def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
+def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTolerance:
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
     adopt_kept_calibration(dataset)
@@ -233,7 +217,7 @@ def measure_curve(
     max_instants: int,
     progress: Progress,
     timing: Timing,
-) -> DoseResult:
+) -> OffsetTolerance:
     """Measure the curve of a pair at these offsets, every point on the same moving pixels.
 
     And on the same instants, where the burst has enough that reach all offsets.
@@ -251,30 +235,31 @@ def measure_curve(
     progress.total += (len(nows) + 1) * len(steps)
     study = StereoStudy(rig, None, cameras, max_instants)
     study.prepare(nows[0], progress)
-    curve = DoseCurve()
+    compared = []
     for step, later in zip(steps, partners, strict=True):
         pairs = [(now, later[now]) for now in nows if now in later]
         if pairs:
-            curve.add(step.actual_ms, step.frames, study.compare_instants(pairs, progress, nows)[0])
-    points = curve.points
-    peaks = [one.peak_ms for one in curve.instants if one.peak_ms is not None]
+            offsets_ms = {cameras[0]: 0.0, cameras[1]: step.actual_ms}
+            one = study.compare_instants(pairs, offsets_ms, progress, range_instants=nows)
+            compared.append(msgspec.structs.replace(one, facts={"offset_frames": step.frames}))
+    points, measure = with_zero(compared), curve_measure(compared)
+    instants = instant_curves(points, measure)
+    peaks = [one.peak_ms for one in instants if one.peak_ms is not None]
     peak_ms = float(np.median(peaks)) if peaks else None
-    spacing_ms = min(abs(step.actual_ms) for step in steps)
-    judged = with_curve_peak(timing, peak_ms, len(peaks), spacing_ms)
-    judged = with_depth_scores(judged, next(point.scores for point in points if point.offset_frames == 0))
+    judged = with_curve_peak(timing, peak_ms, len(peaks), min(abs(step.actual_ms) for step in steps))
+    judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(rig, cameras[0], nows)
     own = rig.dataset.worst_residual_us()
-    tolerable = tolerable_offset_ms(points, curve.measure, speed)
-    return DoseResult(
-        reference=cameras[0],
-        other=cameras[1],
-        measure=curve.measure,
+    tolerable = tolerable_offset_ms(points, measure, speed)
+    return OffsetTolerance(
+        cameras=cameras,
+        measure=measure,
         points=points,
         instants=len(nows),
-        decreasing=is_decreasing(points, curve.measure),
+        decreasing=is_decreasing(points, measure),
         timing=judged,
         peak_ms=peak_ms,
-        per_instant=curve.instants,
+        per_instant=instants,
         tolerable_offset_ms=tolerable if judged.synchronized else None,
         speed_px_per_ms=speed,
         sync_residual_us=own,

@@ -1,7 +1,4 @@
-"""The study of single points that COLMAP finds and triangulates under the rig's poses, in any condition.
-
-Points in space by COLMAP: its features and matches, triangulated under the rig's known poses.
-"""
+"""The study of single points that COLMAP finds, matches and triangulates under the rig's known poses."""
 
 import tempfile
 from collections.abc import Mapping
@@ -17,9 +14,9 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
-from reconstruction.compare.study import ALL_APART, SIDES, SYNCHRONIZED, ComparisonTally, PairStudy
-from reconstruction.scores.study_result import TriangulationComparison, TriangulationScores
-from reconstruction.scores.tally import Measurements, measures_of
+from reconstruction.compare.study import ALL_APART, PairStudy, Study
+from reconstruction.scores.study_result import StudyResult
+from reconstruction.scores.tally import SIDES, Measurements, Tally
 from reconstruction.scores.truth import right_depth
 from reconstruction.session.conditions import Condition, FrameOffset
 from reconstruction.session.dataset import Dataset
@@ -35,8 +32,8 @@ MAX_SIDE_PX = 1280
 """Larger pictures are made smaller for finding features."""
 MAX_FEATURES = 2048
 MAX_ERROR_PX = 2.0
-"""Of a match and of a point, in the picture that features are found in. COLMAP's own 4 px are for poses still
-to be found, and let points through that have moved."""
+"""The error of a match and of a point, in the picture that features are found in. COLMAP's own 4 px are for
+poses still to be found, and let points through that have moved."""
 MIN_ANGLE_DEG = 0.5
 """Rays that meet at less than this place no point; COLMAP's own 1.5 is too much for cameras side by side."""
 NO_LIMIT = 1e9
@@ -67,7 +64,7 @@ class _Features:
     positions: Array
     descriptors: Any
     scale: float
-    """Of the picture that they were found in."""
+    """How much smaller the picture was that they were found in."""
 
 
 class RigTriangulator:
@@ -217,16 +214,16 @@ CONTROL_MARGIN_PX = 4
 
 @dataclass(frozen=True, eq=False)
 class _Masks:
-    """Of a camera in a condition: what moves in the picture it shows, and what moves or changes in either."""
+    """What moves in the picture that a camera shows in a condition, and what moves or changes in either."""
 
     moving: Array
     hidden: Array
 
 
-class TriangulationStudy:
+class TriangulationStudy(Study):
     """COLMAP's points on what moves and on what stands still, from the same cameras in both conditions."""
 
-    subject = "points by COLMAP"
+    name = "triangulation"
 
     def __init__(
         self,
@@ -237,13 +234,11 @@ class TriangulationStudy:
         cameras: tuple[str, ...] = (),
     ) -> None:
         """`depth`: cameras are chosen around its pair, where it has found one; `cameras` have been chosen."""
-        self.rig = rig
-        self.dataset = rig.dataset
+        super().__init__(rig)
         self.offset = offset
         self.depth = depth
         self.max_instants = max_instants
         self.cameras = cameras
-        self.condition = SYNCHRONIZED
 
     @property
     def steps(self) -> int:
@@ -251,7 +246,7 @@ class TriangulationStudy:
         return 1 + min(self.max_instants, INSTANT_LIMITS[1], len(self.dataset.instants_ns))
 
     def for_session(self, rig: Rig) -> Self:
-        """The same cameras of another session."""
+        """These cameras of another session."""
         return type(self)(rig, None, self.depth, self.max_instants, self.cameras)
 
     def prepare(self, middle: int, progress: Progress) -> None:
@@ -266,20 +261,17 @@ class TriangulationStudy:
             return
         late = tuple((camera, self.offset.actual_ms) for camera in self.cameras[1::2])
         second_late = Condition(f"{self.offset.asked_ms:g}ms", named_ms=late)
-        self.condition = ALL_APART
         if len(self.cameras) == 2 or not self._holds(ALL_APART):
             self.condition = second_late
 
-    def compare(
-        self, condition: Condition, progress: Progress, folder: object = None
-    ) -> TriangulationComparison:
+    def compare(self, condition: Condition, progress: Progress, folder: object = None) -> StudyResult:
         """As `Study.compare`; there are no pictures.
 
         Raises:
             ValueError: the burst does not hold this condition, or COLMAP finds no point when synchronized.
         """
         instants = self._instants(condition)
-        tally = ComparisonTally(TriangulationScores, measures_of(TriangulationScores))
+        tally = Tally()
         found = 0
         for one in instants:
             progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
@@ -291,14 +283,14 @@ class TriangulationStudy:
             tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
-        return TriangulationComparison(
+        return StudyResult(
+            name=self.name,
             cameras=self.cameras,
-            synced=tally.synced,
-            offset=tally.offset,
+            instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
+            measures=tally.measures,
             per_instant=tally.per_instant,
-            differences=tally.differences,
-            left_out=tuple(c for c in self.rig.views if c not in self.cameras),
+            facts={"left_out": [c for c in self.rig.views if c not in self.cameras]},
         )
 
     def _choose_cameras(self) -> tuple[str, ...]:
@@ -330,14 +322,12 @@ class TriangulationStudy:
         return True
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
-        """Of the instants at which most cameras have all their pictures, those at which something moves."""
+        """The instants at which most cameras have all their pictures and something moves."""
         fullest = fullest_instants(self.dataset, condition, self.cameras[0], self.cameras, fewest=2)
         wanted = int(np.clip(MAX_PICTURES // (2 * len(fullest[0].shown) - 1), *INSTANT_LIMITS))
         first = list(fullest[0].shown)[:2]
         by_instant = {one.instant: one for one in fullest if one.shown.keys() >= set(first)}
-        chosen = choose_moving_instants(
-            self.rig.motion, first, list(by_instant), min(self.max_instants, wanted)
-        )
+        chosen = choose_moving_instants(self.motion, first, list(by_instant), min(self.max_instants, wanted))
         return [by_instant[instant] for instant in chosen]
 
     @cached_property
@@ -357,7 +347,7 @@ class TriangulationStudy:
         return RigPoints(**made)
 
     def _masks(self, pictures: Mapping[str, int], sides: Mapping[str, Mapping[str, int]]) -> list[_Masks]:
-        motion, masks = self.rig.motion, []
+        motion, masks = self.motion, []
         for camera, instant in pictures.items():
             changing = [motion.changing(camera, shown[camera]) for shown in sides.values()]
             hidden = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)

@@ -1,4 +1,4 @@
-"""The command `stitch` and the one engine of panoramas, that of comparisons too.
+"""The command `panorama` and the one engine of panoramas, that of comparisons too.
 
 Imports `pairs`, `scores`, `session` and `common`.
 """

@@ -1,4 +1,4 @@
-"""`reconstruct stitch`: the panorama of a session's instant, or of a folder of pictures."""
+"""`reconstruct panorama`: the panorama of a session's instant, or of a folder of pictures."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ KEPT_BYTES_PER_PIXEL = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class StitchOptions:
+class PanoramaOptions:
     """`instant` of a session; `offset_ms`: also compose it with every second camera so much later."""
 
     instant: int = 0
@@ -54,7 +54,7 @@ class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything `reconstruct stitch` found."""
+    """Everything `reconstruct panorama` found."""
 
     source: str
     used: tuple[str, ...]
@@ -84,7 +84,7 @@ class ConditionInput:
 
 
 @dataclass(frozen=True)
-class StitchInput:
+class PanoramaInput:
     """What is composed: pictures of one instant, the same with every second camera late, and known views."""
 
     synced: ConditionInput
@@ -98,7 +98,7 @@ class StitchInput:
     """Where the views are from."""
 
 
-def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> PanoramaResult:
+def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> PanoramaResult:
     """Make a panorama of a session, of a folder of pictures or of pictures; write it to `out`.
 
     Raises:
@@ -131,7 +131,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
     return result
 
 
-def _register(given: StitchInput) -> PanoramaStitcher:
+def _register(given: PanoramaInput) -> PanoramaStitcher:
     try:
         return PanoramaStitcher(given.synced.images, given.synced.movers, given.views)
     except ValueError as error:
@@ -140,7 +140,7 @@ def _register(given: StitchInput) -> PanoramaStitcher:
 
 
 def _save_panorama(
-    stitcher: PanoramaStitcher, given: StitchInput, shown: ConditionInput, condition: str, folder: Path
+    stitcher: PanoramaStitcher, given: PanoramaInput, shown: ConditionInput, condition: str, folder: Path
 ) -> ConditionPanorama:
     layers = stitcher.layers(shown.images)
     movers = {name: stitcher.layer_mask(name, shown.movers[name]) for name in layers if name in shown.movers}
@@ -157,7 +157,7 @@ def _save_panorama(
     )
 
 
-def _load_input(sources: Sequence[Path], options: StitchOptions) -> StitchInput:
+def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaInput:
     """Read the pictures; a session is a single source.
 
     Raises:
@@ -180,10 +180,10 @@ def _load_input(sources: Sequence[Path], options: StitchOptions) -> StitchInput:
     images: dict[str, Array] = {}
     for path in paths:
         images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)
-    return StitchInput(ConditionInput(images, {}), {})
+    return PanoramaInput(ConditionInput(images, {}), {})
 
 
-def _session_input(folder: Path, options: StitchOptions) -> StitchInput:
+def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
     instant = options.instant
     dataset = Dataset.open(folder, options.time_shifts_ms)
     dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=KEPT_BYTES_PER_PIXEL)
@@ -195,11 +195,11 @@ def _session_input(folder: Path, options: StitchOptions) -> StitchInput:
     source = calibration.source_words if calibration is not None and views else ""
     if len(dataset.instants_ns) < 2:
         images = {name: dataset.image(name, instant) for name in cameras}
-        return StitchInput(ConditionInput(images, {}), views, absent=absent, calibration=source)
+        return PanoramaInput(ConditionInput(images, {}), views, absent=absent, calibration=source)
     motion = SceneMotion(dataset, 1)
     synced = _condition(dataset, motion, dict.fromkeys(cameras, instant))
     if options.offset_ms is None:
-        return StitchInput(synced, views, absent=absent, calibration=source)
+        return PanoramaInput(synced, views, absent=absent, calibration=source)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     later = dict(offset.pairs).get(instant)
     late = cameras[1::2]
@@ -210,7 +210,7 @@ def _session_input(folder: Path, options: StitchOptions) -> StitchInput:
         )
     shown = dict.fromkeys(cameras, instant) | dict.fromkeys(late, later)
     offset_input = _condition(dataset, motion, shown)
-    return StitchInput(synced, views, offset_input, tuple(late), offset.actual_ms, absent, source)
+    return PanoramaInput(synced, views, offset_input, tuple(late), offset.actual_ms, absent, source)
 
 
 def _condition(dataset: Dataset, motion: SceneMotion, shown: Mapping[str, int]) -> ConditionInput:

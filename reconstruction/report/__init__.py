@@ -1,4 +1,4 @@
-"""The reports of `compare` and `dose`: one HTML page each, made from templates, and its words.
+"""The reports of `compare` and `tolerance`: one HTML page each, made from templates, and its words.
 
 Renders `scores`; computes nothing.
 """

@@ -1,11 +1,12 @@
-"""The drawings of a report as coordinates in px of their view box; the templates make SVG of them."""
+"""The drawings of a report as coordinates in px of their view box; a template makes SVG of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.scores.comparison_results import DoseResult
-from reconstruction.scores.study_result import PoseComparison
+from reconstruction.report.findings import Sides
+from reconstruction.scores.comparison_results import OffsetTolerance
+from reconstruction.scores.study_result import StudyResult
 
 
 @dataclass(frozen=True)
@@ -33,113 +34,80 @@ class Axes:
         return (self.left + self.width - self.right) / 2
 
 
-DOSE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "delay of one camera, ms")
+TOLERANCE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "delay of one camera, ms")
 POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
 
 
 @dataclass(frozen=True)
-class CurvePoint:
-    """A value and the ends of its interval."""
+class Chart:
+    """Curves or bars over ticks, with what they show in words."""
 
-    x: float
-    y: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A line with its band of intervals; the control is dashed."""
-
-    points: Sequence[CurvePoint]
-    control: bool
-
-
-@dataclass(frozen=True)
-class DoseChart:
-    """Shares found against offset; `mark` is the session's synchronization error, if it is on the drawing."""
-
+    axes: Axes
     label: str
     ticks: Sequence[tuple[float, str]]
-    curves: Sequence[Curve]
-    mark: tuple[float, str] | None
-    axes: Axes = DOSE_AXES
+    curves: Sequence[tuple[str, Sequence[tuple[float, float, float, float]]]] = ()
+    """Each kind, `mover` or `static`, and its points: x, y, and y of the ends of the interval."""
+    bars: Sequence[tuple[str, float, float, float]] = ()
+    """Each condition, x, y and height."""
+    bar_width: float = 0.0
+    mark: tuple[float, str] | None = None
+    """Where on the horizontal axis something is marked, and what."""
 
 
-def dose_chart(dose: DoseResult) -> DoseChart:
-    """The share of what moves that is found, against offset; what stands still beside it, as control."""
-    first, last = dose.points[0].offset_ms, dose.points[-1].offset_ms
-    reach = last - first or 1.0
+def tolerance_chart(tolerance: OffsetTolerance) -> Chart:
+    """The share of what moves that is found, against offset; what stands still beside it, as control.
 
-    def x(offset_ms: float) -> float:
-        axes = DOSE_AXES
-        return round(
-            axes.left + 10 + (axes.width - axes.left - axes.right - 26) * (offset_ms - first) / reach, 1
-        )
-
+    The session's own synchronization error is marked if it lies on the drawing.
+    """
+    axes, points = TOLERANCE_AXES, tolerance.points
+    offsets_ms = [point.late_ms or 0.0 for point in points]
+    first, last = offsets_ms[0], offsets_ms[-1]
+    scale = (axes.width - axes.left - axes.right - 26) / (last - first or 1.0)
+    places = [round(axes.left + 10 + scale * (ms - first), 1) for ms in offsets_ms]
     curves = []
-    for control, name in ((True, dose.measure.replace("mover_", "static_")), (False, dose.measure)):
-        points = []
-        for point in dose.points:
-            if (one := point.scores.interval_of(name)) is not None:
-                points.append(
-                    CurvePoint(x(point.offset_ms), *map(DOSE_AXES.y, (one.value, one.low, one.high)))
-                )
-        curves.append(Curve(points, control))
-    what = "right within 2 %" if dose.measure.endswith("within_2pct") else "with a distance"
+    for kind in ("static", "mover"):
+        name = tolerance.measure.replace("mover", kind)
+        drawn = [
+            (x, axes.y(one.value), axes.y(one.ends[0]), axes.y(one.ends[1]))
+            for x, point in zip(places, points, strict=True)
+            if (one := point.interval(name, "offset")) is not None
+        ]
+        curves += [(kind, drawn)] if drawn else []
+    what = "right within 2 %" if tolerance.measure.endswith("within_2pct") else "with a distance"
     words = "; ".join(
-        f"{wording.milliseconds(round(point.offset_ms, 1))}: "
-        f"{wording.share(getattr(point.scores, dose.measure), decimals=0)}"
-        for point in dose.points
+        f"{wording.milliseconds(round(ms, 1))}: "
+        f"{wording.share(point.value(tolerance.measure, 'offset'), decimals=0)}"
+        for ms, point in zip(offsets_ms, points, strict=True)
     )
-    own_us = dose.sync_residual_us
-    return DoseChart(
-        label=f"Share of moving surface {what} by delay: {words}",
-        ticks=[(x(point.offset_ms), f"{point.offset_ms:.0f}") for point in dose.points],
-        curves=[curve for curve in curves if curve.points],
-        mark=None
-        if own_us is None or own_us / 1000 > last
-        else (x(own_us / 1000), wording.microseconds(own_us)),
+    own_us, mark = tolerance.sync_residual_us, None
+    if own_us is not None and own_us / 1000 <= last:
+        place = round(axes.left + 10 + scale * (own_us / 1000 - first), 1)
+        mark = place, wording.microseconds(own_us)
+    return Chart(
+        axes,
+        f"Share of moving surface {what} by delay: {words}",
+        [(x, f"{ms:.0f}") for x, ms in zip(places, offsets_ms, strict=True)],
+        curves=curves,
+        mark=mark,
     )
 
 
-@dataclass(frozen=True)
-class Bar:
-    """A bar of one condition: its left edge, its top and its height."""
-
-    tone: str
-    x: float
-    y: float
-    height: float
-
-
-@dataclass(frozen=True)
-class PoseChart:
-    """Two bars for each instant: the share of camera pairs that were placed correctly."""
-
-    label: str
-    ticks: Sequence[tuple[float, str]]
-    bars: Sequence[Bar]
-    width: float
-    """Of a bar."""
-    axes: Axes = POSE_AXES
-
-
-def pose_chart(result: PoseComparison, sides: wording.Sides) -> PoseChart:
-    """The chart of the camera pairs that were placed correctly; no bars where there is no instant."""
+def pose_chart(poses: StudyResult, sides: Sides) -> Chart:
+    """Two bars for each instant: the share of camera pairs that were placed correctly; none of no instant."""
     axes = POSE_AXES
-    step = (axes.width - axes.left - axes.right) / max(1, len(result.per_instant))
+    step = (axes.width - axes.left - axes.right) / max(1, len(poses.per_instant))
     width = round(min(28.0, step * 0.36), 1)
     ticks, bars, told = [], [], []
-    for place, row in enumerate(result.per_instant):
+    for place, row in enumerate(poses.per_instant):
         middle = axes.left + step * (place + 0.5)
         words = []
         for tone, name, left in (("synced", sides.first, -1.0), ("offset", sides.late, 0.0)):
-            share = float(row.get(f"{tone}_correct_pairs") or 0.0)
+            share = row.get(f"{tone}_correct_pairs") or 0.0
             # A share of 0 still gets a visible bar.
             top = min(axes.y(share), axes.y(0) - 2)
-            bars.append(Bar(tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
+            bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
             words.append(f"{name.lower()} {wording.share(share, decimals=0)}")
         ticks.append((round(middle, 1), f"{row['instant']}"))
         told.append(f"instant {row['instant']}: {', '.join(words)}")
-    return PoseChart(f"Share of camera pairs placed correctly; {'; '.join(told)}", ticks, bars, width)
+    label = f"Share of camera pairs placed correctly; {'; '.join(told)}"
+    return Chart(axes, label, ticks, bars=bars, bar_width=width)

@@ -11,7 +11,7 @@ from reconstruction.common.outputs import read_points
 from reconstruction.scores.study_result import InstantClouds
 
 MAX_POINTS = 26_000
-"""Of each side, drawn at random: the page stays under three megabytes."""
+"""Points of each side, drawn at random: the page stays under three megabytes."""
 CROP = 0.5
 """Percentiles left out at either end of each axis: single points far away would shrink all others."""
 STEPS = 32_767

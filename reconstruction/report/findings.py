@@ -1,21 +1,26 @@
-"""What a comparison found, in sentences.
+"""What a comparison found, in words: the only place where figures become sentences."""
 
-What was measured of a pair's timing, in words.
-
-What a comparison found, in a few sentences for somebody who has never heard of synchronization.
-"""
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from capture_app.text import count
-from reconstruction.scores.study_result import (
-    DepthScores,
-    MultiviewComparison,
-    PanoramaComparison,
-    PanoramaScores,
-    PoseComparison,
-    StereoComparison,
-)
-from reconstruction.scores.timing import RigTiming, Timing, are_together
+from reconstruction.report import wording
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.study_result import StudyResult
+from reconstruction.scores.timing import RigTiming, Timing, are_apart, are_together, found_shares
 
+UNSYNCHRONIZED = "unsynchronized"
+EACH_DELAYED = "each camera off by a different delay"
+"""The condition of the studies of all cameras, in a word and in words."""
+DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
+"""What depth is judged by: correct distances where the truth is known, else any distance."""
+PANORAMA_MEASURES = ("mover_misfit_px", "mover_found")
+"""What a panorama is judged by: how far off what moves is, else how much of it is found again at all."""
+CLEAR_SHARE = 0.15
+"""A loss of this share of the moving pixels is reported as clear."""
+CLEAR_RATIO = 1.5
+FALLEN_CONTROL = 0.1
+"""A loss of this share of what stands still has another reason than timing."""
 MOST_NAMED = 4
 """Cameras that are named in a sentence."""
 
@@ -132,189 +137,339 @@ def _what_to_do(timing: Timing) -> str:
     return "No other pairing of their pictures is nearer; it takes cameras that fire together."
 
 
-DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
-"""What depth is judged by: correct distances where the truth is known, else any distance."""
-PANORAMA_MEASURES = ("mover_misfit_px", "mover_found")
-"""What a panorama is judged by: how far off what moves is, else how much of it is found again at all."""
-CLEAR_SHARE = 0.15
-"""A loss of this share of the moving pixels is reported as clear."""
-CLEAR_RATIO = 1.5
+@dataclass(frozen=True)
+class Sides:
+    """What the two sides of a comparison are called."""
+
+    first: str
+    short: str
+    """The first side where there is little room."""
+    when: str
+    """The first side at the end of a sentence."""
+    late: str
+    late_short: str
+    """The second side at the head of a column."""
+    apart: bool = False
+    """Whether the pictures of the first side were found not to be of one instant."""
+
+    @property
+    def late_head(self) -> str:
+        """The second side at the beginning of a line."""
+        return self.late[0].upper() + self.late[1:]
+
+    @property
+    def heads(self) -> tuple[tuple[str, str], tuple[str, str]]:
+        """Each condition (`synced`, `offset`) and the head of its column."""
+        return ("synced", self.short), ("offset", self.late_short)
 
 
-def verdict(
-    stereo: StereoComparison | None,
-    stitch: PanoramaComparison | None,
-    offset_ms: float,
-    moving_share: float,
-    poses: PoseComparison | None = None,
-    multiview: MultiviewComparison | None = None,
-    timing: Timing | None = None,
-    rig: RigTiming | None = None,
-    unsynchronized: str = "",
-) -> str:
-    """A few sentences; `moving_share` is the share of pixels that move, 0..1.
+def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
+    """The names for what is shown of these cameras; without any, of the pair whose timing was measured.
 
-    Pictures are said to be of one instant only where `timing` (of the pair) and `rig` found them so.
-    `unsynchronized`: what is known of the times of a recording without common ones.
+    Only pictures that were found to be of one instant are called synchronized. Of more than two cameras,
+    each has a delay of its own.
     """
-    unknown = f"This recording is {unsynchronized}." if unsynchronized else ""
-    moved = motion_sentence(timing) if timing is not None else ""
-    found = _what_was_found(stereo, stitch, offset_ms, moving_share, poses, multiview, timing, rig)
-    others = rig_sentence(rig, timing) if rig is not None else ""
-    return " ".join(text for text in (unknown, moved, found, others) if text)
+    pair, rig = result.timing, result.rig_timing
+    asked = cameras or (() if pair is None else pair.cameras)
+    late = UNSYNCHRONIZED if len(asked) > 2 else wording.lateness(result.actual_offset_ms)
+    late_short = "Unsynced" if len(asked) > 2 else late[0].upper() + late[1:]
+    if asked and are_together(asked, pair, rig):
+        many = "all" if len(asked) > 2 else "both"
+        return Sides(
+            "Synchronized", "Synced", f"when {many} pictures show the same instant", late, late_short
+        )
+    when = "in the pictures as they were recorded"
+    return Sides("As recorded", "Recorded", when, late, late_short, apart=are_apart(asked, pair, rig))
 
 
-def _what_was_found(
-    stereo: StereoComparison | None,
-    stitch: PanoramaComparison | None,
-    offset_ms: float,
-    moving_share: float,
-    poses: PoseComparison | None,
-    multiview: MultiviewComparison | None,
-    timing: Timing | None,
-    rig: RigTiming | None,
-) -> str:
-    late = f"{offset_ms:.0f} ms late"
+def describe_delays(study: StudyResult) -> str:
+    """How late each camera is, in a sentence; without numbers, drawn at random; empty of a pair."""
+    if len(study.cameras) == 2:
+        return ""
+    if not study.offsets_ms:
+        return f"Unsynchronized: {EACH_DELAYED} of up to 66 ms, drawn at random for each instant."
+    reference = study.facts.get("reference", study.cameras[0])
+    return f"Unsynchronized, relative to {reference}: {wording.delays(study.offsets_ms)}."
 
-    def together(*cameras: str) -> bool:
-        return are_together(cameras, timing, rig)
 
+def verdict(result: CompareResult) -> str:
+    """A few sentences for somebody who has never heard of synchronization.
+
+    Pictures are said to be of one instant only where their timing was found to be so.
+    """
+    timing, rig = result.timing, result.rig_timing
+    told = (
+        f"This recording is {result.unsynchronized}." if result.unsynchronized else "",
+        motion_sentence(timing) if timing is not None else "",
+        _what_was_found(result),
+        rig_sentence(rig, timing) if rig is not None else "",
+    )
+    return " ".join(text for text in told if text)
+
+
+def _what_was_found(result: CompareResult) -> str:
+    late, timing = f"{result.actual_offset_ms:.0f} ms late", result.timing
+    stereo, multiview = result.study("stereo"), result.study("multiview")
     if stereo is not None and timing is not None and timing.offset:
         return f"{timing_sentences(timing)} {_as_recorded(stereo)}".strip()
-    depth = None
-    if stereo is not None:
-        moved = timing is not None and bool(timing.moving_cameras)
-        depth = _stereo_sentence(stereo, late, together(*stereo.cameras), moved)
-    elif multiview is not None:
-        depth = _multiview_sentence(multiview, together(*multiview.cameras))
-    panorama = _panorama_sentence(stitch, late, together(*stitch.cameras)) if stitch is not None else None
-    places = _pose_sentence(poses, together(*poses.cameras)) if poses is not None else None
-    clear = [text for text in (depth, panorama, places) if text is not None]
-    if clear:
-        return " ".join([*clear, *([timing_sentences(timing)] if timing is not None else [])])
-    if moving_share < 0.0005:
-        return (
-            "Almost nothing moves in this burst, so synchronization makes no difference that can be seen. "
-            "Take a burst of something that moves."
-        )
-    if stereo is None and stitch is None and multiview is None:
-        return "Neither depth nor a panorama could be made from these cameras, so nothing can be compared."
+    clear = [
+        _stereo_sentence(result, stereo, late) if stereo else _multiview_sentence(result, multiview),
+        _panorama_sentence(result, late),
+        _pose_sentence(result),
+    ]
+    told = [text for text in clear if text]
+    if not told:
+        if result.moving_share < 0.0005:
+            return (
+                "Almost nothing moves in this burst, so synchronization makes no difference that can be "
+                "seen. Take a burst of something that moves."
+            )
+        if not stereo and not multiview and not result.study("panorama"):
+            return (
+                "Neither depth nor a panorama could be made from these cameras, so nothing can be compared."
+            )
+        told = [_no_difference(timing, late)]
+    return " ".join([*told, *([timing_sentences(timing)] if timing is not None else [])])
+
+
+def _no_difference(timing: Timing | None, late: str) -> str:
     if timing is not None and timing.synchronized:
         return (
             f"No clear difference was found between pictures of the same instant and pictures taken {late}: "
-            f"what moves here is too slow or too small for this delay. {timing_sentences(timing)}"
+            "what moves here is too slow or too small for this delay."
         )
     return (
         f"No clear difference was found between the pictures as recorded and pictures taken {late}. "
         "What moves here is too slow or too small for this delay, or the recordings were not synchronized "
         "to begin with."
-    ) + (f" {timing_sentences(timing)}" if timing is not None else "")
+    )
 
 
-def _as_recorded(result: StereoComparison) -> str:
+def _together(result: CompareResult, study: StudyResult) -> bool:
+    return are_together(study.cameras, result.timing, result.rig_timing)
+
+
+def _as_recorded(stereo: StudyResult) -> str:
     """What is found of what moves and of what stands still in the pictures as they were recorded."""
-    moving, still = result.synced.found_shares
+    moving, still = found_shares(stereo)
     if moving is None or still is None:
         return ""
-    what = "the right distance is" if result.synced.mover_within_2pct is not None else "a distance is"
+    what = "a distance is" if stereo.value("mover_within_2pct") is None else "the right distance is"
     return (
         f"In the pictures as they were recorded, {what} found for {_percent(moving)} of what moves and for "
         f"{_percent(still)} of what stands still."
     )
 
 
-def first_known(
-    synced: DepthScores | PanoramaScores, offset: DepthScores | PanoramaScores, *measures: str
-) -> tuple[str, float, float] | None:
-    """The first of these measures that both scores have, and its values; None if there is none."""
-    for measure in measures:
-        before, after = getattr(synced, measure), getattr(offset, measure)
-        if before is not None and after is not None:
-            return measure, before, after
-    return None
-
-
-FALLEN_CONTROL = 0.1
-"""A loss of this share of what stands still has another reason than timing."""
-
-
-def _stereo_sentence(result: StereoComparison, late: str, together: bool, moved: bool) -> str | None:
-    """As `_depth_sentence`, with what stands still: a control, unless the cameras `moved`."""
+def _stereo_sentence(result: CompareResult, stereo: StudyResult, late: str) -> str:
+    """As `_depth_sentence`, with what stands still: a control, unless the cameras moved."""
+    together = _together(result, stereo)
     recorded = "both pictures show the same instant" if together else "the pictures are paired as recorded"
-    first = _depth_sentence(result, recorded, f"one picture {late}", "both pictures agree on")
-    still, other = result.synced.static_coverage, result.offset.static_coverage
-    if first is None or still is None or other is None:
+    first = _depth_sentence(stereo, recorded, f"one picture {late}", "both pictures agree on")
+    still = stereo.first_known("static_coverage")
+    if not first or still is None:
         return first
-    if still - other > FALLEN_CONTROL:
+    moved = result.timing is not None and bool(result.timing.moving_cameras)
+    lost = still[1] - still[2]
+    if lost > FALLEN_CONTROL:
         return (
-            f"{first} What stands still is found less often too ({_percent(still)} and {_percent(other)}): "
-            f"timing is not all that differs.{'' if moved else ' Did the cameras move, or the light change?'}"
+            f"{first} What stands still is found less often too ({_percent(still[1])} and "
+            f"{_percent(still[2])}): timing is not all that differs."
+            f"{'' if moved else ' Did the cameras move, or the light change?'}"
         )
-    if moved or abs(still - other) > 0.02:
+    if moved or abs(lost) > 0.02:
         return first
     return (
         f"{first} What stands still is found equally well both times, so timing alone makes the difference."
     )
 
 
-def _multiview_sentence(result: MultiviewComparison, together: bool) -> str | None:
-    cameras = f"all {len(result.cameras)} cameras"
-    when = (
-        f"{cameras} show the same instant"
-        if together
-        else f"the pictures of {cameras} are paired as recorded"
-    )
-    return _depth_sentence(result, when, "each camera off by a different delay", "several cameras agree on")
+def _multiview_sentence(result: CompareResult, multiview: StudyResult | None) -> str:
+    if multiview is None:
+        return ""
+    cameras, when = f"all {len(multiview.cameras)} cameras", "the pictures of {} are paired as recorded"
+    if _together(result, multiview):
+        when = "{} show the same instant"
+    return _depth_sentence(multiview, when.format(cameras), EACH_DELAYED, "several cameras agree on")
 
 
-def _depth_sentence(
-    result: StereoComparison | MultiviewComparison, when: str, late: str, agreed: str
-) -> str | None:
-    """How much of what moves is found in both conditions; None where that is not clearly less when late."""
-    known = first_known(result.synced, result.offset, *DEPTH_MEASURES)
+def _depth_sentence(depth: StudyResult, when: str, late: str, agreed: str) -> str:
+    """How much of what moves is found in both conditions; empty where that is not clearly less when late."""
+    known = depth.first_known(*DEPTH_MEASURES)
     if known is None or known[1] - known[2] < CLEAR_SHARE:
-        return None
+        return ""
     measure, synced, offset = known
     correct = measure == DEPTH_MEASURES[0]
     what = "the right distance is found" if correct else f"a distance is found that {agreed}"
     return f"When {when}, {what} for {_percent(synced)} of what moves; with {late}, for {_percent(offset)}."
 
 
-def _panorama_sentence(result: PanoramaComparison, late: str, together: bool) -> str | None:
-    when = "at the same instant" if together else "as recorded"
-    misfit = first_known(result.synced, result.offset, PANORAMA_MEASURES[0])
+def _panorama_sentence(result: CompareResult, late: str) -> str:
+    panorama = result.study("panorama")
+    if panorama is None:
+        return ""
+    when = "at the same instant" if _together(result, panorama) else "as recorded"
+    misfit = panorama.first_known(PANORAMA_MEASURES[0])
     if misfit is not None and misfit[2] >= max(CLEAR_RATIO * misfit[1], misfit[1] + 1.0):
         return (
             f"In the panorama, what moves fits together to within {misfit[1]:.1f} pixels {when}, "
             f"and is off by {misfit[2]:.0f} with one picture {late}."
         )
-    found = first_known(result.synced, result.offset, PANORAMA_MEASURES[1])
+    found = panorama.first_known(PANORAMA_MEASURES[1])
     if found is None or found[1] - found[2] < CLEAR_SHARE:
-        return None
+        return ""
     return (
         f"Where the pictures of the panorama overlap, {_percent(found[1])} of what moves is in both {when}, "
         f"and {_percent(found[2])} with one picture {late}."
     )
 
 
-def _pose_sentence(result: PoseComparison, together: bool) -> str | None:
-    """None where delays do not harm the poses, since what stands still places the cameras both times."""
-    before, after = result.synced, result.offset
-    if not result.degraded or before.rotation_deg is None:
-        return None
-    if after.rotation_deg is None:
+def _pose_sentence(result: CompareResult) -> str:
+    """Empty where delays do not harm the poses, since what stands still places the cameras both times."""
+    poses = result.study("poses")
+    before = poses.value("rotation_deg") if poses is not None and poses.facts["degraded"] else None
+    if poses is None or before is None:
+        return ""
+    after = poses.value("rotation_deg", "offset")
+    if after is None:
         wrong = "no camera can be placed"
+    elif before > 0.5 * after:
+        right = poses.value("correct_pairs", "offset") or 0.0
+        wrong = f"only {_percent(right)} of the pairs are placed correctly"
     else:
-        wrong = f"these angles are wrong by {after.rotation_deg:.0f} degrees"
-        if before.rotation_deg > 0.5 * after.rotation_deg:
-            wrong = f"only {_percent(after.correct_pairs)} of the pairs are placed correctly"
-    pictures = "pictures of one instant" if together else "the pictures as recorded"
+        wrong = f"these angles are wrong by {after:.0f} degrees"
+    pictures = "pictures of one instant" if _together(result, poses) else "the pictures as recorded"
     return (
         f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
-        f"the angles between them to {before.rotation_deg:.1g} degrees; with each camera off by a different "
-        f"delay, {wrong}."
+        f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."
     )
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.01 or share == 0 else "under 1 %"
+
+
+def describe_control(result: CompareResult) -> str:
+    """Whether timing alone can explain the difference: by the control, what stands still."""
+    stereo = result.study("stereo")
+    if stereo is None:
+        return ""
+    if result.timing is not None and result.timing.moving_cameras:
+        return "The cameras moved while they recorded, so nothing in the pictures is a control."
+    still = stereo.first_known("static_within_2pct", "static_coverage")
+    if still is None:
+        return ""
+    values = f"({wording.share(still[1])} and {wording.share(still[2])})"
+    if abs(still[1] - still[2]) >= 0.02:
+        return (
+            f"Things at rest are the control, and here they differ too {values}: not all of the difference "
+            "comes from timing."
+        )
+    equal = f"Things at rest are the control: they are measured equally well in both {values}"
+    moving = stereo.first_known(*DEPTH_MEASURES)
+    if moving is None or moving[1] - moving[2] < CLEAR_SHARE:
+        return f"{equal}."
+    return f"{equal}, so the difference on moving things comes from timing alone."
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One condition's number: in words, as a share 0..1 to draw, of what, and in which pictures."""
+
+    tone: str
+    value: str
+    share: float
+    what: str
+    when: str
+
+
+def claims(result: CompareResult) -> tuple[Sequence[Claim], str]:
+    """Both numbers and a note on them; none where nothing was measured."""
+    stereo, panorama = result.study("stereo"), result.study("panorama")
+    shown = stereo if stereo is not None and stereo.first_known(*DEPTH_MEASURES) else panorama
+    known = None if shown is None else shown.first_known(*DEPTH_MEASURES, *PANORAMA_MEASURES)
+    if shown is None or known is None:
+        return (), ""
+    measure, *values = known
+    what = {
+        "mover_within_2pct": "of the moving surface measured correctly",
+        "mover_coverage": "of the moving surface given a distance",
+        "mover_misfit_px": "of misfit of moving things where the pictures of the panorama overlap",
+        "mover_found": "of moving things in both pictures where these overlap in the panorama",
+    }[measure]
+    note, shares = "", values
+    words = [wording.share(value, decimals=0) for value in values]
+    if measure == "mover_coverage":
+        note = "The true distances are not known here, so this counts pixels where both pictures agree."
+    elif measure == "mover_misfit_px":
+        shares = [value / max(1e-9, *values) for value in values]
+        words = [wording.quantity(value, "px") for value in values]
+    sides = name_sides(result, shown.cameras)
+    whens = (sides.when, f"when one picture is {sides.late}")
+    both = zip(("synced", "offset"), words, shares, whens, strict=True)
+    return [Claim(tone, value, share, what, when) for tone, value, share, when in both], note
+
+
+@dataclass(frozen=True)
+class Exactness:
+    """This take's error beside the lateness that its motion bears, each with what it rests on."""
+
+    error: str
+    error_source: str
+    bears: str
+    bears_source: str
+    conclusion: str
+
+
+def describe_exactness(result: CompareResult) -> Exactness:
+    """What is known of the take's error and of its motion; what is not known is said."""
+    rig = result.rig_timing.cameras if result.rig_timing is not None else ()
+    offset = [one for one in (result.timing, *rig) if one is not None and one.offset]
+    furthest = max(offset, key=lambda one: abs(one.late_ms or 0.0), default=None)
+    shown = furthest or result.timing
+    error, source, measured = wording.NOT_AVAILABLE, "neither recorded nor measured", ""
+    if result.unsynchronized:
+        source = result.unsynchronized.partition(":")[0]
+    if shown is not None and shown.late_ms is not None and shown.uncertainty_ms is not None:
+        error = measured = late_or_early(shown.late_ms, shown.uncertainty_ms)
+        source = f"{shown.other} against {shown.reference}, by what moves"
+    if result.sync_residual_us is not None and furthest is None:
+        error, source = f"≤ {wording.microseconds(result.sync_residual_us)}", "by the session's own record"
+        source += f"; {measured} by what moves" if measured else ""
+    together = furthest is None and result.timing is not None and result.timing.synchronized
+    return Exactness(error, source, *_what_the_motion_bears(result, together=together))
+
+
+def _what_the_motion_bears(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
+    """The delay, what it rests on, and how the take's own error compares with it."""
+    tolerance, error_us = result.tolerance, result.sync_residual_us
+    if not together:
+        unmeasured = "whether the pictures are of one instant was not measured"
+        why = unmeasured if result.timing is None else "the pictures were not found to be of one instant"
+        return wording.NOT_AVAILABLE, why, ""
+    if tolerance is None:
+        return wording.NOT_AVAILABLE, "depth against delay was not measured", ""
+    if tolerance.tolerable_offset_ms is None:
+        most = max(abs(point.late_ms or 0.0) for point in tolerance.points)
+        least = f"> {wording.milliseconds(round(most))}"
+        return least, "less than a tenth of the depth is lost by then", ""
+    bears_us = 1000 * tolerance.tolerable_offset_ms
+    conclusion = ""
+    if error_us is not None:
+        ratio = bears_us / max(error_us, 1e-3)
+        conclusion = f"{wording.times(ratio)} more exact than this motion needs."
+        if ratio < 1:
+            conclusion = "This take is not exact enough for this motion."
+    why = "then a tenth of the depth is lost, or half of what moves is off by a pixel"
+    return wording.microseconds(bears_us), why, conclusion
+
+
+def describe_synchronization(result: CompareResult) -> str:
+    """How far images are from their instants, by the session's record."""
+    parts = []
+    if result.sync_residual_us is not None:
+        parts.append(f"every picture within {wording.microseconds(result.sync_residual_us)} of its instant")
+    if result.sync_bound_us is not None:
+        parts.append(f"the clocks agree to {wording.microseconds(result.sync_bound_us)} in the worst case")
+    recorded = "; ".join(parts) or "not known: the session has no record of its clocks"
+    return result.unsynchronized or recorded

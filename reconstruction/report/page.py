@@ -1,7 +1,4 @@
-"""Render a page from the templates: one HTML file with its style, script and pictures inside.
-
-Pictures inside a page: as `data:` addresses, in a form that keeps the page small enough to be sent.
-"""
+"""Render a page from the templates: one HTML file with style, script and pictures inside, small to send."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -108,7 +105,7 @@ def _environment(package: str) -> Environment:
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 QUALITY = 74
-"""Of photographs, as WebP."""
+"""The quality of photographs, as WebP."""
 LOSSLESS = 101
 """OpenCV's word for a WebP without loss: flat colours and hard edges stay as they are."""
 MAX_PANEL_PX = 1024

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 from capture_app.text import count
 from reconstruction.report import wording
+from reconstruction.report.findings import UNSYNCHRONIZED, Sides, describe_synchronization, name_sides
+from reconstruction.report.measures import STUDIES
 from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Picture
+from reconstruction.scores.study_result import Picture, StudyResult
 
-ShownPicture = tuple[Picture, wording.Sides]
+ShownPicture = tuple[Picture, Sides]
 """A picture, and what its two sides are called."""
 
 
@@ -32,30 +34,16 @@ class Files:
 def provenance_entries(result: CompareResult) -> list[Entry]:
     """What decides the numbers, and the software."""
     entries = [Entry("Session", result.session, path=True)]
-    if stereo := result.stereo:
-        entries.append(Entry("Depth", _pair(stereo.cameras, stereo.synced.instants, stereo.reason)))
-    if stitch := result.stitch:
-        entries.append(Entry("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.reason)))
-    if many := result.multiview:
-        width = f", pictures {many.width_px} px wide" if many.width_px else ""
-        instants = count(many.synced.instants, "instant")
-        by = ", matched by COLMAP's PatchMatch" if many.matcher == "patchmatch" else ""
-        entries.append(Entry("All cameras", f"{', '.join(many.cameras)}, {instants}{width}{by}"))
-    elif result.multiview_skipped:
-        entries.append(Entry("All cameras", f"not measured: {result.multiview_skipped}"))
-    if result.poses_skipped:
-        entries.append(Entry("Poses by instant", f"not measured: {result.poses_skipped}"))
+    entries += [Entry(STUDIES[one.name].term, _describe(one)) for one in result.studies]
     asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
     if result.time_shifts_ms:
         shifts = (f"{name} {ms:+g}{wording.GAP}ms" for name, ms in result.time_shifts_ms.items())
         entries.append(Entry("Times corrected", ", ".join(shifts)))
     frames = count(result.offset_frames, "frame")
-    recorded = wording.synchronization(result.sync_residual_us, result.sync_bound_us)
-    sync = result.unsynchronized or recorded
     entries += [
         Entry("Offset", f"{asked} asked for; {actual} given, which is {frames}"),
         Entry("Calibration", result.calibration),
-        Entry("Synchronization", sync),
+        Entry("Synchronization", describe_synchronization(result)),
         Entry("Time taken", wording.seconds(result.seconds)),
     ]
     if result.versions:
@@ -64,9 +52,16 @@ def provenance_entries(result: CompareResult) -> list[Entry]:
     return entries
 
 
-def _pair(cameras: Sequence[str], instants: int, reason: str) -> str:
-    words = f"cameras {' and '.join(cameras)}, {count(instants, 'instant')}"
-    return f"{words} (selection: {reason})" if reason else words
+def _describe(study: StudyResult) -> str:
+    if study.skipped:
+        return f"not measured: {study.skipped}"
+    names = f"cameras {' and '.join(study.cameras)}" if len(study.cameras) == 2 else ", ".join(study.cameras)
+    words = f"{names}, {count(study.instants, 'instant')}"
+    if width := study.facts.get("width_px"):
+        words += f", pictures {width} px wide"
+    if study.facts.get("matcher") == "patchmatch":
+        words += ", matched by COLMAP's PatchMatch"
+    return f"{words} (selection: {study.reason})" if study.reason else words
 
 
 def pair_pictures(result: CompareResult) -> list[ShownPicture]:
@@ -75,9 +70,9 @@ def pair_pictures(result: CompareResult) -> list[ShownPicture]:
     Those with a slider come first, they show the difference at once.
     """
     found = []
-    for study in (result.stereo, result.stitch):
+    for study in (result.study("stereo"), result.study("panorama")):
         if study is not None:
-            sides = wording.name_sides(result, study.cameras)
+            sides = name_sides(result, study.cameras)
             found += [(picture, sides) for picture in study.pictures]
     return sorted(found, key=lambda one: one[0].panels > 1)
 
@@ -89,15 +84,13 @@ def files_beside(result: CompareResult) -> list[Files]:
         Files(f"{one.title}: {sides.first.lower()}, offset", [one.synced, one.offset])
         for one, sides in pair_pictures(result)
     ]
-    if many := result.multiview:
-        found += [
-            Files(f"{one.title}: {wording.UNSYNCHRONIZED}", [one.synced, one.offset]) for one in many.pictures
-        ]
-        if many.clouds:
-            found.append(Files("the cloud of one instant in both", [many.clouds.synced, many.clouds.offset]))
+    if many := result.study("multiview"):
+        found += [Files(f"{one.title}: {UNSYNCHRONIZED}", [one.synced, one.offset]) for one in many.pictures]
+        if clouds := many.facts.get("clouds"):
+            found.append(Files("the cloud of one instant in both", [clouds.synced, clouds.offset]))
     if sweep := result.bullet_time:
         found.append(Files("from camera to camera, to share", [sweep.file]))
-        found.append(Files("the same, picture by picture", [*sweep.synced, *sweep.offset]))
+        found.append(Files("from camera to camera, picture by picture", [*sweep.synced, *sweep.offset]))
     if burst := result.burst:
         found.append(Files("the burst", [path for row in burst.thumbnails for path in row if path]))
     found.append(Files("intermediate results, reused by the next run; may be deleted", ["stages/"]))

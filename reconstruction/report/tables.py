@@ -1,47 +1,50 @@
-"""Tables of a page as data: both conditions side by side, all conditions, every instant by itself.
+"""Tables of a page as data: both conditions side by side, all conditions, every instant, every camera."""
 
-How late each camera of a rig is, as a table of a page.
-"""
-
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 from reconstruction.report import wording
-from reconstruction.report.findings import rig_judgement, rig_lateness
-from reconstruction.report.measures import COVERAGE, EPIPOLAR, POINTS, STILL_COVERAGE, WITHIN, Measure, pixels
+from reconstruction.report.findings import (
+    EACH_DELAYED,
+    UNSYNCHRONIZED,
+    Sides,
+    name_sides,
+    rig_judgement,
+    rig_lateness,
+)
+from reconstruction.report.measures import (
+    COVERAGE,
+    EPIPOLAR,
+    POINTS,
+    STILL_COVERAGE,
+    STUDIES,
+    WITHIN,
+    describe_facts,
+)
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
-from reconstruction.scores.study_result import DepthScores, PanoramaScores, PoseScores, TriangulationScores
+from reconstruction.scores.study_result import Interval, StudyResult
+from reconstruction.scores.tally import SIDES
 from reconstruction.scores.timing import RigTiming
 
-Scores = DepthScores | PanoramaScores | PoseScores | TriangulationScores
-Show = Callable[[float | None], str]
-"""Writes a value with its unit."""
-
-PLAIN = (("", ""),)
 WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
-"""Prefixes of a measure's fields, and the group of columns that shows them."""
-PAIR = ("stereo", "stitch")
-ALL_CAMERAS = ("multiview", "poses")
-POINTS_STUDY = ("triangulation",)
-"""Of the pair's condition where there are two cameras, else of all cameras'."""
-CONDITION_COLUMNS: tuple[tuple[str, str, str, Show], ...] = (
-    ("stereo", "mover_within_2pct", WITHIN, wording.share),
-    ("stereo", "mover_coverage", COVERAGE, wording.share),
-    ("stereo", "static_coverage", STILL_COVERAGE, wording.share),
-    ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}", wording.share),
-    ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}", wording.share),
-    ("stitch", "mover_misfit_px", "Panorama: misfit of moving things", pixels),
-    ("triangulation", "mover_points", "Points by COLMAP", wording.number),
-    ("poses", "correct_pairs", "Camera pairs placed correctly", wording.share),
+"""Prefixes of a measure's name, and the group of columns that shows them."""
+CONDITION_COLUMNS = (
+    ("stereo", "mover_within_2pct", WITHIN),
+    ("stereo", "mover_coverage", COVERAGE),
+    ("stereo", "static_coverage", STILL_COVERAGE),
+    ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
+    ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}"),
+    ("panorama", "mover_misfit_px", "Panorama: misfit of moving things"),
+    ("triangulation", "mover_points", "Points by COLMAP"),
+    ("poses", "correct_pairs", "Camera pairs placed correctly"),
 )
-"""The study that takes the measure, its field, its name and how it is written."""
-INSTANT_COLUMNS: tuple[tuple[str, str, Show], ...] = (
-    ("mover_within_2pct", WITHIN, wording.share),
-    ("mover_coverage", COVERAGE, wording.share),
-    ("mover_epipolar_px", EPIPOLAR, pixels),
-    ("mover_points", POINTS, wording.number),
+"""The study, its measure and what that is called beside other studies'."""
+INSTANT_COLUMNS = (
+    ("mover_within_2pct", WITHIN),
+    ("mover_coverage", COVERAGE),
+    ("mover_epipolar_px", EPIPOLAR),
+    ("mover_points", POINTS),
 )
 
 
@@ -102,151 +105,133 @@ class Table:
         return found if any(group for group, _ in found) else []
 
 
-def score_cell(scores: Scores | None, key: str, show: Show = wording.share, *, control: bool = False) -> Cell:
-    """A measure of some scores with its 95 % interval over the instants."""
-    value = None if scores is None else score_of(scores, key)
-    found = None if scores is None else scores.intervals.get(key)
-    is_share = show is wording.share
-    ends = [] if found is None else [found.low, found.high]
-    known = is_share and value is not None and not math.isnan(value)
+def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -> Cell:
+    """A measure with its 95 % interval over the instants; a share also gets a bar."""
+    if found is None:
+        return Cell(wording.NOT_AVAILABLE, control=control)
+    is_share = unit == wording.SHARE
+    ends = () if found.low is None else found.ends
     return Cell(
-        show(value),
-        share=min(max(value, 0.0), 1.0) if known and value is not None else None,
+        wording.measured(found.value, unit),
+        share=min(max(found.value, 0.0), 1.0) if is_share else None,
         interval=" to ".join(f"{100 * end:.1f}" if is_share else wording.quantity(end) for end in ends),
         control=control,
     )
 
 
-def score_of(scores: Scores, key: str) -> float | None:
-    """A measure by the name of its field."""
-    value: float | None = getattr(scores, key)
-    return value
-
-
-def twin_table(
-    caption: str,
-    measures: Sequence[Measure],
-    synced: Scores,
-    offset: Scores,
-    sides: wording.Sides,
-    kinds: Sequence[tuple[str, str]] = PLAIN,
-) -> Table:
+def study_table(study: StudyResult, sides: Sides) -> Table:
     """Both conditions side by side, in each group of columns; measures without values are left out."""
-    heads = ((sides.short, "synced"), (sides.late_short or sides.late_head, "offset"))
+    text, facts = STUDIES[study.name], describe_facts(study)
+    groups = WITH_CONTROL if text.control else (("", ""),)
     rows = []
-    for measure in measures:
-        keys = [prefix + measure.key for prefix, _ in kinds]
-        if all(score_of(scores, key) is None for key in keys for scores in (synced, offset)):
-            continue
-        cells = [
-            score_cell(scores, key, measure.show, control=key.startswith("static_"))
-            for key in keys
-            for scores in (synced, offset)
+    for measure in text.measures:
+        found = [
+            (prefix == "static_", study.interval(prefix + measure.key, side))
+            for prefix, _ in groups
+            for side in SIDES
         ]
-        rows.append(Row(measure.name, cells, details=measure.text))
-    columns = [Column(name, group, tone) for _, group in kinds for name, tone in heads]
-    return Table(caption, columns, rows, kind="twin")
+        if any(one for _, one in found):
+            cells = [interval_cell(one, measure.unit, control=control) for control, one in found]
+            rows.append(Row(measure.name, cells, details=measure.text.format(**facts)))
+    columns = [Column(head, group, tone) for _, group in groups for tone, head in sides.heads]
+    return Table(text.caption.format(**facts), columns, rows, kind="twin")
 
 
 @dataclass(frozen=True)
 class _Condition:
-    """A condition: its name, details in words, and its scores by study."""
+    """A condition: its name, details in words, its studies and the side of them that it is."""
 
     name: str
     details: str
-    scores: Mapping[str, Scores]
+    studies: Sequence[StudyResult]
+    side: str
+
+    def interval(self, study: str, measure: str) -> Interval | None:
+        """A measure of one of its studies."""
+        found = (one.interval(measure, self.side) for one in self.studies if one.name == study)
+        return next(found, None)
 
 
 def conditions_table(result: CompareResult) -> Table:
     """All conditions by a few measures; no rows where there are no further ones."""
-    sides = wording.name_sides(result, _cameras(result))
-    every = PAIR + ALL_CAMERAS + POINTS_STUDY
-    points = result.triangulation
-    with_all = points is not None and len(points.cameras) > 2
-    pair = PAIR if with_all else PAIR + POINTS_STUDY
-    everybody = ALL_CAMERAS + POINTS_STUDY if with_all else ALL_CAMERAS
+    made = [one for one in result.studies if not one.skipped]
+    pairs, everybody = ([one for one in made if (len(one.cameras) > 2) is many] for many in (False, True))
+    cameras = tuple(dict.fromkeys(name for one in made for name in one.cameras))
+    late = wording.lateness(result.actual_offset_ms)
     listed = [
-        _Condition(sides.first.lower(), "", _scores(result, every, "synced")),
-        _Condition(sides.late, "one camera of a pair", _scores(result, pair, "offset")),
+        _Condition(name_sides(result, cameras).first.lower(), "", made, "synced"),
+        _Condition(late, "one camera of a pair", pairs, "offset"),
     ]
-    if any(getattr(result, study) for study in everybody) and not any(map(_drawn, result.conditions)):
-        scores = _scores(result, everybody, "offset")
-        listed.append(_Condition(wording.UNSYNCHRONIZED, wording.EACH_DELAYED, scores))
+    if everybody and not any(map(_is_drawn, result.conditions)):
+        listed.append(_Condition(UNSYNCHRONIZED, EACH_DELAYED, everybody, "offset"))
     for one in result.conditions:
-        name = wording.UNSYNCHRONIZED if _drawn(one) else f"session {one.name}" if one.session else one.name
-        listed.append(_Condition(name, _details(one), _scores(one, every, "offset")))
+        name = UNSYNCHRONIZED if _is_drawn(one) else f"session {one.name}" if one.session else one.name
+        listed.append(_Condition(name, _details(one), one.studies, "offset"))
     columns = [
-        (study, key, name, show)
-        for study, key, name, show in CONDITION_COLUMNS
-        if any(study in one.scores and score_of(one.scores[study], key) is not None for one in listed)
+        (study, measure, name)
+        for study, measure, name in CONDITION_COLUMNS
+        if any(one.interval(study, measure) for one in listed)
     ]
     rows = [
         Row(
             one.name,
-            [score_cell(one.scores.get(study), key, show) for study, key, _, show in columns],
+            [
+                interval_cell(one.interval(study, measure), STUDIES[study].unit(measure))
+                for study, measure, _ in columns
+            ],
             details=one.details,
         )
         for one in listed
     ]
     return Table(
         "All conditions, moving things",
-        [Column(name) for _, _, name, _ in columns],
+        [Column(name) for _, _, name in columns],
         rows if result.conditions and columns else (),
         first="Condition",
     )
 
 
-def _cameras(result: CompareResult) -> tuple[str, ...]:
-    """The cameras of all studies."""
-    studies = (result.stereo, result.stitch, result.multiview, result.triangulation, result.poses)
-    return tuple(dict.fromkeys(name for one in studies if one is not None for name in one.cameras))
-
-
-def _scores(found: CompareResult | ConditionResult, studies: Sequence[str], side: str) -> dict[str, Scores]:
-    """One side's scores by study, of those that were made."""
-    made = {study: getattr(found, study) for study in studies}
-    return {study: getattr(one, side) for study, one in made.items() if one is not None}
-
-
-def _drawn(one: ConditionResult) -> bool:
+def _is_drawn(one: ConditionResult) -> bool:
     """Whether it is the studies of all cameras' own condition."""
     return not one.offsets_ms and not one.session
 
 
 def _details(one: ConditionResult) -> str:
-    late = {"depth": one.stereo, "panorama": one.stitch}
     parts = [
-        f"{what}: {wording.lateness(found.offset_ms)}"
-        for what, found in late.items()
-        if found is not None and found.offset_ms is not None
+        f"{study.subject}: {wording.lateness(study.late_ms)}"
+        for study in one.studies
+        if study.name in ("stereo", "panorama") and not study.skipped and study.late_ms is not None
     ]
     if one.session:
         parts.append("another recording, not paired by instant")
     elif one.offsets_ms:
         parts.insert(0, wording.delays(one.offsets_ms))
     else:
-        parts.append(f"{wording.EACH_DELAYED}, drawn at random for each instant")
-    return "; ".join([*parts, *one.skipped])
+        parts.append(f"{EACH_DELAYED}, drawn at random for each instant")
+    parts += [f"{study.subject}: {study.skipped}" for study in one.studies if study.skipped]
+    return "; ".join(parts)
 
 
-def instants_table(
-    caption: str, per_instant: Sequence[Mapping[str, float | None]], sides: wording.Sides
-) -> Table:
+def instants_table(caption: str, study: StudyResult, sides: Sides) -> Table:
     """Every instant's numbers on moving things in both conditions; no rows where there are none."""
-    tones = (("synced", sides.short), ("offset", sides.late_short or sides.late_head))
+    text, per_instant = STUDIES[study.name], study.per_instant
     columns = [
-        column
-        for column in INSTANT_COLUMNS
-        if any(row.get(f"synced_{column[0]}") is not None for row in per_instant)
+        (measure, name)
+        for measure, name in INSTANT_COLUMNS
+        if any(row.get(f"synced_{measure}") is not None for row in per_instant)
     ]
     counted = any(row.get("mover_pixels") is not None for row in per_instant)
     rows = []
     for row in per_instant if columns else ():
         cells = [Cell(wording.number(row.get("mover_pixels")))] if counted else []
-        cells += [Cell(show(row.get(f"{tone}_{key}"))) for key, _, show in columns for tone, _ in tones]
+        cells += [
+            Cell(wording.measured(row.get(f"{side}_{measure}"), text.unit(measure)))
+            for measure, _ in columns
+            for side in SIDES
+        ]
         rows.append(Row(f"{row['instant']}", cells))
     heads = [Column("Moving pixels")] if counted else []
-    heads += [Column(side, name, tone) for _, name, _ in columns for tone, side in tones]
+    heads += [Column(head, name, tone) for _, name in columns for tone, head in sides.heads]
     return Table(caption, heads, rows, first="Instant", prefix="Instant ")
 
 

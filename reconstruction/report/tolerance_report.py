@@ -1,4 +1,4 @@
-"""The dose curve's part of a report, and the report of `reconstruct dose` alone."""
+"""The tolerance curve's part of a report, and the report of `reconstruct tolerance` alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,151 +6,156 @@ from pathlib import Path
 
 from capture_app.text import count
 from reconstruction.report import wording
-from reconstruction.report.charts import DoseChart, dose_chart
+from reconstruction.report.charts import Chart, tolerance_chart
 from reconstruction.report.findings import instant_lateness, motion_sentence, timing_sentences
-from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, pixels
+from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, STUDIES, WITHIN
 from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.provenance import Entry
-from reconstruction.report.tables import Cell, Column, Row, Table, score_cell
-from reconstruction.scores.comparison_results import DoseResult
-from reconstruction.scores.study_result import DepthScores
+from reconstruction.report.tables import Cell, Column, Row, Table, interval_cell
+from reconstruction.scores.comparison_results import OffsetTolerance
+from reconstruction.scores.study_result import StudyResult
 
-COLUMNS = (
-    ("mover_within_2pct", WITHIN, wording.share),
-    ("mover_coverage", COVERAGE, wording.share),
-    ("mover_epipolar_px", EPIPOLAR, pixels),
-    ("static_coverage", STILL_COVERAGE, wording.share),
-)
+COLUMNS = {
+    "mover_within_2pct": WITHIN,
+    "mover_coverage": COVERAGE,
+    "mover_epipolar_px": EPIPOLAR,
+    "static_coverage": STILL_COVERAGE,
+}
 
 
 @dataclass(frozen=True)
-class DoseView:
+class ToleranceView:
     """The curve, what it says, and its numbers."""
 
     sentence: str
     notes: Sequence[str]
-    chart: DoseChart
+    chart: Chart
     table: Table
     instants: Table
 
 
-def dose_view(dose: DoseResult) -> DoseView:
-    """What a page shows of a dose curve."""
-    return DoseView(dose_sentence(dose), _notes(dose), dose_chart(dose), _table(dose), _instants(dose))
+def tolerance_view(tolerance: OffsetTolerance) -> ToleranceView:
+    """What a page shows of a tolerance curve."""
+    return ToleranceView(
+        sentence=tolerance_sentence(tolerance),
+        notes=_notes(tolerance),
+        chart=tolerance_chart(tolerance),
+        table=_table(tolerance),
+        instants=_instants(tolerance),
+    )
 
 
-def dose_sentence(dose: DoseResult) -> str:
+def tolerance_sentence(tolerance: OffsetTolerance) -> str:
     """The result of the curve in a few sentences: synchronized is said only where that was found."""
-    timing = dose.timing
-    moved = [motion_sentence(timing)] if timing is not None and timing.moving_cameras else []
-    told = [timing_sentences(timing)] if timing is not None else []
-    if timing is not None and timing.synchronized:
-        return " ".join([*moved, f"Synchronized, {_found_to_both_sides(dose)}", _tolerance(dose), *told])
-    if timing is not None and timing.offset:
-        return " ".join([*moved, *told, f"As recorded, {_found_at_best(dose)}"])
-    return " ".join([*moved, f"As recorded, {_found_to_both_sides(dose)}", *told])
+    timing = tolerance.timing
+    if timing is None:
+        return f"As recorded, {_found_to_both_sides(tolerance)}"
+    told = [f"As recorded, {_found_to_both_sides(tolerance)}", timing_sentences(timing)]
+    if timing.synchronized:
+        found = f"Synchronized, {_found_to_both_sides(tolerance)} {_tolerated(tolerance)}"
+        told = [found, timing_sentences(timing)]
+    elif timing.offset:
+        told = [timing_sentences(timing), f"As recorded, {_found_at_best(tolerance)}"]
+    return " ".join(text for text in (motion_sentence(timing), *told) if text)
 
 
-def dose_heading(dose: DoseResult) -> str:
+def tolerance_heading(tolerance: OffsetTolerance) -> str:
     """What a motion tolerates is known only where the pictures of no delay are of one instant."""
-    known = dose.timing is not None and dose.timing.synchronized
+    known = tolerance.timing is not None and tolerance.timing.synchronized
     return "How much delay this motion tolerates" if known else "Depth against delay"
 
 
-def _found_to_both_sides(dose: DoseResult) -> str:
-    ends = {point.offset_ms: point for point in (dose.points[0], dose.points[-1]) if point.offset_frames}
-    sides = [f"{wording.lateness(ms)}, for {_share(dose, point.scores)}" for ms, point in ends.items()]
-    first = f"{_what(dose)} for {_share(dose, dose.as_recorded)} of what moves"
+def _found_to_both_sides(tolerance: OffsetTolerance) -> str:
+    ends = {ms: point for point in (tolerance.points[0], tolerance.points[-1]) if (ms := point.late_ms)}
+    sides = [f"{wording.lateness(ms)}, for {_share(tolerance, point)}" for ms, point in ends.items()]
+    first = f"{_what(tolerance)} for {_share(tolerance, tolerance.as_recorded)} of what moves"
     return f"{first}; with the second picture {'; '.join(sides)}." if sides else f"{first}."
 
 
-def _found_at_best(dose: DoseResult) -> str:
-    text = f"{_what(dose)} for {_share(dose, dose.as_recorded)} of what moves"
-    best = max(dose.points, key=lambda point: getattr(point.scores, dose.measure) or 0.0)
-    if not best.offset_frames:
+def _found_at_best(tolerance: OffsetTolerance) -> str:
+    text = f"{_what(tolerance)} for {_share(tolerance, tolerance.as_recorded)} of what moves"
+    best = max(tolerance.points, key=lambda point: point.value(tolerance.measure, "offset") or 0.0)
+    if not best.late_ms:
         return f"{text}."
-    when = wording.lateness(best.offset_ms)
-    return f"{text}; best with the second picture {when}, for {_share(dose, best.scores)}."
+    when = wording.lateness(best.late_ms)
+    return f"{text}; best with the second picture {when}, for {_share(tolerance, best)}."
 
 
-def _tolerance(dose: DoseResult) -> str:
-    if dose.tolerable_offset_ms is None:
+def _tolerated(tolerance: OffsetTolerance) -> str:
+    if tolerance.tolerable_offset_ms is None:
         return "Up to that delay, less than a tenth of it is lost."
-    return f"This motion tolerates a delay of about {_time(dose.tolerable_offset_ms)}."
+    return f"This motion tolerates a delay of about {_time(tolerance.tolerable_offset_ms)}."
 
 
-def _what(dose: DoseResult) -> str:
-    return "the right distance is found" if dose.measure.endswith("2pct") else "a distance is found"
+def _what(tolerance: OffsetTolerance) -> str:
+    return "the right distance is found" if tolerance.measure.endswith("2pct") else "a distance is found"
 
 
-def _share(dose: DoseResult, scores: DepthScores) -> str:
-    return wording.share(getattr(scores, dose.measure), decimals=0)
+def _share(tolerance: OffsetTolerance, point: StudyResult) -> str:
+    return wording.share(point.value(tolerance.measure, "offset"), decimals=0)
 
 
-def _notes(dose: DoseResult) -> list[str]:
-    shaky = dose.timing is not None and bool(dose.timing.moving_cameras)
+def _notes(tolerance: OffsetTolerance) -> list[str]:
+    shaky = tolerance.timing is not None and bool(tolerance.timing.moving_cameras)
     notes = [
         "The solid line shows what moves, the dashed one what stands still"
         f"{'' if shaky else ' (the control)'}. Shaded: 95 % "
-        f"confidence intervals over {count(dose.instants, 'instant')}; every point is the median over the "
-        "instants. To the left of zero the second picture is early."
+        f"confidence intervals over {count(tolerance.instants, 'instant')}; every point is the median over "
+        "the instants. To the left of zero the second picture is early."
     ]
-    if dose.tolerable_offset_ms is not None:
+    if tolerance.tolerable_offset_ms is not None:
         notes.append(
             "Tolerated is the delay at which a tenth of what was found is lost, or half of the moving pixels "
             "have moved by one pixel, whichever comes first."
         )
-    if dose.speed_px_per_ms:
+    if tolerance.speed_px_per_ms:
         notes.append(
             "Half of the moving pixels are faster than "
-            f"{wording.quantity(dose.speed_px_per_ms, 'pixels')} per millisecond."
+            f"{wording.quantity(tolerance.speed_px_per_ms, 'pixels')} per millisecond."
         )
-    if dose.sync_residual_us is None:
+    if tolerance.sync_residual_us is None:
         notes.append("This session has no record of its synchronization error.")
     else:
         moved = ""
-        if dose.sync_residual_px is not None:
-            small = dose.sync_residual_px < 0.01
-            far = wording.quantity(0.01 if small else dose.sync_residual_px, "px")
+        if tolerance.sync_residual_px is not None:
+            small = tolerance.sync_residual_px < 0.01
+            far = wording.quantity(0.01 if small else tolerance.sync_residual_px, "px")
             moved = f", in which the motion covers {'less than ' if small else ''}{far}"
-        error = wording.microseconds(dose.sync_residual_us)
+        error = wording.microseconds(tolerance.sync_residual_us)
         notes.append(f"The largest synchronization error of this session is {error}{moved}.")
     return notes
 
 
-def _table(dose: DoseResult) -> Table:
-    columns = [one for one in COLUMNS if one[1] != WITHIN or dose.measure == "mover_within_2pct"]
+def _table(tolerance: OffsetTolerance) -> Table:
+    true = tolerance.measure == "mover_within_2pct"
+    columns = {key: name for key, name in COLUMNS.items() if true or name != WITHIN}
     rows = [
         Row(
-            wording.milliseconds(round(point.offset_ms, 1)),
-            [score_cell(point.scores, key, show) for key, _, show in columns],
+            wording.milliseconds(round(point.late_ms or 0.0, 1)),
+            [interval_cell(point.interval(key, "offset"), STUDIES["stereo"].unit(key)) for key in columns],
         )
-        for point in dose.points
+        for point in tolerance.points
     ]
-    return Table(
-        "Moving things by delay; small print: 95 % intervals",
-        [Column(name) for _, name, _ in columns],
-        rows,
-        first="Delay",
-    )
+    heads = [Column(name) for name in columns.values()]
+    return Table("Moving things by delay; small print: 95 % intervals", heads, rows, first="Delay")
 
 
-def _instants(dose: DoseResult) -> Table:
+def _instants(tolerance: OffsetTolerance) -> Table:
     """Every instant by itself: how late its moving points say the second picture is, and its own curve."""
-    told = {one.instant: one for one in dose.timing.instants} if dose.timing is not None else {}
-    known = {one.instant: one for one in dose.per_instant}
+    told = {one.instant: one for one in tolerance.timing.instants} if tolerance.timing is not None else {}
+    known = {one.instant: one for one in tolerance.per_instant}
     rows = []
     for instant in sorted(told.keys() | known.keys()):
         late, curve = told.get(instant), known.get(instant)
-        values = curve.values if curve is not None else (None,) * len(dose.points)
+        values = curve.values if curve is not None else (None,) * len(tolerance.points)
         cells = [
             Cell(wording.number(None if curve is None else curve.mover_pixels)),
             Cell(wording.NOT_AVAILABLE if late is None else instant_lateness(late.late_ms, late.sd_ms)),
             *(Cell(wording.share(value, decimals=0)) for value in values),
         ]
         rows.append(Row(f"{instant}", cells))
-    right = dose.measure == "mover_within_2pct"
-    heads = [wording.milliseconds(round(point.offset_ms)) for point in dose.points]
+    right = tolerance.measure == "mover_within_2pct"
+    heads = [wording.milliseconds(round(point.late_ms or 0.0)) for point in tolerance.points]
     columns = [Column("Moving pixels"), Column("Lateness"), *(Column(head) for head in heads)]
     return Table(
         "Each instant: how late its moving points say the second picture is, and how much of what moves is "
@@ -162,19 +167,22 @@ def _instants(dose: DoseResult) -> Table:
     )
 
 
-def write_dose_report(result: DoseResult, out: Path) -> Path:
+def write_tolerance_report(result: OffsetTolerance, out: Path) -> Path:
     """Write the page of the curve alone into the folder `out`, as `write_page` does."""
     name = Path(result.session).name or result.session
-    cameras = f"cameras {result.reference} and {result.other}"
+    cameras = f"cameras {' and '.join(result.cameras)}"
     instants = count(result.instants, "instant")
     page = render_page(
-        title=f"{name}: {dose_heading(result).lower()}",
+        title=f"{name}: {tolerance_heading(result).lower()}",
         kicker="Depth against delay",
         name=name,
-        verdict=dose_sentence(result),
-        sections=[Section("dose_alone.html"), Section("provenance.html", "provenance", "How it was made")],
+        verdict=tolerance_sentence(result),
+        sections=[
+            Section("tolerance_alone.html"),
+            Section("provenance.html", "provenance", "How it was made"),
+        ],
         view={
-            "dose": dose_view(result),
+            "tolerance": tolerance_view(result),
             "provenance": [
                 Entry("Session", result.session),
                 Entry("Depth", f"{cameras}, {instants} (selection: {result.reason})"),

@@ -2,22 +2,27 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from collections.abc import Mapping
 
 from capture_app.text import duration
-from reconstruction.report.findings import CLEAR_SHARE, DEPTH_MEASURES, first_known
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.timing import are_apart, are_together
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
 """Narrow space that keeps a number and its unit on one line."""
 WALKING_M_PER_S = 1.4
-UNSYNCHRONIZED = "unsynchronized"
-EACH_DELAYED = "each camera off by a different delay"
-"""The condition of the studies of all cameras, in a word and in words."""
+SHARE, PIXELS, COUNT, DEGREES, PLAIN = "%", "px", "count", "°", ""
+"""Units of what is measured."""
+
+
+def measured(value: float | None, unit: str) -> str:
+    """A value in its unit."""
+    if unit == SHARE:
+        return share(value)
+    if unit == COUNT:
+        return number(value)
+    if unit != DEGREES or value is None:
+        return quantity(value, unit)
+    return f"{value:.3g}°" if value >= 1 else f"{value:.2g}°"
 
 
 def share(value: float | None, *, decimals: int = 1) -> str:
@@ -92,53 +97,6 @@ def delays(late_ms: Mapping[str, float]) -> str:
     return ", ".join(f"{camera} {timeliness(ms)}" for camera, ms in late_ms.items())
 
 
-def describe_delays(late_ms: Mapping[str, float], reference: str) -> str:
-    """How late each camera is, in a sentence; without numbers, drawn at random."""
-    if not late_ms:
-        return f"Unsynchronized: {EACH_DELAYED} of up to 66 ms, drawn at random for each instant."
-    return f"Unsynchronized, relative to {reference}: {delays(late_ms)}."
-
-
-@dataclass(frozen=True)
-class Sides:
-    """What the two sides of a comparison are called."""
-
-    first: str
-    short: str
-    """The first side where there is little room."""
-    when: str
-    """The first side at the end of a sentence."""
-    late: str
-    late_short: str = ""
-    """The second side where there is little room; empty: as elsewhere."""
-    apart: bool = False
-    """Whether the pictures of the first side were found not to be of one instant."""
-
-    @property
-    def late_head(self) -> str:
-        """The second side at the head of a column."""
-        return self.late[0].upper() + self.late[1:]
-
-    def for_all_cameras(self) -> Self:
-        """The names where each camera has a delay of its own."""
-        return replace(self, late=UNSYNCHRONIZED, late_short="Unsynced")
-
-
-def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
-    """The names for what is shown of these cameras; without any, of the pair whose timing was measured.
-
-    Only pictures that were found to be of one instant are called synchronized.
-    """
-    pair, rig = result.timing, result.rig_timing
-    asked = cameras or (() if pair is None else pair.cameras)
-    late = lateness(result.actual_offset_ms)
-    if asked and are_together(asked, pair, rig):
-        many = "all" if len(asked) > 2 else "both"
-        return Sides("Synchronized", "Synced", f"when {many} pictures show the same instant", late)
-    when = "in the pictures as they were recorded"
-    return Sides("As recorded", "Recorded", when, late, apart=are_apart(asked, pair, rig))
-
-
 def walking_distance(offset_ms: float) -> str:
     """How far a person walks in this time, in a sentence."""
     metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S
@@ -157,38 +115,3 @@ def headline(verdict: str) -> tuple[str, str]:
     verdict = keep_units(verdict)
     end = verdict.find(". ")
     return (verdict, "") if end < 0 else (verdict[: end + 1], verdict[end + 2 :].strip())
-
-
-def control(result: CompareResult) -> str:
-    """Whether timing alone can explain the difference: by the control, what stands still."""
-    if result.stereo is None:
-        return ""
-    if result.timing is not None and result.timing.moving_cameras:
-        return "The cameras moved while they recorded, so nothing in the pictures is a control."
-    synced, offset = result.stereo.synced, result.stereo.offset
-    still = first_known(synced, offset, "static_within_2pct", "static_coverage")
-    if still is None:
-        return ""
-    values = f"({share(still[1])} and {share(still[2])})"
-    if abs(still[1] - still[2]) >= 0.02:
-        return (
-            f"Things at rest are the control, and here they differ too {values}: not all of the difference "
-            "comes from timing."
-        )
-    moving = first_known(synced, offset, *DEPTH_MEASURES)
-    if moving is None or moving[1] - moving[2] < CLEAR_SHARE:
-        return f"Things at rest are the control: they are measured equally well in both {values}."
-    return (
-        f"Things at rest are the control: they are measured equally well in both {values}, so the difference "
-        "on moving things comes from timing alone."
-    )
-
-
-def synchronization(residual_us: float | None, bound_us: float | None) -> str:
-    """How far images are from their instants, by the session's record."""
-    parts = []
-    if residual_us is not None:
-        parts.append(f"every picture within {microseconds(residual_us)} of its instant")
-    if bound_us is not None:
-        parts.append(f"the clocks agree to {microseconds(bound_us)} in the worst case")
-    return "; ".join(parts) or "not known: the session has no record of its clocks"

@@ -1,31 +1,13 @@
-"""What a dose curve found, as `metrics.json` holds it.
-
-Everything that `reconstruct compare` found: the contents of `metrics.json`.
-"""
+"""What `reconstruct compare` and `reconstruct tolerance` found: the contents of `metrics.json`."""
 
 from msgspec import Struct
 
-from reconstruction.scores.study_result import (
-    DepthScores,
-    MultiviewComparison,
-    PanoramaComparison,
-    PoseComparison,
-    StereoComparison,
-    TriangulationComparison,
-)
+from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing
 
 
-class DosePoint(Struct, frozen=True, kw_only=True):
-    """Depth with the second camera so much later, or earlier (negative); medians over the instants."""
-
-    offset_ms: float
-    offset_frames: int
-    scores: DepthScores
-
-
-class DoseInstant(Struct, frozen=True, kw_only=True):
-    """One instant's own curve."""
+class InstantTolerance(Struct, frozen=True, kw_only=True):
+    """One instant's own depth against offset."""
 
     instant: int
     mover_pixels: int
@@ -35,27 +17,26 @@ class DoseInstant(Struct, frozen=True, kw_only=True):
     """The offset of the highest of them; None where none stands out."""
 
 
-class DoseResult(Struct, frozen=True, kw_only=True):
+class OffsetTolerance(Struct, frozen=True, kw_only=True):
     """A pair's depth against offset to both sides, by the same calibration throughout."""
 
-    reference: str
-    other: str
+    cameras: tuple[str, str]
     measure: str
     """What the curve shows: mover_within_2pct where truth is known, else mover_coverage."""
-    points: tuple[DosePoint, ...]
-    """From the earliest to the latest."""
+    points: tuple[StudyResult, ...]
+    """Depth at each offset, from the earliest to the latest; at zero, both conditions are the same."""
     instants: int
     decreasing: bool
     """To either side of zero no point's interval lies wholly above that of the one before it."""
     timing: Timing | None = None
     peak_ms: float | None = None
     """Where the curve is highest: the median of the instants' own peaks."""
-    per_instant: tuple[DoseInstant, ...] = ()
+    per_instant: tuple[InstantTolerance, ...] = ()
     tolerable_offset_ms: float | None = None
     """The offset at which the curve has lost a tenth (linear between its points), or at which half of what
     moves has moved by one pixel, whichever comes first; None also where the pair is not synchronized."""
     speed_px_per_ms: float | None = None
-    """How fast what moves does so in the reference's picture, the median over its pixels."""
+    """How fast what moves does so in the first camera's picture, the median over its pixels."""
     sync_residual_us: float | None = None
     """The session's own largest error of an image's time by its record."""
     sync_residual_px: float | None = None
@@ -74,9 +55,9 @@ class DoseResult(Struct, frozen=True, kw_only=True):
     versions: dict[str, str] = {}
 
     @property
-    def as_recorded(self) -> DepthScores:
-        """The scores at offset zero."""
-        return next(point.scores for point in self.points if point.offset_frames == 0)
+    def as_recorded(self) -> StudyResult:
+        """The depth at offset zero."""
+        return next(point for point in self.points if not point.late_ms)
 
 
 class BurstGrid(Struct, frozen=True, kw_only=True):
@@ -112,9 +93,10 @@ class BulletTime(Struct, frozen=True, kw_only=True):
 
 
 class ConditionResult(Struct, frozen=True, kw_only=True):
-    """A further condition beside the synchronized one, on the same pairs of cameras.
+    """A further condition beside the synchronized one, on the same cameras.
 
-    In `stereo` and `stitch`, `synced` is the comparison's own session and `offset` this condition.
+    In its studies `synced` is the comparison's own session and `offset` this condition; what the comparison
+    itself skipped is not among them.
     """
 
     name: str
@@ -122,12 +104,7 @@ class ConditionResult(Struct, frozen=True, kw_only=True):
     """How late each camera is; empty for another session."""
     session: str = ""
     """The other session that this condition is; it is not paired by instant."""
-    stereo: StereoComparison | None = None
-    stitch: PanoramaComparison | None = None
-    multiview: MultiviewComparison | None = None
-    triangulation: TriangulationComparison | None = None
-    poses: PoseComparison | None = None
-    skipped: tuple[str, ...] = ()
+    studies: tuple[StudyResult, ...] = ()
 
 
 class WordTable(Struct, frozen=True, kw_only=True):
@@ -135,9 +112,9 @@ class WordTable(Struct, frozen=True, kw_only=True):
 
     caption: str
     groups: tuple[str, ...]
-    """Of each column of values: what it is of, moving things or the control; empty where it is of all."""
+    """What each column of values is of: moving things or the control; empty where it is of all."""
     columns: tuple[str, ...]
-    """Of each column of values: the condition."""
+    """Each column's condition."""
     rows: tuple[tuple[str, ...], ...]
     """The measure's name, and a value with its unit for each column."""
 
@@ -170,29 +147,23 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     """What was added to the times of these cameras."""
     unsynchronized: str = ""
     """Why nothing is called synchronized: the offsets between the cameras' times are unknown."""
-    verdict: str
+    verdict: str = ""
     """One or two plain sentences for somebody who has never heard of synchronization."""
     calibration: str
     """Where the calibration came from."""
-    stereo: StereoComparison | None = None
-    stitch: PanoramaComparison | None = None
-    multiview: MultiviewComparison | None = None
-    triangulation: TriangulationComparison | None = None
-    poses: PoseComparison | None = None
-    stereo_skipped: str = ""
-    stitch_skipped: str = ""
-    multiview_skipped: str = ""
-    triangulation_skipped: str = ""
-    poses_skipped: str = ""
+    moving_share: float = 0.0
+    """The share of the pictures that moves, 0..1."""
+    studies: tuple[StudyResult, ...] = ()
+    """All five, in the order of the report."""
     sync_residual_us: float | None = None
     """Largest distance of an image from its instant, by the session's own record."""
     sync_bound_us: float | None = None
     conditions: tuple[ConditionResult, ...] = ()
-    dose: DoseResult | None = None
+    tolerance: OffsetTolerance | None = None
     timing: Timing | None = None
     """How late the depth pair's second camera is, by what moves; None where that was not measured."""
     rig_timing: RigTiming | None = None
-    """The same of all cameras, where there are more than two."""
+    """How late all cameras are, where there are more than two."""
     burst: BurstGrid | None = None
     bullet_time: BulletTime | None = None
     words: ReportWords | None = None
@@ -203,3 +174,12 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     changed_pictures: tuple[str, ...] = ()
     """Files whose bytes are not those that were saved."""
     versions: dict[str, str] = {}
+
+    def study(self, name: str) -> StudyResult | None:
+        """What a study measured; None where it was skipped."""
+        return find_study(self.studies, name)
+
+
+def find_study(studies: tuple[StudyResult, ...], name: str) -> StudyResult | None:
+    """The study of this name, if it was made."""
+    return next((one for one in studies if one.name == name and not one.skipped), None)

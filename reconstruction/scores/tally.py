@@ -1,20 +1,19 @@
-"""The scores of a condition: the median over the instants, with bootstrap intervals over them.
+"""Measures of two conditions: the median over the instants, with bootstrap intervals over them.
 
-Every instant counts the same, however much moves in it. All conditions use the same bootstrap draws, and stay
-paired.
+Every instant counts the same, however much moves in it. Both conditions use the same bootstrap draws.
 """
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
-from msgspec import Struct
 
 from reconstruction.common.geometry import Array
-from reconstruction.scores.study_result import Interval
+from reconstruction.scores.study_result import Interval, Measure
 from reconstruction.scores.truth import TOLERANCES, right_depth
 
+SIDES = ("synced", "offset")
+"""The conditions: synchronized, and the other one."""
 F_SCORE = "f_score"
 MAX_DIFFERENCES = 20000
 MIN_COUNT = 30
@@ -23,8 +22,6 @@ MIN_FOR_INTERVAL = 3
 """With fewer instants that have a value there is no interval."""
 RESAMPLES = 500
 LEVEL_PERCENT = 95.0
-
-Form = TypeVar("Form", bound=Struct)
 
 
 @dataclass
@@ -45,6 +42,13 @@ class Measurements:
         self.medians.update({prefix + name: values for name, values in other.medians.items()})
         self.means.update({prefix + name: values for name, values in other.means.items()})
 
+    @property
+    def names(self) -> list[str]:
+        """The measures that were taken, and `*f_score` where its parts were."""
+        names = [*self.shares, *self.medians, *self.means]
+        scored = [name.replace("recall", F_SCORE) for name in self.shares if name.endswith("recall")]
+        return names + scored
+
     def value(self, measure: str) -> float:
         """The instant's value of a measure; NaN where there is nothing to measure.
 
@@ -53,7 +57,8 @@ class Measurements:
         if measure.endswith(F_SCORE):
             prefix = measure.removesuffix(F_SCORE)
             precision, recall = self.value(f"{prefix}precision"), self.value(f"{prefix}recall")
-            return _harmonic_mean(0.0 if np.isnan(precision) else precision, recall)
+            precision = 0.0 if np.isnan(precision) else precision
+            return 2 * precision * recall / max(precision + recall, 1e-12)
         if measure in self.shares:
             part, whole = self.shares[measure]
             return part / whole if whole >= MIN_COUNT else np.nan
@@ -80,91 +85,79 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
 
 
 class Tally:
-    """Measurements of one condition, instant by instant.
+    """Measurements of both conditions side by side on the same instants, added one by one."""
 
-    A measure is named as the field of the scores that it becomes.
-    """
+    def __init__(self) -> None:
+        self._measured: list[Mapping[str, Measurements]] = []
+        self._facts: list[Mapping[str, float]] = []
 
-    def __init__(self, instants: Iterable[Measurements] = ()) -> None:
-        self._instants = list(instants)
-
-    def add(self, instant: Measurements) -> None:
-        """Add one instant."""
-        self._instants.append(instant)
+    def add(self, measured: Mapping[str, Measurements], facts: Mapping[str, float]) -> None:
+        """Add an instant, measured in both conditions; its row begins with the facts."""
+        self._measured.append(measured)
+        self._facts.append(facts)
 
     @property
     def instants(self) -> int:
         """How many instants were added."""
-        return len(self._instants)
+        return len(self._measured)
 
-    def value(self, measure: str) -> float | None:
-        """The median over the instants; None where there is nothing to measure in any."""
-        values = self._values(measure)
-        known = values[np.isfinite(values)]
-        return float(np.median(known)) if len(known) else None
+    @property
+    def names(self) -> list[str]:
+        """The measures that were taken at any instant."""
+        sides = [one[side] for one in self._measured for side in SIDES]
+        return list(dict.fromkeys(name for side in sides for name in side.names))
 
-    def samples(self, measure: str) -> Array:
-        """The measure of every bootstrap draw of the instants; draws of two tallies belong together."""
-        values = self._values(measure)
-        if np.isfinite(values).sum() < MIN_FOR_INTERVAL:
-            return np.zeros(0)
-        drawn = values[_draw_instants(len(values))]
-        known = np.isfinite(drawn).any(1)
-        medians = np.full(RESAMPLES, np.nan)
-        medians[known] = np.nanmedian(drawn[known], axis=1)
-        return medians
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """The medians over the instants, with intervals; without those that have no value."""
+        found = (self._measure(name) for name in self.names)
+        return tuple(one for one in found if one.synced or one.offset)
 
-    def intervals(self, measures: Iterable[str]) -> dict[str, Interval]:
-        """Measures with their intervals over the instants, where there are enough."""
-        known = {name: value for name in measures if (value := self.value(name)) is not None}
-        found = {name: _bootstrap_interval(value, self.samples(name)) for name, value in known.items()}
-        return {name: one for name, one in found.items() if one is not None}
+    @property
+    def per_instant(self) -> tuple[dict[str, float | None], ...]:
+        """Every instant's facts and own values."""
+        rows = []
+        for measured, facts in zip(self._measured, self._facts, strict=True):
+            row: dict[str, float | None] = dict(facts)
+            for side in SIDES:
+                values = {name: measured[side].value(name) for name in self.names}
+                row |= {f"{side}_{name}": None if np.isnan(v) else v for name, v in values.items()}
+            rows.append(row)
+        return tuple(rows)
 
-    def scores(self, form: type[Form]) -> Form:
-        """All measures that this form of scores has room for, with their intervals."""
-        names = measures_of(form)
-        values = {name: self.value(name) for name in names}
-        return form(**values, intervals=self.intervals(names), instants=self.instants)
-
-    def _values(self, measure: str) -> Array:
-        return np.array([one.value(measure) for one in self._instants])
-
-
-def measures_of(form: type[Struct]) -> tuple[str, ...]:
-    """The measures that a form of scores has room for."""
-    return tuple(name for name in form.__struct_fields__ if name not in ("intervals", "instants"))
+    def _measure(self, name: str) -> Measure:
+        values = {side: np.array([one[side].value(name) for one in self._measured]) for side in SIDES}
+        samples = {side: _resampled_medians(values[side]) for side in SIDES}
+        sides = {side: _interval(_median(values[side]), samples[side]) for side in SIDES}
+        before, after, change = sides["synced"], sides["offset"], None
+        if before and after and before.low is not None and after.low is not None:
+            change = _interval(after.value - before.value, samples["offset"] - samples["synced"])
+        return Measure(name=name, **sides, difference=change)
 
 
-def differences(synced: Tally, other: Tally, form: type[Struct]) -> dict[str, Interval]:
-    """Other minus synced for every measure of a form, paired by instant, with intervals."""
-    found = {}
-    for name in measures_of(form):
-        before, after = synced.value(name), other.value(name)
-        if before is None or after is None or synced.instants != other.instants:
-            continue
-        samples = synced.samples(name), other.samples(name)
-        if not all(map(len, samples)):
-            continue
-        one = _bootstrap_interval(after - before, samples[1] - samples[0])
-        if one is not None:
-            found[name] = one
-    return found
+def _median(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
 
 
-def _harmonic_mean(precision: float, recall: float) -> float:
-    return 2 * precision * recall / max(precision + recall, 1e-12)
+def _resampled_medians(values: Array) -> Array:
+    """The median of every bootstrap draw of the instants, the same draws for as many; none of too few."""
+    if np.isfinite(values).sum() < MIN_FOR_INTERVAL:
+        return np.zeros(0)
+    drawn = values[np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))]
+    known = np.isfinite(drawn).any(1)
+    medians = np.full(RESAMPLES, np.nan)
+    medians[known] = np.nanmedian(drawn[known], axis=1)
+    return medians
 
 
-def _draw_instants(instants: int) -> Array:
-    """Instants drawn with replacement (RESAMPLES, instants); the same number gives the same draws."""
-    return np.random.default_rng(0).integers(0, instants, (RESAMPLES, instants))
-
-
-def _bootstrap_interval(value: float | None, samples: Array) -> Interval | None:
-    """The middle 95 % of the draws around a value; None where there is no value or too few instants."""
+def _interval(value: float | None, samples: Array) -> Interval | None:
+    """A value and the middle 95 % of the draws around it."""
     known = samples[np.isfinite(samples)]
-    if value is None or not len(known):
+    if value is None:
         return None
+    if not len(known):
+        return Interval(value=value)
     rest = (100 - LEVEL_PERCENT) / 2
     low, high = np.percentile(known, [rest, 100 - rest])
     return Interval(value=value, low=float(min(low, value)), high=float(max(high, value)))

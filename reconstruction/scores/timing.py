@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import msgspec
 from msgspec import Struct
 
-from reconstruction.scores.study_result import DepthScores
+from reconstruction.scores.study_result import StudyResult
 from reconstruction.time_offsets.crossings import MIN_INSTANTS, OffsetFit
 
 SIGMAS = 2.0
@@ -19,7 +19,7 @@ ODD_FRAMES = 0.25
 ODD_SHARE = 0.2
 """With more of its instants in disagreement, a take has no one lateness."""
 LOST_SHARE = 0.5
-"""Of what stands still: where less of what moves is found, most of it is lost."""
+"""Where less of what moves is found than this share of what stands still, most of it is lost."""
 ROW_MISMATCH_PX = 1.0
 """Epipolar error of what moves from which pictures may not be of one instant."""
 ROW_MISMATCH_RATIO = 5.0
@@ -159,14 +159,14 @@ def with_curve_peak(timing: Timing, peak_ms: float | None, peaks: int, spacing_m
     return timing
 
 
-def with_depth_scores(timing: Timing, scores: DepthScores) -> Timing:
+def with_depth(timing: Timing, depth: StudyResult) -> Timing:
     """The judgement with what depth says of the pictures as they were recorded.
 
     They are of different instants where most of what moves is lost and has an epipolar error, while what
     stands still is found and has none. Where moving points say otherwise nothing is certain.
     """
-    moving, still = scores.found_shares
-    rows, control = scores.mover_epipolar_px, scores.static_epipolar_px
+    moving, still = found_shares(depth)
+    rows, control = depth.value("mover_epipolar_px"), depth.value("static_epipolar_px")
     if timing.offset or moving is None or still is None or rows is None or control is None:
         return timing
     if moving >= LOST_SHARE * still or rows <= max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control):
@@ -179,6 +179,12 @@ def with_depth_scores(timing: Timing, scores: DepthScores) -> Timing:
     return msgspec.structs.replace(
         timing, late_ms=None, uncertainty_ms=None, offset=True, out_of_place_px=rows
     )
+
+
+def found_shares(depth: StudyResult) -> tuple[float | None, float | None]:
+    """The share of moving and of still pixels found as recorded, correctly where the truth is known."""
+    measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
+    return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")
 
 
 class RigTiming(Struct, frozen=True, kw_only=True):

@@ -22,7 +22,7 @@ CAMERA = "sim:perfect,scene=bars"
 PATIENCE_S = 300
 SHORTER: dict[tuple[str, ...], tuple[str, ...]] = {
     ("compare",): ("--max-instants=2", "--max-multiview-instants=0"),
-    ("dose",): ("--max-instants=2", "--max-offset-ms=34"),
+    ("tolerance",): ("--max-instants=2", "--max-offset-ms=34"),
     ("coverage",): ("--for-s=3",),
     ("burst",): ("--wait-s=120",),
     ("demo",): ("--cameras=2",),

@@ -8,6 +8,7 @@ import pytest
 
 from capture_app.session.exporters.common.point_cloud import read_ply
 from reconstruction.cli import run
+from tests.reconstruction.found import study, values
 
 SAMPLES = Path(__file__).parents[2] / "sample_sessions"
 SMALL = ("--memory", "60MB")
@@ -44,8 +45,8 @@ def test_multiview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(read_ply(out / "fused.ply").points) == result["fused_points"] > 5000
 
 
-def test_stitch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    result = found(capsys, "stitch", "crossing", "--out", tmp_path / "panorama")
+def test_panorama(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = found(capsys, "panorama", "crossing", "--out", tmp_path / "panorama")
     assert result["used"] == ["cam00", "cam01", "cam02"]
     assert result["synced"]["misfit"]["median_px"] < 0.6
     assert result["synced"]["mover_misfit"]["median_px"] < 1.5
@@ -53,25 +54,27 @@ def test_stitch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
-def test_dose(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    result = found(
-        capsys, "dose", "jumper", "--max-instants", 2, "--max-offset-ms", 34, "--out", tmp_path / "dose"
-    )
-    share = {point["offset_frames"]: point["scores"]["mover_within_2pct"] for point in result["points"]}
+def test_tolerance(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    few = ("--max-instants", 2, "--max-offset-ms", 34)
+    result = found(capsys, "tolerance", "jumper", *few, "--out", tmp_path / "tolerance")
+    share = {
+        point["facts"]["offset_frames"]: values(point, "offset")["mover_within_2pct"]
+        for point in result["points"]
+    }
     assert sorted(share) == [-1, 0, 1]
     assert share[0] > 0.9
     assert max(share[-1], share[1]) < 0.3
-    assert (tmp_path / "dose" / "report.html").is_file()
+    assert (tmp_path / "tolerance" / "report.html").is_file()
 
 
 @pytest.mark.slow
 def test_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ("--max-instants", 1, "--max-multiview-instants", 1, "--multiview-width", 160, "--no-poses")
     result = found(capsys, "compare", "crossing", *small, "--out", tmp_path / "compare")
-    stereo = result["stereo"]
-    assert stereo["synced"]["mover_coverage"] > 0.9
-    assert stereo["offset"]["mover_coverage"] < 0.2
-    assert stereo["offset"]["static_coverage"] > 0.9
+    stereo = study(result, "stereo")
+    assert values(stereo)["mover_coverage"] > 0.9
+    assert values(stereo, "offset")["mover_coverage"] < 0.2
+    assert values(stereo, "offset")["static_coverage"] > 0.9
     assert "the same instant, as far as these pictures can tell" in result["verdict"]
     assert (tmp_path / "compare" / "report.html").is_file()
 

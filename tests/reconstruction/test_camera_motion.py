@@ -31,7 +31,7 @@ def test_cameras_on_tripods_stand_still_however_much_moves_before_them(boards: S
         assert found.still_share > 0.6
 
 
-@pytest.mark.parametrize("command", ["dose", pytest.param("compare", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("command", ["tolerance", pytest.param("compare", marks=pytest.mark.slow)])
 def test_a_rig_on_a_moving_cart_is_said(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct, command: str
 ) -> None:

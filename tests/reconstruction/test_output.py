@@ -11,7 +11,7 @@ from reconstruction.common.outputs import comparison_folder
 from tests.reconstruction.conftest import Reconstruct
 
 
-@pytest.mark.parametrize("command", ["compare", "dose", "stereo", "stitch", "multiview"])
+@pytest.mark.parametrize("command", ["compare", "tolerance", "stereo", "panorama", "multiview"])
 def test_a_second_run_to_one_folder_is_refused(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct, command: str
 ) -> None:

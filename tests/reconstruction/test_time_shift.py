@@ -54,7 +54,7 @@ def test_less_than_half_a_frame_keeps_the_pairs_and_changes_the_times(boards: Se
 def test_a_shift_that_cannot_be_is_refused_in_one_line(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct, shift: str, code: int, words: str
 ) -> None:
-    done = reconstruct("dose", boards.folder, "--time-shift-ms", shift, "--out", tmp_path / "out")
+    done = reconstruct("tolerance", boards.folder, "--time-shift-ms", shift, "--out", tmp_path / "out")
     assert done.code == code
     assert words in done.complaint
 
@@ -73,7 +73,7 @@ def test_every_step_by_itself_pairs_the_images_that_belong_together(
 
     found, mended = both("stereo")
     assert mended["within_2pct"] > found["within_2pct"] + 0.05
-    found, mended = both("stitch")
+    found, mended = both("panorama")
     # The board's parallax against the wall remains: a baseline of 0.2 at 2.2 and at 4, by 300 px.
     assert mended["synced"]["mover_misfit"]["median_px"] == pytest.approx(12.3, abs=0.5)
     assert found["synced"]["mover_misfit"]["median_px"] > 13
@@ -92,5 +92,5 @@ def test_pictures_by_themselves_have_no_times(
     late: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     pictures = late.folder / "images" / "rig1" / "left"
-    done = reconstruct("stitch", pictures, "--time-shift-ms", "left=5", "--out", tmp_path / "out")
+    done = reconstruct("panorama", pictures, "--time-shift-ms", "left=5", "--out", tmp_path / "out")
     assert "--time-shift-ms needs a session" in done.complaint

@@ -96,7 +96,7 @@ STITCH = JobKind(
     "Panorama",
     "one wide picture, of one instant and late",
     RECONSTRUCT,
-    ("stitch",),
+    ("panorama",),
     "--instant 0 --offset-ms 66",
     result="metrics.json",
 )
@@ -105,7 +105,7 @@ DOSE = JobKind(
     "Tolerable delay",
     "how late a camera may be for good depth",
     RECONSTRUCT,
-    ("dose",),
+    ("tolerance",),
     "--max-instants 4",
     result="metrics.json",
     report="report.html",

@@ -118,7 +118,7 @@ def _of_multiview(found: Mapping[str, Any]) -> str:
     return f"{maps}, {found['fused_points']:,} points{truth}"
 
 
-def _of_stitch(found: Mapping[str, Any]) -> str:
+def _of_panorama(found: Mapping[str, Any]) -> str:
     text = f"panorama of {count(len(found['used']), 'picture')}"
     what, key = ("what moves fits", "mover_misfit") if moves(found) else ("overlaps fit", "misfit")
     one, late = (side and side[key]["median_px"] for side in (found["synced"], found.get("offset")))
@@ -129,7 +129,7 @@ def _of_stitch(found: Mapping[str, Any]) -> str:
     return text
 
 
-def _of_dose(found: Mapping[str, Any]) -> str:
+def _of_tolerance(found: Mapping[str, Any]) -> str:
     tolerated, timing = found["tolerable_offset_ms"], found.get("timing") or {}
     if timing.get("offset"):
         late = timing["late_ms"]
@@ -137,13 +137,13 @@ def _of_dose(found: Mapping[str, Any]) -> str:
             return "not synchronized: what moves is lost and off its rows; by how much is not known"
         side = "early" if late < 0 else "late"
         if timing.get("by_depth"):
-            return f"not synchronized: {found['other']} is about {abs(late):.0f} ms {side}, known to a frame"
+            return f"not synchronized: {found['cameras'][1]} is about {abs(late):.0f} ms {side}, known to a frame"
         far = f"{abs(late):.1f} ±{timing['uncertainty_ms']:.1f} ms {side}"
-        return f"not synchronized: {found['other']} is {far}"
+        return f"not synchronized: {found['cameras'][1]} is {far}"
     if timing and not timing["synchronized"]:
         return f"whether it is synchronized cannot be told: {timing['reason']}"
     if tolerated is None:
-        return f"less than a tenth is lost up to {found['points'][-1]['offset_ms']:.0f} ms"
+        return f"less than a tenth is lost up to {max(found['points'][-1]['offsets_ms'].values()):.0f} ms"
     return f"this motion tolerates a delay of about {tolerated:.1f} ms"
 
 
@@ -165,8 +165,8 @@ def _of_export(found: Mapping[str, Any]) -> str:
 _SENTENCES = {
     "compare": lambda found: str(found["verdict"]),
     "multiview": _of_multiview,
-    "stitch": _of_stitch,
-    "dose": _of_dose,
+    "panorama": _of_panorama,
+    "tolerance": _of_tolerance,
     "read": panel_verdict,
     "verify": _of_verify,
     "repair": _of_repair,
@@ -183,7 +183,7 @@ _STUDIES = {
     "stereo": "depth of a pair",
     "triangulation": "points by COLMAP",
     "multiview": "depth from all cameras",
-    "stitch": "panorama",
+    "panorama": "panorama",
 }
 
 
@@ -240,9 +240,9 @@ def read_result(job: Job) -> StudyResult:
 def _comparison(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
     words = found.get("words") or {}
     pictures = {}
-    for study in ("multiview", "stereo", "stitch"):
-        offset = words.get("unsynchronized" if study == "multiview" else "offset", LATE)
-        for one in (found.get(study) or {}).get("pictures", ()):
+    for study in found["studies"]:
+        offset = words.get("unsynchronized" if len(study["cameras"]) > 2 else "offset", LATE)
+        for one in study["pictures"]:
             pictures[one["key"]] = ResultPicture(
                 one["title"],
                 one["caption"],
@@ -254,9 +254,9 @@ def _comparison(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyRe
     order = [key for key in _FIRST if key in pictures]
     order += [key for key in pictures if key not in order]
     skipped = [
-        f"no {what}: {found[f'{study}_skipped']}"
-        for study, what in _STUDIES.items()
-        if found.get(f"{study}_skipped")
+        f"no {_STUDIES[study['name']]}: {study['skipped']}"
+        for study in found["studies"]
+        if study["skipped"] and study["name"] in _STUDIES
     ]
     return StudyResult(
         verdict,
@@ -357,14 +357,14 @@ def _clouds(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult
 
 
 def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
-    measure = found["measure"]
+    measure, (first, second) = found["measure"], found["cameras"]
     still = measure.replace("mover_", "static_")
     rows = tuple(
         (
-            _lateness(point["offset_ms"]),
-            percent(point["scores"][measure]),
-            filled_cells(point["scores"][measure] or 0.0, BAR),
-            percent(point["scores"][still]),
+            _lateness(point["offsets_ms"][second]),
+            percent(_value(point, measure)),
+            filled_cells(_value(point, measure) or 0.0, BAR),
+            percent(_value(point, still)),
         )
         for point in found["points"]
     )
@@ -374,7 +374,7 @@ def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
         (),
         (
             ResultTable(
-                f"Depth from {found['reference']} and {found['other']}: {what}",
+                f"Depth from {first} and {second}: {what}",
                 ("", "", ""),
                 ("what moves", "", "what stands still"),
                 rows,
@@ -383,6 +383,11 @@ def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
         (),
         _report(found, folder),
     )
+
+
+def _value(point: Mapping[str, Any], measure: str) -> float | None:
+    found = next((one["offset"] for one in point["measures"] if one["name"] == measure), None)
+    return found and float(found["value"])
 
 
 def _panel(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:

@@ -11,7 +11,7 @@ from benchmarks.paper import page
 from benchmarks.paper.__main__ import main
 from benchmarks.paper.applications import APPLICATIONS, read_compared
 from capture_app.errors import BadInputError, ExitCode
-from reconstruction.scores.study_result import PanoramaComparison, PanoramaScores, Picture
+from reconstruction.scores.study_result import Interval, Measure, Picture, StudyResult
 
 ROOT = Path(__file__).resolve().parents[3]
 OVERLAP = Picture(key="panorama_overlap", title="", synced="pictures/one.png", offset="pictures/other.png")
@@ -25,13 +25,13 @@ def compared(tmp_path: Path) -> Path:
     for name, level in (("one.png", 90), ("other.png", 30), ("small.jpg", 60)):
         picture = np.full((240, 320, 3), level, np.uint8)
         (folder / "pictures" / name).write_bytes(cv2.imencode(Path(name).suffix, picture)[1].tobytes())
-    stitch = PanoramaComparison(
-        cameras=("cam01", "cam02"),
-        synced=PanoramaScores(mover_misfit_px=1.4, static_misfit_px=0.1),
-        offset=PanoramaScores(mover_misfit_px=18.0),
-        pictures=(OVERLAP,),
+    moving = Measure(name="mover_misfit_px", synced=Interval(value=1.4), offset=Interval(value=18.0))
+    still = Measure(name="static_misfit_px", synced=Interval(value=0.1))
+    panorama = StudyResult(
+        name="panorama", cameras=("cam01", "cam02"), measures=(moving, still), pictures=(OVERLAP,)
     )
-    metrics = {"session": "sample_sessions/crossing", "stitch": stitch, "stereo": None}
+    depth = StudyResult(name="stereo", skipped="too little overlap")
+    metrics = {"session": "sample_sessions/crossing", "studies": [depth, panorama]}
     (folder / "metrics.json").write_bytes(msgspec.json.encode(metrics))
     return folder
 

@@ -82,10 +82,10 @@ def test_the_rig_s_calibration_is_found_and_said(
 def test_a_panorama_takes_its_lenses_from_the_rig_s_calibration(
     bare: Session, reconstruct: Reconstruct, tmp_path: Path
 ) -> None:
-    plain = reconstruct("stitch", bare.folder, "--out", tmp_path / "plain", "--json").result
+    plain = reconstruct("panorama", bare.folder, "--out", tmp_path / "plain", "--json").result
     assert plain["calibration"] == ""
     CalibrationShelf().keep(Dataset(bare), calibration(RIG))
-    done = reconstruct("stitch", bare.folder, "--out", tmp_path / "known", "--json")
+    done = reconstruct("panorama", bare.folder, "--out", tmp_path / "known", "--json")
     assert done.result["calibration"].startswith("a board, kept from boards of ")
     assert "no camera has moved" in done.err
 

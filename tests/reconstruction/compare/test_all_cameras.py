@@ -25,9 +25,11 @@ from reconstruction.multiview.matcher import (
     Matcher,
     choose_matcher,
 )
+from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
+from tests.reconstruction.found import study, values
 from tests.reconstruction.true_workspace import write_true_workspace
 
 VIEWS = {
@@ -44,7 +46,7 @@ def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
     return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS)
 
 
-def study(
+def multiview(
     session: Session,
     folder: Path,
     *,
@@ -60,30 +62,30 @@ def study(
     return MultiviewStudy(rig, instants, width, match=match, matcher=matcher)
 
 
+def medians(found: StudyResult, side: str = "synced") -> dict[str, float]:
+    return {one.name: value for one in found.measures if (value := found.value(one.name, side)) is not None}
+
+
 @pytest.mark.slow
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
-    whole = study(trio, tmp_path)
+    whole = multiview(trio, tmp_path)
     whole.prepare(2, QUIET)
     assert (whole.group.reference, whole.group.cameras) == ("middle", ("left", "middle", "right"))
     found = whole.compare(Condition(DISTINCT), QUIET)
-    synced, offset = found.synced, found.offset
+    synced, offset = medians(found), medians(found, "offset")
     for lost in ("mover_within_2pct", "mover_coverage", "mover_consistency"):
-        before, after = getattr(synced, lost), getattr(offset, lost)
-        assert before > after + 0.4, lost
+        assert synced[lost] > offset[lost] + 0.4, lost
     # At 1 cm, where a pixel is 7 mm wide, not half of the points are right at best.
-    assert synced.mover_f_score is not None
-    assert offset.mover_f_score is not None
-    assert synced.mover_f_score > 0.3
-    assert offset.mover_f_score < 0.05
+    assert synced["mover_f_score"] > 0.3
+    assert offset["mover_f_score"] < 0.05
     for kept in ("static_within_2pct", "static_coverage", "static_consistency", "static_f_score"):
-        before, after = getattr(synced, kept), getattr(offset, kept)
-        assert before > 0.2, kept
-        assert abs(before - after) < 0.02, kept
-    assert synced.mover_within_1pct <= synced.mover_within_2pct <= synced.mover_within_5pct
-    assert synced.mover_points > 500
-    assert offset.mover_points < 0.2 * synced.mover_points
-    assert offset.mover_photometric_error > 2 * synced.mover_photometric_error
-    assert found.tolerance_m == 0.01
+        assert synced[kept] > 0.2, kept
+        assert abs(synced[kept] - offset[kept]) < 0.02, kept
+    assert synced["mover_within_1pct"] <= synced["mover_within_2pct"] <= synced["mover_within_5pct"]
+    assert synced["mover_points"] > 500
+    assert offset["mover_points"] < 0.2 * synced["mover_points"]
+    assert offset["mover_photometric_error"] > 2 * synced["mover_photometric_error"]
+    assert found.facts["tolerance_m"] == 0.01
     (row,) = found.per_instant
     late = [row[f"offset_{camera}_ms"] for camera in VIEWS]
     assert late[1] == 0
@@ -102,23 +104,24 @@ def test_compare_tells_of_all_cameras_in_every_condition(
     quick = ("--max-instants", 1, "--max-multiview-instants", 1, "--multiview-width", 160)
     further = ("--condition", "66,0,33", "--condition", "distinct", "--against", trio.folder)
     result = reconstruct("compare", trio.folder, *quick, *further, "--out", out, "--json").result
-    assert result["multiview_skipped"] == ""
-    whole = result["multiview"]
+    whole = study(result, "multiview")
+    assert whole["skipped"] == ""
     assert [one["other"] for one in result["rig_timing"]["cameras"] if one["synchronized"]] == [
         "middle",
         "right",
     ]
     assert "When the cameras took their pictures, against left" in (out / result["report"]).read_text()
-    assert whole["width_px"] == 160
-    assert whole["synced"]["mover_coverage"] > whole["offset"]["mover_coverage"] + 0.4
-    assert "of the picture" in result["poses_skipped"]
+    assert whole["facts"]["width_px"] == 160
+    assert values(whole)["mover_coverage"] > values(whole, "offset")["mover_coverage"] + 0.4
+    assert "of the picture" in study(result, "poses")["skipped"]
     listed, drawn, itself = result["conditions"]
-    assert listed["multiview"]["offsets_ms"] == {"left": 66, "middle": 0, "right": 33}
-    assert listed["multiview"]["offset"]["mover_coverage"] < 0.5
-    assert drawn["multiview"] == whole
-    same = [scores["mover_coverage"] for scores in (itself["multiview"]["offset"], whole["synced"])]
-    assert abs(same[0] - same[1]) < 0.05
-    assert all(one["skipped"] == [] or "panorama" in one["skipped"][0] for one in result["conditions"])
+    assert study(listed, "multiview")["offsets_ms"] == {"left": 66, "middle": 0, "right": 33}
+    assert values(study(listed, "multiview"), "offset")["mover_coverage"] < 0.5
+    assert study(drawn, "multiview") == whole
+    theirs = values(study(itself, "multiview"), "offset")
+    assert abs(theirs["mover_coverage"] - values(whole)["mover_coverage"]) < 0.05
+    skipped = {one["name"] for each in result["conditions"] for one in each["studies"] if one["skipped"]}
+    assert skipped <= {"panorama"}
     assert [picture["key"] for picture in whole["pictures"]] == [
         "multiview_depth",
         "multiview_movers",
@@ -147,17 +150,17 @@ def test_a_comparison_takes_the_matcher_that_is_asked_for(
         (tmp_path / name).write_text(f"#!/bin/sh\n{body}\n")
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "python"))
-    whole = study(trio, tmp_path / "stages", matcher=choose_matcher(Matcher.PATCHMATCH))
+    whole = multiview(trio, tmp_path / "stages", matcher=choose_matcher(Matcher.PATCHMATCH))
     whole.prepare(2, QUIET)
     found = whole.compare(Condition(DISTINCT), QUIET)
-    assert (found.matcher, found.matcher_note) == ("patchmatch", "on Some GPU")
+    assert (found.facts["matcher"], found.facts["matcher_note"]) == ("patchmatch", "on Some GPU")
     assert asked.read_text().split() == ["one", "one"]
     (row,) = found.per_instant
     assert row["instant"] == 2
-    assert found.synced.mover_within_2pct > 0.95
-    assert found.synced.static_consistency > 0.5
-    assert found.synced.mover_points > 500
-    assert study(trio, tmp_path / "stages").matcher == choose_matcher(Matcher.AUTO)
+    assert medians(found)["mover_within_2pct"] > 0.95
+    assert medians(found)["static_consistency"] > 0.5
+    assert medians(found)["mover_points"] > 500
+    assert multiview(trio, tmp_path / "stages").matcher == choose_matcher(Matcher.AUTO)
 
 
 class FlatDepth:
@@ -194,17 +197,17 @@ def darken(session: Session, folder: Path, images: Iterable[tuple[str, int]]) ->
 def test_instants_without_a_picture_of_every_camera_are_left_out(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path / "session", scene, VIEWS, missing={("left", 1)})
     flat = FlatDepth()
-    whole = study(session, tmp_path / "stages", instants=9, width=160, match=flat)
+    whole = multiview(session, tmp_path / "stages", instants=9, width=160, match=flat)
     whole.prepare(2, QUIET)
     found = whole.compare(Condition.parse("middle=0,left=66,right=33"), QUIET)
     # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
     assert [row["instant"] for row in found.per_instant] == [0, 2]
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
     assert set(flat.calls) == {("left", "middle", "right")}
-    assert found.cloud_skipped == "no fusion in this test"
-    assert found.synced.mover_points is None
-    assert found.synced.mover_f_score is None
-    assert found.width_px == 160
+    assert found.facts["cloud_skipped"] == "no fusion in this test"
+    assert found.value("mover_points") is None
+    assert found.value("mover_f_score") is None
+    assert found.facts["width_px"] == 160
     with pytest.raises(ValueError, match="equally late"):
         whole.compare(Condition.parse("5,5,5"), QUIET)
     with pytest.raises(ValueError, match="no instant is 300 ms"):
@@ -213,7 +216,7 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(scene: Scene, t
 
 def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) -> None:
     session = darken(trio, tmp_path / "dark", [("left", 2)])
-    whole = study(session, tmp_path / "stages", instants=9, width=160, match=FlatDepth())
+    whole = multiview(session, tmp_path / "stages", instants=9, width=160, match=FlatDepth())
     whole.prepare(2, QUIET)
     assert len(whole.group.cameras) == 3
     found = whole.compare(Condition.parse("left=33"), QUIET)
@@ -221,14 +224,14 @@ def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) ->
     assert [row["instant"] for row in found.per_instant] == [0, 3]
     night = darken(trio, tmp_path / "night", [(camera, k) for camera in VIEWS for k in range(5)])
     with pytest.raises(ValueError, match="left, middle, right: its picture is empty"):
-        study(night, tmp_path / "stages").prepare(2, QUIET)
+        multiview(night, tmp_path / "stages").prepare(2, QUIET)
 
 
 @pytest.mark.slow
 def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> None:
     views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
     session, flat = write_session(tmp_path, scene, views, instants=3), FlatDepth()
-    whole = study(session, tmp_path / "stages", width=160, match=flat)
+    whole = multiview(session, tmp_path / "stages", width=160, match=flat)
     whole.prepare(1, QUIET)
     assert whole.group.reference == "cam3"
     assert len(whole.group.cameras) == 5
@@ -239,11 +242,11 @@ def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> 
 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
-    two = study(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a")
+    two = multiview(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a")
     with pytest.raises(ValueError, match="it takes 3 cameras with overlapping views"):
         two.prepare(0, QUIET)
     aside = {**pair, "away": make_view((0.1, 0, 0), yaw=60)}
-    apart = study(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b")
+    apart = multiview(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b")
     with pytest.raises(ValueError, match="away: overlaps too little with any two others"):
         apart.prepare(0, QUIET)
 

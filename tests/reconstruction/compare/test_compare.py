@@ -11,6 +11,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
+from tests.reconstruction.found import study, values
 
 NO_MULTIVIEW = ("--max-multiview-instants", 0)
 
@@ -24,22 +25,23 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     result = done.result
     assert result == json.loads((out / "metrics.json").read_text())
     assert result["offset_frames"] == 2
-    synced, offset = result["stereo"]["synced"], result["stereo"]["offset"]
+    stereo, panorama = study(result, "stereo"), study(result, "panorama")
+    synced, offset = values(stereo), values(stereo, "offset")
     assert synced["mover_within_2pct"] > 0.9
     assert offset["mover_within_2pct"] < 0.05
     assert synced["mover_coverage"] > offset["mover_coverage"] + 0.6
     assert abs(synced["static_coverage"] - offset["static_coverage"]) < 0.02
     assert synced["mover_epipolar_px"] < 1 < offset["mover_epipolar_px"]
     assert abs(synced["static_epipolar_px"] - offset["static_epipolar_px"]) < 0.2
-    flow = [result["stitch"][c]["mover_misfit_px"] for c in ("synced", "offset")]
+    flow = [values(panorama, side)["mover_misfit_px"] for side in ("synced", "offset")]
     assert flow[1] > flow[0] + 2
     for control, slack in (("static_overlap_mad", 1), ("static_misfit_px", 0.1), ("static_found", 0.02)):
-        still = [result["stitch"][c][control] for c in ("synced", "offset")]
+        still = [values(panorama, side)[control] for side in ("synced", "offset")]
         assert abs(still[0] - still[1]) < slack
-    drawn = [picture["key"] for picture in result["stitch"]["pictures"]]
+    drawn = [picture["key"] for picture in panorama["pictures"]]
     assert drawn == ["panorama", "panorama_closeup", "panorama_overlap"]
     assert "timing alone" in result["verdict"]
-    for picture in result["stereo"]["pictures"] + result["stitch"]["pictures"]:
+    for picture in stereo["pictures"] + panorama["pictures"]:
         pair = [cv2.imread(str(out / picture[c])) for c in ("synced", "offset")]
         assert pair[0].shape == pair[1].shape
         assert min(pair[0].shape[:2]) > 64
@@ -142,12 +144,10 @@ def test_nothing_moving_is_said_plainly(scene: Scene, tmp_path: Path, reconstruc
     out = tmp_path / "out"
     result = reconstruct("compare", session.folder, "--out", out, "--json").result
     assert result["verdict"].startswith("Almost nothing moves")
-    assert result["stitch"] is None
-    assert "same" in result["stitch_skipped"]
-    assert result["stereo"]["synced"]["static_coverage"] > 0.8
-    assert result["multiview"] is None
-    assert "it takes 3 cameras" in result["multiview_skipped"]
-    assert result["poses"] is None
+    assert "same" in study(result, "panorama")["skipped"]
+    assert values(study(result, "stereo"))["static_coverage"] > 0.8
+    assert "it takes 3 cameras" in study(result, "multiview")["skipped"]
+    assert study(result, "poses")["skipped"]
 
 
 def test_without_calibration_and_colmap_the_panorama_is_still_made(
@@ -157,10 +157,9 @@ def test_without_calibration_and_colmap_the_panorama_is_still_made(
     apart = {name: VIEWS[name] for name in ("left", "aside")}
     session = write_session(tmp_path / "a", scene, apart, instants=3, calibrated=False, truth=False)
     result = reconstruct("compare", session.folder, "--out", tmp_path / "out", "--json").result
-    assert result["stereo"] is None
-    assert "pycolmap" in result["stereo_skipped"]
-    assert "no calibration" in result["multiview_skipped"]
-    assert result["stitch"]["cameras"] == ["left", "aside"]
+    assert "pycolmap" in study(result, "stereo")["skipped"]
+    assert "no calibration" in study(result, "multiview")["skipped"]
+    assert study(result, "panorama")["cameras"] == ["left", "aside"]
 
     pair = {name: VIEWS[name] for name in ("left", "right")}
     session = write_session(tmp_path / "b", scene, pair, instants=3, calibrated=False, truth=False)

@@ -10,6 +10,7 @@ from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Con
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import instants_shown, pair_instants, refuse_synchronized
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
+from tests.reconstruction.found import changes, study, values
 
 
 def test_conditions_are_read_from_text() -> None:
@@ -86,23 +87,23 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
-    pairs = ("--stereo-pair", "left,right", "--stitch-pair", "left,aside", "--max-multiview-instants", 0)
+    pairs = ("--stereo-pair", "left,right", "--panorama-pair", "left,aside", "--max-multiview-instants", 0)
     listed = ("--condition", "left=33,right=0", "--condition", "left=33,right=33")
     more = (*listed, "--against", boards.folder, "--out", out, "--json")
     result = reconstruct("compare", boards.folder, *pairs, *more).result
     early, same, itself = result["conditions"]
-    assert early["stereo"]["offset_ms"] == pytest.approx(-33.3, abs=0.1)
-    assert early["stereo"]["synced"]["mover_within_2pct"] > 0.9
-    assert early["stereo"]["offset"]["mover_within_2pct"] < 0.05
-    change = early["stereo"]["differences"]["mover_within_2pct"]
+    stereo, panorama = study(early, "stereo"), study(early, "panorama")
+    assert stereo["offsets_ms"]["right"] == pytest.approx(-33.3, abs=0.1)
+    assert values(stereo)["mover_within_2pct"] > 0.9
+    assert values(stereo, "offset")["mover_within_2pct"] < 0.05
+    change = changes(stereo)["mover_within_2pct"]
     assert change["low"] <= change["value"] <= change["high"] < -0.8
-    assert abs(early["stereo"]["differences"]["static_coverage"]["value"]) < 0.02
-    assert early["stitch"]["offset"]["mover_misfit_px"] > early["stitch"]["synced"]["mover_misfit_px"]
-    assert same["stereo"] is None
-    assert "equally late" in same["skipped"][0]
+    assert abs(changes(stereo)["static_coverage"]["value"]) < 0.02
+    assert values(panorama, "offset")["mover_misfit_px"] > values(panorama)["mover_misfit_px"]
+    assert "equally late" in study(same, "stereo")["skipped"]
     assert itself["session"] == str(boards.folder)
-    assert itself["stereo"]["offset"]["mover_within_2pct"] > 0.9
-    assert len(result["dose"]["points"]) == 5
+    assert values(study(itself, "stereo"), "offset")["mover_within_2pct"] > 0.9
+    assert len(result["tolerance"]["points"]) == 5
     assert len(result["burst"]["thumbnails"]) == 3
     page = (out / "report.html").read_text("utf-8")
     for words in ("All conditions", "The burst", "How much delay this motion tolerates", "Every instant"):
@@ -119,13 +120,9 @@ def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
     out = ("--out", tmp_path / "out", "--json")
     done = reconstruct("compare", boards.folder, *few, "--against", other.folder, *out)
     (condition,) = done.result["conditions"]
-    assert condition["stereo"] is None
-    assert condition["stitch"] is None
-    assert condition["triangulation"] is None
-    depth, panorama, points = condition["skipped"]
-    assert depth == "depth: camera right has no calibration"
-    assert points == "points by COLMAP: no calibration of right, aside"
-    assert "has no images of left and aside of one instant" in panorama
+    assert study(condition, "stereo")["skipped"] == "camera right has no calibration"
+    assert study(condition, "triangulation")["skipped"] == "no calibration of right, aside"
+    assert "has no images of left and aside of one instant" in study(condition, "panorama")["skipped"]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.compare.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors
-from reconstruction.scores.study_result import PoseComparison
+from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
@@ -70,7 +70,7 @@ def study(
     return PoseStudy(rig, "asked for", max_instants, finder)
 
 
-def compared(poses: PoseStudy, condition: Condition) -> PoseComparison:
+def compared(poses: PoseStudy, condition: Condition) -> StudyResult:
     quiet = Progress(0, silent=True)
     poses.prepare(0, quiet)
     return poses.compare(condition, quiet)
@@ -78,15 +78,17 @@ def compared(poses: PoseStudy, condition: Condition) -> PoseComparison:
 
 def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session, tmp_path: Path) -> None:
     found = compared(study(boards, tmp_path, finder=Fake), Condition.parse("left=0,right=33,aside=66"))
-    assert found.degraded
-    assert (found.synced.registered, found.offset.registered) == (3, 2)
-    assert (found.synced.correct_pairs, found.offset.correct_pairs) == (1, 0)
-    assert found.offset.rotation_deg == pytest.approx(10, abs=0.1)
+    assert found.facts["degraded"]
+    assert found.first_known("registered") == ("registered", 3, 2)
+    assert found.first_known("correct_pairs") == ("correct_pairs", 1, 0)
+    assert found.value("rotation_deg", "offset") == pytest.approx(10, abs=0.1)
     assert [row["instant"] for row in found.per_instant] == [0, 1, 2]
-    assert found.differences["correct_pairs"].high == -1
+    (right,) = (one for one in found.measures if one.name == "correct_pairs")
+    assert right.difference is not None
+    assert right.difference.high == -1
     assert found.offsets_ms == {"left": 0, "right": 33, "aside": 66}
     together = compared(study(boards, tmp_path, finder=Fake), Condition(SYNCED))
-    assert not together.degraded
+    assert not together.facts["degraded"]
     with pytest.raises(ValueError, match="equally late"):
         compared(study(boards, tmp_path, finder=Fake), Condition.parse("7,7,7"))
 
@@ -105,10 +107,12 @@ def test_two_cameras_and_no_colmap_are_said(
 @pytest.mark.slow
 def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
     found = compared(study(Session.open(PINWHEEL), tmp_path, max_instants=1), Condition(DISTINCT))
-    assert found.synced.registered == 5
-    assert found.synced.correct_pairs == 1
-    assert found.synced.rotation_deg is not None
-    assert found.synced.rotation_deg < 0.5
-    assert found.degraded
-    assert found.offset.correct_pairs == 0
-    assert found.offset.rotation_deg is None or found.offset.rotation_deg > 10
+    assert found.value("registered") == 5
+    assert found.value("correct_pairs") == 1
+    turned_by = found.value("rotation_deg")
+    assert turned_by is not None
+    assert turned_by < 0.5
+    assert found.facts["degraded"]
+    assert found.value("correct_pairs", "offset") == 0
+    turned_by = found.value("rotation_deg", "offset")
+    assert turned_by is None or turned_by > 10

@@ -13,10 +13,12 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.triangulation_study import RigTriangulator, TriangulationStudy
-from reconstruction.scores.study_result import TriangulationComparison
+from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
+from tests.reconstruction.found import study as found_study
+from tests.reconstruction.found import values
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
 QUIET = Progress(0, silent=True)
@@ -34,7 +36,7 @@ def study(
     return TriangulationStudy(rig, offset, depth, max_instants)
 
 
-def compared(points: TriangulationStudy, condition: Condition | None = None) -> TriangulationComparison:
+def compared(points: TriangulationStudy, condition: Condition | None = None) -> StudyResult:
     points.prepare(0, QUIET)
     return points.compare(condition or points.condition, QUIET)
 
@@ -59,15 +61,15 @@ def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session
     points = study(boards, tmp_path, max_instants=2)
     found = compared(points)
     assert found.cameras == ("left", "right", "aside")
-    synced, offset = found.synced, found.offset
-    assert synced.mover_points is not None
-    assert offset.mover_points is not None
-    assert synced.mover_points > 20
-    assert offset.mover_points < 0.5 * synced.mover_points
-    assert synced.static_points == pytest.approx(offset.static_points, rel=0.1)
-    assert synced.instants == len(found.per_instant) == 2
+    moving, still = found.first_known("mover_points"), found.first_known("static_points")
+    assert moving is not None
+    assert still is not None
+    assert moving[1] > 20
+    assert moving[2] < 0.5 * moving[1]
+    assert still[1] == pytest.approx(still[2], rel=0.1)
+    assert found.instants == len(found.per_instant) == 2
     together = points.compare(Condition(SYNCED), QUIET)
-    assert together.offset.mover_points == together.synced.mover_points
+    assert together.value("mover_points", "offset") == together.value("mover_points")
 
 
 def test_of_two_cameras_the_second_is_late(scene: Scene, tmp_path: Path) -> None:
@@ -75,11 +77,14 @@ def test_of_two_cameras_the_second_is_late(scene: Scene, tmp_path: Path) -> None
     found = compared(study(session, tmp_path / "stages", max_instants=3))
     assert found.offsets_ms["left"] == 0
     assert found.offsets_ms["right"] == pytest.approx(66.7, abs=0.1)
-    assert found.differences["mover_points"].high < -10
-    assert found.synced.mover_precision is not None
-    assert found.synced.mover_precision > 0.9
-    assert (found.offset.mover_precision or 0) < 0.3
-    assert found.synced.static_precision == pytest.approx(found.offset.static_precision, abs=0.05)
+    (placed,) = (one for one in found.measures if one.name == "mover_points")
+    assert placed.difference is not None
+    assert placed.difference.ends[1] < -10
+    assert (found.value("mover_precision") or 0) > 0.9
+    assert (found.value("mover_precision", "offset") or 0) < 0.3
+    still = found.first_known("static_precision")
+    assert still is not None
+    assert still[1] == pytest.approx(still[2], abs=0.05)
 
 
 def test_a_short_burst_makes_every_second_camera_late(scene: Scene, tmp_path: Path) -> None:
@@ -97,7 +102,7 @@ def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_pat
     found = points.compare(Condition(SYNCED), QUIET)
     assert len(found.cameras) == 5
     assert set(points.depth.cameras) < set(found.cameras)
-    assert len(found.left_out) == 1
+    assert len(found.facts["left_out"]) == 1
 
 
 def test_what_cannot_be_measured_is_said(
@@ -115,9 +120,8 @@ def test_what_cannot_be_measured_is_said(
     result = reconstruct(
         "compare", session.folder, "--max-instants", 1, "--out", tmp_path / "out", "--json"
     ).result
-    assert result["triangulation"] is None
-    assert "pycolmap" in result["triangulation_skipped"]
-    assert result["stereo"] is not None
+    assert "pycolmap" in found_study(result, "triangulation")["skipped"]
+    assert not found_study(result, "stereo")["skipped"]
 
 
 def study_without_pair(session: Session, stages: Path) -> TriangulationStudy:
@@ -134,12 +138,14 @@ def test_a_comparison_shows_the_points(scene: Scene, tmp_path: Path, reconstruct
     out = tmp_path / "out"
     arguments = ("--max-instants", 1, "--condition", "right=33", "--out", out, "--json")
     result = reconstruct("compare", session.folder, *arguments).result
-    assert result["triangulation_skipped"] == ""
-    synced, offset = (result["triangulation"][side]["mover_points"] for side in ("synced", "offset"))
+    points = found_study(result, "triangulation")
+    assert points["skipped"] == ""
+    synced, offset = (values(points, side)["mover_points"] for side in ("synced", "offset"))
     assert synced > 2 * offset
     (table,) = (one for one in result["words"]["tables"] if "COLMAP" in one["caption"])
     assert table["rows"][0][:3] == ["Points in space", f"{synced:.0f}", f"{offset:.0f}"]
-    assert result["conditions"][0]["triangulation"]["offset"]["mover_points"] < synced
+    late = found_study(result["conditions"][0], "triangulation")
+    assert values(late, "offset")["mover_points"] < synced
     page = (out / "report.html").read_text()
     assert "Points by COLMAP from 2 cameras" in page
     assert "fit by chance are in the wrong place" in page
@@ -157,4 +163,4 @@ def test_a_real_ball_is_a_point_only_when_synchronized(shared: Path, tmp_path: P
     )
     assert synced >= 5
     assert offset <= 1
-    assert found.synced.static_points == pytest.approx(found.offset.static_points, rel=0.1)
+    assert found.value("static_points") == pytest.approx(found.value("static_points", "offset"), rel=0.1)

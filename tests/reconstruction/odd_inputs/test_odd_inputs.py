@@ -23,7 +23,7 @@ CASES = {
     **{f"pictures: {name}": change for name, change in PICTURES.items()},
     **{f"manifest: {name}": change for name, change in MANIFESTS.items()},
 }
-WITHOUT_CALIBRATION = ("stitch pictures", "calibrate from charuco", "calibrate from sfm")
+WITHOUT_CALIBRATION = ("panorama of pictures", "calibrate from charuco", "calibrate from sfm")
 """Commands that do not read the session's calibration: of no other calibration they notice anything."""
 
 
@@ -74,14 +74,14 @@ def test_every_command_ends_with_a_line_and_an_exit_code(
         ("calibration: equal poses, all", "stereo", "at the same place by the calibration (baseline 0)"),
         ("calibration: equal poses, all", "calibrate from session", "one pose"),
         ("calibration: mirrored, one", "multiview", "camera left cannot be right: its rotation is mirrored"),
-        ("calibration: distortion 1e9", "dose", "without its distortion the picture would be"),
+        ("calibration: distortion 1e9", "tolerance", "without its distortion the picture would be"),
         ("calibration: no focal length", "stereo", "a focal length of 0 px"),
         ("calibration: translation NaN", "multiview", "not valid JSON"),
         ("pictures: 65000x1, one", "compare", "camera left is 65000x1 pixels"),
-        ("pictures: 30000x30000", "stitch pictures", "decoded it takes 2.7 GB of memory"),
+        ("pictures: 30000x30000", "panorama of pictures", "decoded it takes 2.7 GB of memory"),
         ("pictures: 30000x30000, unsaid", "stereo", "is 30000x30000, but left is 320x240"),
-        ("pictures: no images", "stitch", "two pictures or more"),
-        ("pictures: one is missing on disk", "dose", "is missing"),
+        ("pictures: no images", "panorama", "two pictures or more"),
+        ("pictures: one is missing on disk", "tolerance", "is missing"),
         ("manifest: instants all the same", "compare", "do not follow each other in time"),
     ],
 )

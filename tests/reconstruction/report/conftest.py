@@ -13,8 +13,8 @@ import pytest
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Picture
-from tests.reconstruction.report.results import RESULT, whole_result, with_pictures
+from reconstruction.scores.study_result import Picture, StudyResult
+from tests.reconstruction.report.results import RESULT, whole_result, with_pictures, with_studies
 
 VOID = {"meta", "link", "img", "input", "br", "circle", "path", "rect"}
 
@@ -55,8 +55,9 @@ ReadReport = Callable[..., Page]
 def read_report(tmp_path: Path) -> ReadReport:
     """Write the report of a result, with changes, into the test's folder and read it."""
 
-    def read(result: CompareResult = RESULT, **changes: Any) -> Page:
-        return Page(write_report(msgspec.structs.replace(result, **changes), tmp_path))
+    def read(result: CompareResult = RESULT, *studies: StudyResult, **changes: Any) -> Page:
+        changed = msgspec.structs.replace(with_studies(result, *studies), **changes)
+        return Page(write_report(changed, tmp_path))
 
     return read
 

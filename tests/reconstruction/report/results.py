@@ -1,6 +1,8 @@
 """Results to report: one with little in it, and one with everything, made of small grey pictures."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import msgspec
@@ -12,21 +14,15 @@ from reconstruction.scores.comparison_results import (
     BurstGrid,
     CompareResult,
     ConditionResult,
-    DosePoint,
-    DoseResult,
+    OffsetTolerance,
 )
 from reconstruction.scores.study_result import (
-    DepthScores,
+    SUBJECTS,
     InstantClouds,
     Interval,
-    MultiviewComparison,
-    MultiviewScores,
-    PanoramaComparison,
-    PanoramaScores,
+    Measure,
     Picture,
-    PoseComparison,
-    PoseScores,
-    StereoComparison,
+    StudyResult,
 )
 from reconstruction.scores.timing import InstantTiming, RigTiming, Timing
 
@@ -51,31 +47,71 @@ def rig_timing(reference: str, *others: str) -> RigTiming:
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
 
 
-def depth(**changes: float | None) -> DepthScores:
-    scores = DepthScores(
-        mover_coverage=0.999,
-        static_coverage=0.745,
-        mover_within_2pct=0.981,
-        static_within_2pct=0.673,
-        mover_epipolar_px=0.26,
-        instants=5,
-    )
-    return msgspec.structs.replace(scores, **changes)
+Values = Mapping[str, float | Interval | None]
 
 
-STEREO = StereoComparison(
-    reference="cam2",
-    other="cam3",
-    synced=depth(),
-    offset=depth(
-        mover_coverage=0.405, static_coverage=0.733, mover_within_2pct=0.0112, mover_epipolar_px=17.7
-    ),
+def study(name: str, cameras: tuple[str, ...], synced: Values, offset: Values, **more: Any) -> StudyResult:
+    """A study that found these values in both conditions."""
+    names = dict.fromkeys((*synced, *offset))
+    measures = tuple(Measure(name=n, synced=known(synced.get(n)), offset=known(offset.get(n))) for n in names)
+    return StudyResult(name=name, cameras=cameras, measures=measures, **{"instants": 5, **more})
+
+
+def known(value: float | Interval | None) -> Interval | None:
+    return Interval(value=value) if isinstance(value, int | float) else value
+
+
+def changed(found: StudyResult, synced: Values | None = None, offset: Values | None = None) -> StudyResult:
+    """A study with other values of some measures."""
+    names = {one.name: one for one in found.measures}
+    for side, values in (("synced", synced or {}), ("offset", offset or {})):
+        for name, value in values.items():
+            one = names.get(name, Measure(name=name))
+            names[name] = msgspec.structs.replace(one, **{side: known(value)})
+    return msgspec.structs.replace(found, measures=tuple(names.values()))
+
+
+def skipped(name: str, why: str = "it was not asked for") -> StudyResult:
+    return StudyResult(name=name, skipped=why)
+
+
+def with_studies(result: CompareResult, *studies: StudyResult) -> CompareResult:
+    """The result with these studies instead of its own of their names."""
+    found = {one.name: one for one in (*result.studies, *studies)}
+    return msgspec.structs.replace(result, studies=tuple(found[name] for name in SUBJECTS))
+
+
+def found(result: CompareResult, name: str) -> StudyResult:
+    """A study that the result has."""
+    one = result.study(name)
+    assert one is not None
+    return one
+
+
+DEPTH: Values = {
+    "mover_coverage": 0.999,
+    "static_coverage": 0.745,
+    "mover_within_2pct": 0.981,
+    "static_within_2pct": 0.673,
+    "mover_epipolar_px": 0.26,
+}
+STEREO = study(
+    "stereo",
+    ("cam2", "cam3"),
+    DEPTH,
+    {
+        "mover_coverage": 0.405,
+        "static_coverage": 0.733,
+        "mover_within_2pct": 0.0112,
+        "static_within_2pct": 0.673,
+        "mover_epipolar_px": 17.7,
+    },
 )
-
-STITCH = PanoramaComparison(
-    cameras=("cam0", "cam4"),
-    synced=PanoramaScores(mover_misfit_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5),
-    offset=PanoramaScores(mover_misfit_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5),
+PANORAMA = study(
+    "panorama",
+    ("cam0", "cam4"),
+    {"mover_misfit_px": 1.31, "static_overlap_mad": 4.2, "mover_overlap_mad": 6.1},
+    {"mover_misfit_px": 23.4, "static_overlap_mad": 4.3, "mover_overlap_mad": 31.7},
 )
 
 RESULT = CompareResult(
@@ -85,8 +121,7 @@ RESULT = CompareResult(
     actual_offset_ms=66.6,
     verdict="Synchronized cameras measure moving things. Late ones <do not>.",
     calibration="the session's own (calibration.json)",
-    stereo=STEREO,
-    stitch=STITCH,
+    studies=(skipped("multiview"), STEREO, skipped("triangulation"), PANORAMA, skipped("poses")),
     timing=TIMING,
     rig_timing=rig_timing("cam2", "cam0", "cam3", "cam4"),
     sync_residual_us=85.2,
@@ -97,8 +132,7 @@ RESULT = CompareResult(
 
 
 def with_pictures(result: CompareResult, *pictures: Picture) -> CompareResult:
-    stereo = msgspec.structs.replace(result.stereo, pictures=pictures)
-    return msgspec.structs.replace(result, stereo=stereo)
+    return with_studies(result, msgspec.structs.replace(found(result, "stereo"), pictures=pictures))
 
 
 SIDES = ("synced", "offset")
@@ -106,7 +140,7 @@ CAMERAS = ("cam_left", "cam_middle", "cam_right")
 LATE_MS = (0.0, 66.666, -33.333)
 SHAPES = {"depth": (480, 640), "pano": (200, 2400), "upright": (900, 300)}
 """Height and width of the pictures with a slider, px."""
-RANGED = {"mover_within_2pct": Interval(value=0.9, low=0.871, high=0.925)}
+RANGED = Interval(value=0.9, low=0.871, high=0.925)
 
 
 def grey(out: Path, name: str, shape: tuple[int, int], level: int) -> str:
@@ -145,41 +179,61 @@ def clouds(out: Path) -> InstantClouds:
 
 def whole_result(out: Path) -> CompareResult:
     """The result; its pictures lie in `out`."""
-    scores = DepthScores(
-        mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5, intervals=RANGED
-    )
-    panorama = PanoramaScores(overlap_misfit_px=1.3, static_overlap_mad=4.2, instants=5)
+    depth = {"mover_coverage": 0.9, "static_coverage": 0.7, "mover_within_2pct": RANGED}
+    misfit = {"overlap_misfit_px": 1.3, "static_overlap_mad": 4.2}
     pictures = [greys(out, key, f"A picture of {key}", shape, 100, 180) for key, shape in SHAPES.items()]
-    stereo = StereoComparison(
-        reference=CAMERAS[0],
-        other=CAMERAS[1],
-        synced=scores,
-        offset=scores,
-        pictures=tuple(pictures),
-        per_instant=(
-            {
-                "instant": 0,
-                "mover_pixels": 2801,
-                "synced_mover_coverage": 0.9,
-                "offset_mover_coverage": 0.1,
-                "synced_mover_epipolar_px": 0.1,
-                "offset_mover_epipolar_px": 9.5,
-            },
-        ),
-    )
-    many = MultiviewScores(
-        mover_coverage=0.98,
-        static_coverage=0.9,
-        mover_within_2pct=0.97,
-        static_within_2pct=0.87,
-        mover_points=12345.6,
-        static_points=98765.0,
-        mover_f_score=0.81,
-        static_f_score=0.7,
-        intervals={"static_points": Interval(value=98765, low=98123, high=99456)},
+    row = {
+        "instant": 0,
+        "mover_pixels": 2801,
+        "synced_mover_coverage": 0.9,
+        "offset_mover_coverage": 0.1,
+        "synced_mover_epipolar_px": 0.1,
+        "offset_mover_epipolar_px": 9.5,
+    }
+    stereo = study("stereo", CAMERAS[:2], depth, depth, pictures=tuple(pictures), per_instant=(row,))
+    many: Values = {
+        "mover_coverage": 0.98,
+        "static_coverage": 0.9,
+        "mover_within_2pct": 0.97,
+        "static_within_2pct": 0.87,
+        "mover_points": 12345.6,
+        "static_points": Interval(value=98765, low=98123, high=99456),
+        "mover_f_score": 0.81,
+        "static_f_score": 0.7,
+    }
+    lost: Values = {**many, "mover_coverage": 0.052, "mover_within_2pct": 0.012, "mover_points": 45.0}
+    multiview = study(
+        "multiview",
+        CAMERAS,
+        many,
+        lost,
         instants=3,
+        per_instant=({"instant": 2, "synced_mover_points": 12345, "offset_mover_points": 45},),
+        pictures=(greys(out, "multiview_depth", "Distance from all cameras", (96, 128), 90, 190),),
+        facts={
+            "reference": CAMERAS[1],
+            "tolerance_m": 0.01,
+            "width_px": 640,
+            "matcher": "sweep",
+            "left_out": {"cam_dark": "its picture is black"},
+            "clouds": clouds(out),
+            "cloud_skipped": "",
+        },
     )
-    lost = msgspec.structs.replace(many, mover_coverage=0.052, mover_within_2pct=0.012, mover_points=45.0)
+    poses = study(
+        "poses",
+        CAMERAS,
+        {"registered": 3.0, "correct_pairs": 1.0, "rotation_deg": 0.05, "direction_deg": 0.4},
+        {"registered": 2.5, "correct_pairs": 0.2, "rotation_deg": 27.0, "direction_deg": 40.0},
+        offsets_ms=dict(zip(CAMERAS, LATE_MS, strict=True)),
+        per_instant=(
+            {"instant": 1, "synced_correct_pairs": 1.0, "offset_correct_pairs": 0.4},
+            {"instant": 2, "synced_correct_pairs": 1.0, "offset_correct_pairs": 0.0},
+        ),
+        reason="71 % of the picture moves",
+        facts={"degraded": True, "tolerance_deg": 2.0, "truth_source": "the simulated scene"},
+    )
+    panorama = study("panorama", CAMERAS[::2], misfit, misfit)
     sweep = {
         side: tuple(grey(out, f"sweep_{c}_{side}", (96, 128), 60 + 40 * k) for k, c in enumerate(CAMERAS))
         for side in SIDES
@@ -194,42 +248,23 @@ def whole_result(out: Path) -> CompareResult:
         actual_offset_ms=66.666,
         verdict="It matters. A lot.",
         calibration="given",
-        stereo=stereo,
-        stitch=PanoramaComparison(cameras=CAMERAS[::2], synced=panorama, offset=panorama),
-        multiview=MultiviewComparison(
-            reference=CAMERAS[1],
-            cameras=CAMERAS,
-            synced=many,
-            offset=lost,
-            tolerance_m=0.01,
-            width_px=640,
-            per_instant=({"instant": 2, "synced_mover_points": 12345, "offset_mover_points": 45},),
-            pictures=(greys(out, "multiview_depth", "Distance from all cameras", (96, 128), 90, 190),),
-            left_out={"cam_dark": "its picture is black"},
-            clouds=clouds(out),
-        ),
-        poses=PoseComparison(
-            cameras=CAMERAS,
-            synced=PoseScores(registered=3.0, correct_pairs=1.0, rotation_deg=0.05, direction_deg=0.4),
-            offset=PoseScores(registered=2.5, correct_pairs=0.2, rotation_deg=27.0, direction_deg=40.0),
-            degraded=True,
-            tolerance_deg=2.0,
-            truth_source="the simulated scene",
-            offsets_ms=dict(zip(CAMERAS, LATE_MS, strict=True)),
-            per_instant=(
-                {"instant": 1, "synced_correct_pairs": 1.0, "offset_correct_pairs": 0.4},
-                {"instant": 2, "synced_correct_pairs": 1.0, "offset_correct_pairs": 0.0},
-            ),
-            reason="71 % of the picture moves",
-        ),
+        studies=(multiview, stereo, skipped("triangulation"), panorama, poses),
         sync_residual_us=50,
         sync_bound_us=850,
-        conditions=(ConditionResult(name="naive", session="sessions/naive", stereo=stereo),),
-        dose=DoseResult(
-            reference=CAMERAS[0],
-            other=CAMERAS[1],
+        conditions=(ConditionResult(name="naive", session="sessions/naive", studies=(stereo,)),),
+        tolerance=OffsetTolerance(
+            cameras=CAMERAS[:2],
             measure="mover_within_2pct",
-            points=tuple(DosePoint(offset_ms=33.333 * k, offset_frames=k, scores=scores) for k in range(3)),
+            points=tuple(
+                study(
+                    "stereo",
+                    CAMERAS[:2],
+                    depth,
+                    depth,
+                    offsets_ms=dict(zip(CAMERAS, (0.0, late), strict=False)),
+                )
+                for late in (0.0, 33.333, 66.666)
+            ),
             instants=3,
             decreasing=True,
             timing=timing,

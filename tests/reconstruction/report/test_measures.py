@@ -8,7 +8,23 @@ from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from tests.reconstruction.report.conftest import ReadReport
-from tests.reconstruction.report.results import RESULT, STEREO, STITCH, TIMING, depth
+from tests.reconstruction.report.results import (
+    PANORAMA,
+    RESULT,
+    STEREO,
+    TIMING,
+    changed,
+    found,
+    skipped,
+    with_studies,
+)
+
+LOST = {
+    "mover_within_2pct": 0.005,
+    "static_within_2pct": 0.673,
+    "mover_epipolar_px": 9.8,
+    "static_epipolar_px": 0.05,
+}
 
 
 def test_movers_stand_beside_the_static_control(read_report: ReadReport) -> None:
@@ -24,14 +40,12 @@ def test_movers_stand_beside_the_static_control(read_report: ReadReport) -> None
 
 def test_stricter_and_laxer_shares_are_told_where_they_were_taken(read_report: ReadReport) -> None:
     both = {"mover_within_1pct": 0.905, "mover_within_5pct": 0.993}
-    stereo = msgspec.structs.replace(STEREO, synced=depth(**both))
-    page = read_report(stereo=stereo)
+    page = read_report(RESULT, changed(STEREO, both))
     assert re.match(r".*more strictly.*?90\.5 %\s*n/a.*less strictly.*?99\.3 %\s*n/a", page.text)
 
 
 def test_a_control_that_moves_is_admitted(read_report: ReadReport) -> None:
-    shaky = msgspec.structs.replace(STEREO, offset=depth(static_within_2pct=0.6))
-    page = read_report(stereo=shaky)
+    page = read_report(RESULT, changed(STEREO, offset={"static_within_2pct": 0.6}))
     assert "comes from timing alone" not in page.text
     assert "not all of the difference comes from timing" in page.text
 
@@ -45,10 +59,9 @@ def test_cameras_that_moved_leave_no_control(read_report: ReadReport) -> None:
 def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(
     read_report: ReadReport, whole: CompareResult
 ) -> None:
-    lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
-    stereo = msgspec.structs.replace(whole.stereo, synced=lost, offset=lost)
+    stereo = changed(found(whole, "stereo"), LOST, LOST)
     apart = msgspec.structs.replace(whole.timing, synchronized=False, offset=True, late_ms=33.0)
-    page = read_report(whole, stereo=stereo, timing=apart, rig_timing=None, verdict="They were not.")
+    page = read_report(whole, stereo, timing=apart, rig_timing=None, verdict="They were not.")
     assert "As recorded against offset" in page.text
     assert "Synced" not in page.text
     assert "fire together; these did not" in page.text
@@ -82,17 +95,14 @@ def test_a_camera_that_is_late_takes_the_word_from_what_it_is_part_of(
 
 def test_without_ground_truth_nothing_is_called_correct(read_report: ReadReport) -> None:
     blind = {"mover_within_2pct": None, "static_within_2pct": None}
-    stereo = msgspec.structs.replace(
-        STEREO, synced=depth(**blind), offset=depth(**blind, mover_coverage=0.118, static_coverage=0.744)
-    )
-    page = read_report(stereo=stereo)
+    page = read_report(RESULT, changed(STEREO, blind, {**blind, "mover_coverage": 0.118}))
     assert "orrectly" not in page.text
     assert "12 % of the moving surface given a distance" in page.text
     assert "The true distances are not known" in page.text
 
 
 def test_a_panorama_alone_speaks_of_its_overlap(read_report: ReadReport) -> None:
-    page = read_report(stereo=None, stereo_skipped="only one camera <looks> that way")
+    page = read_report(RESULT, skipped("stereo", "only one camera <looks> that way"))
     assert "1.31 px of misfit" in page.text
     assert "23.4 px of misfit" in page.text
     assert "Depth was not measured: only one camera <looks> that way" in page.text
@@ -100,37 +110,29 @@ def test_a_panorama_alone_speaks_of_its_overlap(read_report: ReadReport) -> None
 
 
 def test_a_panorama_that_lost_what_moves_says_how_much(read_report: ReadReport) -> None:
-    stitch = msgspec.structs.replace(
-        STITCH,
-        synced=msgspec.structs.replace(STITCH.synced, mover_found=0.98),
-        offset=msgspec.structs.replace(STITCH.offset, mover_misfit_px=None, mover_found=0.07),
-    )
-    page = read_report(stereo=None, stitch=stitch)
+    panorama = changed(PANORAMA, {"mover_found": 0.98}, {"mover_misfit_px": None, "mover_found": 0.07})
+    page = read_report(RESULT, skipped("stereo"), panorama)
     assert "7 % of moving things in both pictures" in page.text.replace("\u202f", " ")
 
 
 def test_a_panorama_is_judged_by_what_moves_where_that_is_known(read_report: ReadReport) -> None:
-    stitch = msgspec.structs.replace(
-        STITCH,
-        synced=msgspec.structs.replace(STITCH.synced, mover_misfit_px=2.5),
-        offset=msgspec.structs.replace(STITCH.offset, mover_misfit_px=31.4),
-        reason="52 % overlap",
-    )
-    page = read_report(stereo=None, stitch=stitch)
+    panorama = changed(PANORAMA, {"mover_misfit_px": 2.5}, {"mover_misfit_px": 31.4})
+    panorama = msgspec.structs.replace(panorama, reason="52 % overlap")
+    page = read_report(RESULT, skipped("stereo"), panorama)
     assert page.text.index("2.50 px of misfit of moving things") < page.text.index("31.4 px of misfit")
     assert "Misfit" in page.text
     assert "5 instants (selection: 52 % overlap)" in page.text
 
 
 def test_depth_alone_says_why_there_is_no_panorama(read_report: ReadReport) -> None:
-    page = read_report(stitch=None, stitch_skipped="the pictures do not overlap", rig_timing=None)
+    page = read_report(RESULT, skipped("panorama", "the pictures do not overlap"), rig_timing=None)
     assert "No panorama was made: the pictures do not overlap" in page.text
     assert len(page.all("table")) == 1
 
 
 def test_with_nothing_measured_the_page_says_so_and_claims_nothing(read_report: ReadReport) -> None:
-    nothing = {"stereo": None, "stitch": None, "rig_timing": None}
-    page = read_report(**nothing, sync_residual_us=None, sync_bound_us=None, versions={})
+    nothing = {"rig_timing": None, "sync_residual_us": None, "sync_bound_us": None, "versions": {}}
+    page = read_report(RESULT, skipped("stereo"), skipped("panorama"), **nothing)
     assert "Depth was not measured" in page.text
     assert "No panorama was made" in page.text
     assert not page.all("table")
@@ -151,7 +153,7 @@ def test_a_measure_has_one_name_and_an_interval_one_decimal(
 
 
 def test_the_drawn_condition_is_listed_once(read_report: ReadReport, whole: CompareResult) -> None:
-    drawn = ConditionResult(name="distinct", stereo=STEREO, multiview=whole.multiview)
+    drawn = ConditionResult(name="distinct", studies=(found(whole, "multiview"), STEREO))
     page = read_report(whole, conditions=(drawn,))
     conditions = page.text[page.text.index("All conditions") : page.text.index("Every instant by itself")]
     assert conditions.count("unsynchronized") == 1
@@ -187,7 +189,9 @@ def test_poses_of_single_instants_are_told_and_drawn(read_report: ReadReport, wh
 
 
 def test_what_was_not_looked_at_says_why_and_draws_nothing(read_report: ReadReport) -> None:
-    page = read_report(multiview_skipped="it takes three <cameras>", poses_skipped="what moves is small")
+    page = read_report(
+        RESULT, skipped("multiview", "it takes three <cameras>"), skipped("poses", "what moves is small")
+    )
     assert "With all cameras at once" not in page.text
     assert "not measured: it takes three <cameras>" in page.text
     assert "not measured: what moves is small" in page.text
@@ -210,8 +214,7 @@ def test_the_tables_in_words_read_as_in_the_report(read_report: ReadReport) -> N
 
 
 def test_in_words_too_nothing_is_called_synchronized_that_cannot_be() -> None:
-    lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
-    stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
-    words = report_words(msgspec.structs.replace(RESULT, stereo=stereo, timing=None, rig_timing=None))
+    result = with_studies(RESULT, changed(STEREO, LOST, LOST))
+    words = report_words(msgspec.structs.replace(result, timing=None, rig_timing=None))
     assert words.synced == "As recorded"
     assert words.tables[0].columns[0] == "Recorded"

@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report import wording
-from reconstruction.report.comparison_report import describe_exactness
+from reconstruction.report.findings import describe_exactness
 from reconstruction.scores.timing import RigTiming
 from tests.reconstruction.report.conftest import ReadReport
 from tests.reconstruction.report.results import RESULT, TIMING, greys, whole_result, with_pictures
@@ -71,8 +71,8 @@ def test_unknown_offsets_stand_where_the_error_would(tmp_path: Path, read_report
 
 def test_a_motion_that_bears_all_that_was_tried_has_a_lower_bound_only(tmp_path: Path) -> None:
     whole = whole_result(tmp_path)
-    dose = msgspec.structs.replace(whole.dose, tolerable_offset_ms=None)
-    found = describe_exactness(msgspec.structs.replace(whole, dose=dose))
+    tolerance = msgspec.structs.replace(whole.tolerance, tolerable_offset_ms=None)
+    found = describe_exactness(msgspec.structs.replace(whole, tolerance=tolerance))
     assert shown(found.bears) == "> 67 ms"
     assert found.conclusion == ""
 

@@ -13,7 +13,7 @@ from capture_app.errors import BadInputError
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from tests.reconstruction.report.conftest import Page, ReadReport
-from tests.reconstruction.report.results import CAMERAS, NASTY, RESULT
+from tests.reconstruction.report.results import CAMERAS, NASTY, RESULT, found, skipped
 
 
 def test_the_page_starts_with_the_verdict_and_its_two_numbers(
@@ -35,7 +35,7 @@ def test_everything_is_in_the_one_file(tmp_path: Path, pictured: CompareResult) 
     images = page.all("img")
     assert len(images) == 6
     for image, name in zip(
-        images, [p for q in pictured.stereo.pictures for p in (q.synced, q.offset)], strict=True
+        images, [p for q in found(pictured, "stereo").pictures for p in (q.synced, q.offset)], strict=True
     ):
         head, data = image["src"].split(",", 1)
         assert head == "data:image/webp;base64"
@@ -69,28 +69,30 @@ def test_words_of_the_user_stay_words(tmp_path: Path, pictured: CompareResult) -
 
 def test_no_name_and_no_note_becomes_markup(read_report: ReadReport, whole: CompareResult) -> None:
     nasty = "<script>alert(1)</script>"
-    sweep, burst, poses = whole.bullet_time, whole.burst, whole.poses
+    sweep, burst = whole.bullet_time, whole.burst
+    stereo, multiview, poses = (found(whole, name) for name in ("stereo", "multiview", "poses"))
     cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
-    picture = msgspec.structs.replace(whole.stereo.pictures[0], title=nasty, caption=nasty)
+    picture = msgspec.structs.replace(stereo.pictures[0], title=nasty, caption=nasty)
+    unseen = {"reference": nasty, "left_out": {nasty: nasty}, "cloud_skipped": nasty}
+    late_ms = dict.fromkeys(cameras, 5.0)
     page = read_report(
         whole,
+        msgspec.structs.replace(stereo, cameras=(nasty, nasty), reason=nasty, pictures=(picture,)),
+        msgspec.structs.replace(multiview, cameras=cameras, facts={**multiview.facts, **unseen}),
+        skipped("panorama", nasty),
+        msgspec.structs.replace(
+            poses,
+            cameras=cameras,
+            offsets_ms=late_ms,
+            reason=nasty,
+            facts={**poses.facts, "truth_source": nasty},
+        ),
         session=nasty,
         verdict=f"{nasty} It matters. {nasty}",
         calibration=nasty,
-        stereo=msgspec.structs.replace(
-            whole.stereo, reference=nasty, other=nasty, reason=nasty, pictures=(picture,)
-        ),
-        multiview=msgspec.structs.replace(
-            whole.multiview, reference=nasty, cameras=cameras, left_out={nasty: nasty}, cloud_skipped=nasty
-        ),
-        stitch=None,
-        stitch_skipped=nasty,
-        poses=msgspec.structs.replace(
-            poses, cameras=cameras, offsets_ms=dict.fromkeys(cameras, 5.0), truth_source=nasty, reason=nasty
-        ),
         bullet_time=msgspec.structs.replace(sweep, cameras=cameras, file=nasty),
         burst=msgspec.structs.replace(burst, cameras=cameras),
-        conditions=(ConditionResult(name=nasty, session=nasty, skipped=(nasty,)),),
+        conditions=(ConditionResult(name=nasty, session=nasty, studies=(skipped("stereo", nasty),)),),
         versions={nasty: nasty},
     )
     assert len(page.all("script")) == 1

@@ -10,7 +10,7 @@ from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.comparison_results import CompareResult
 from tests.reconstruction.report.conftest import ReadReport
-from tests.reconstruction.report.results import CAMERAS, RESULT, with_pictures
+from tests.reconstruction.report.results import CAMERAS, RESULT, found, with_pictures
 
 
 def test_every_picture_can_be_read_and_wiped_without_a_mouse(
@@ -19,9 +19,9 @@ def test_every_picture_can_be_read_and_wiped_without_a_mouse(
     page = read_report(pictured)
     assert all(len(image["alt"]) > 10 for image in page.all("img"))
     sliders = [i for i in page.all("input") if i["type"] == "range"]
-    assert len(sliders) == len(pictured.stereo.pictures)
+    assert len(sliders) == len(found(pictured, "stereo").pictures)
     assert all(slider["aria-label"] and "tabindex" not in slider for slider in sliders)
-    assert len(page.all("figcaption")) == len(pictured.stereo.pictures)
+    assert len(page.all("figcaption")) == len(found(pictured, "stereo").pictures)
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
     for _, attributes in page.elements:
@@ -29,7 +29,7 @@ def test_every_picture_can_be_read_and_wiped_without_a_mouse(
 
 
 def test_pictures_of_several_panels_get_no_slider(pictured: CompareResult, read_report: ReadReport) -> None:
-    pair = msgspec.structs.replace(pictured.stereo.pictures[0], panels=2)
+    pair = msgspec.structs.replace(found(pictured, "stereo").pictures[0], panels=2)
     page = read_report(with_pictures(pictured, pair))
     assert len(page.all("img")) == 2
     assert not [i for i in page.all("input") if i["type"] == "range"]
@@ -76,7 +76,7 @@ def test_a_picture_that_cannot_be_shown_leaves_the_old_report_alone(
     tmp_path: Path, pictured: CompareResult, broken: str
 ) -> None:
     before = write_report(RESULT, tmp_path).read_bytes()
-    victim = tmp_path / pictured.stereo.pictures[0].offset
+    victim = tmp_path / found(pictured, "stereo").pictures[0].offset
     if broken == "missing":
         victim.unlink()
     else:

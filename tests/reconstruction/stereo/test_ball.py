@@ -20,6 +20,7 @@ from reconstruction.cli import run
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
 from reconstruction.stereo.stereo_pair import StereoPair
+from tests.reconstruction.found import values
 
 LATE = 4
 ACROSS_PX = 3.0
@@ -128,12 +129,15 @@ def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> 
 @pytest.mark.shared
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_the_dose_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
+def test_the_tolerance_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
     options = ("--pair", "L,R", "--max-instants", "8", "--out", str(tmp_path / "out"))
-    assert run(["dose", str(throw.session.folder), *options]) == 0
-    dose = json.loads((tmp_path / "out" / "metrics.json").read_text())
-    assert dose["decreasing"]
-    values = {point["offset_frames"]: point["scores"]["mover_coverage"] for point in dose["points"]}
-    assert values.pop(0) > 0.6
-    assert max(values.values()) < 0.3
-    assert dose["timing"]["synchronized"]
+    assert run(["tolerance", str(throw.session.folder), *options]) == 0
+    found = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert found["decreasing"]
+    shares = {
+        point["facts"]["offset_frames"]: values(point, "offset")["mover_coverage"]
+        for point in found["points"]
+    }
+    assert shares.pop(0) > 0.6
+    assert max(shares.values()) < 0.3
+    assert found["timing"]["synchronized"]

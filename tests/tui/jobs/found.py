@@ -43,6 +43,11 @@ def pair(key: str, title: str, folder: Path, *, form: str = "png") -> dict[str, 
     return {"key": key, "title": title, "caption": "Bright is near, blue is far.", **paths}
 
 
+def study(name: str, *pictures: dict[str, object], skipped: str = "") -> dict[str, object]:
+    cameras = [] if skipped else ["cam00", "cam01"]
+    return {"name": name, "cameras": cameras, "skipped": skipped, "pictures": list(pictures)}
+
+
 def add_comparison(root: Path, session: str) -> Job:
     """A finished comparison with depth of a pair, a panorama and a table."""
     job = add_job(root, COMPARE.name, session, message=VERDICT)
@@ -58,12 +63,15 @@ def add_comparison(root: Path, session: str) -> Job:
     }
     found = {
         "verdict": VERDICT,
-        "stereo": {
-            "pictures": [pair("stereo_late", "Late", job.out), pair("stereo_depth", "Distance", job.out)]
-        },
-        "stitch": {"pictures": [pair("panorama", "Panorama", job.out, form="jpg")]},
-        "multiview": None,
-        "multiview_skipped": "it was not asked for",
+        "studies": [
+            study("multiview", skipped="it was not asked for"),
+            study(
+                "stereo",
+                pair("stereo_late", "Late", job.out),
+                pair("stereo_depth", "Distance", job.out),
+            ),
+            study("panorama", pair("panorama", "Panorama", job.out, form="jpg")),
+        ],
         "words": {
             "synced": "Synchronized",
             "offset": "67 ms late",
@@ -108,13 +116,18 @@ def add_dose(root: Path, session: str, timing: dict[str, object] | None = None) 
     assert job.out is not None
     job.out.mkdir(parents=True)
     points = [
-        {"offset_ms": ms, "scores": {"mover_coverage": share, "static_coverage": 0.9}}
+        {
+            "offsets_ms": {"cam00": 0.0, "cam01": ms},
+            "measures": [
+                {"name": "mover_coverage", "offset": None if share is None else {"value": share}},
+                {"name": "static_coverage", "offset": {"value": 0.9}},
+            ],
+        }
         for ms, share in ((0.0, 0.97), (33.3, 0.2), (66.7, None))
     ]
     found = {
         "measure": "mover_coverage",
-        "reference": "cam00",
-        "other": "cam01",
+        "cameras": ["cam00", "cam01"],
         "points": points,
         "tolerable_offset_ms": None if timing else 3.87,
         "timing": timing,

@@ -65,7 +65,7 @@ async def test_jobs_of_earlier_runs_are_there(root: Path) -> None:
         await until(pilot, lambda: "✖ failed" in text(pilot))
         assert "✔ done" in text(pilot)
         assert "the right distance is found for 97 %" in text(pilot)
-        assert "$ reconstruct dose" in log(pilot)
+        assert "$ reconstruct tolerance" in log(pilot)
         assert "the burst has one instant only" in log(pilot)
 
 

@@ -1,4 +1,4 @@
-"""`reconstruct stitch` and `reconstruct stereo` as commands of their own."""
+"""`reconstruct panorama` and `reconstruct stereo` as commands of their own."""
 
 from pathlib import Path
 from typing import Any
@@ -132,7 +132,7 @@ def test_pictures_that_make_no_panorama_are_refused_and_leave_nothing(
     (tmp_path / "in").mkdir()
     for name in ("p0", "alien")[:count]:
         cv2.imwrite(str(tmp_path / "in" / f"{name}.png"), wall[name])
-    done = reconstruct("stitch", tmp_path / "in", "--out", tmp_path / "out")
+    done = reconstruct("panorama", tmp_path / "in", "--out", tmp_path / "out")
     assert done.code == 3
     assert done.err.splitlines() == [done.complaint]
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
@@ -159,7 +159,7 @@ def test_stereo_writes_depth_confidence_and_picture(
     assert "no image of left at instant 9" in late.complaint
 
 
-@pytest.mark.parametrize("command", ["stereo", "calibrate", "multiview", "stitch"])
+@pytest.mark.parametrize("command", ["stereo", "calibrate", "multiview", "panorama"])
 def test_a_session_of_one_camera_is_refused_in_one_line(
     command: str, scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -191,7 +191,7 @@ def test_real_pictures_come_out_whole(
         source = import_recording(cameras, tmp_path, "stills", ImportOptions()).folder
         kept = (source / "images" / "rig1" / "cam1" / "000000.jpg").read_bytes()
         assert kept == (folder / "1.jpg").read_bytes()
-    result = reconstruct("stitch", source, "--out", tmp_path / "out", "--json").result
+    result = reconstruct("panorama", source, "--out", tmp_path / "out", "--json").result
     assert len(result["used"]) == count
     assert result["left_out"] == {}
     assert result["synced"]["width"] > 1.7 * 800

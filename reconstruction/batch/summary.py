@@ -113,21 +113,19 @@ def _html(root: Path, result: BatchResult) -> str:
     sections = [Section("problems.html", title="What has no result")] if failures else []
     sheets = depth_sheets(root, result.units)
     pictures = [Section("depth_sheets.html", "depth", title="What was found")] if sheets else []
-    return render_page(
-        title=f"Batch: {verdict}",
-        kicker="Batch of reconstructions",
-        name="",
-        verdict=f"{verdict}. A unit is depth from all cameras of one instant of a session in one condition.",
-        sections=[*sections, *pictures, Section("figures.html")],
-        numbers_in=(CSV, JSON),
-        package="reconstruction.batch",
-        view={
-            "failures": failures,
-            "sheets": sheets,
-            "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
-            "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.problem]),
-        },
-    )
+    view = {
+        "title": f"Batch: {verdict}",
+        "kicker": "Batch of reconstructions",
+        "name": "",
+        "verdict": f"{verdict}. A unit is depth from all cameras of one instant of a session in one "
+        "condition.",
+        "numbers_in": (CSV, JSON),
+        "failures": failures,
+        "sheets": sheets,
+        "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
+        "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.problem]),
+    }
+    return render_page(view, [*sections, *pictures, Section("figures.html")], "reconstruction.batch")
 
 
 def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:

@@ -1,9 +1,9 @@
 """The pose study of a comparison: where the cameras stand by single instants, and how far off that is."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Self
@@ -33,20 +33,25 @@ class PoseFinder:
     """Poses of any set of pictures by known intrinsics; features and matches are made once, in a folder."""
 
     def __init__(self, dataset: Dataset, views: Mapping[str, View], folder: Path) -> None:
-        """Raises NotAvailableError where COLMAP is not installed."""
-        self._colmap: Any = load_pycolmap("finding the cameras' positions from the images")
         self._dataset = dataset
         self._views = views
         self._images = folder / "images"
-        self._images.mkdir(parents=True)
         self._database = folder / "database.db"
         self._folder = folder
         self._extracted: set[ImageKey] = set()
         self._matched: set[tuple[ImageKey, ImageKey]] = set()
         self._models = 0
 
+    @cached_property
+    def _colmap(self) -> Any:
+        return load_pycolmap("finding the cameras' positions from the images")
+
     def find_poses(self, shown: Mapping[str, int]) -> dict[str, Pose]:
-        """The poses of the largest model that these pictures give; cameras without one are left out."""
+        """The poses of the largest model that these pictures give; cameras without one are left out.
+
+        Raises:
+            NotAvailableError: COLMAP is not installed.
+        """
         pictures = sorted(shown.items())
         self._extract(pictures)
         self._match(list(combinations(pictures, 2)))
@@ -79,7 +84,7 @@ class PoseFinder:
             if (camera, instant) in self._extracted:
                 continue
             path = self._images / _name(camera, instant)
-            path.parent.mkdir(exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
             write_image(path, self._dataset.image(camera, instant), FAST_PNG)
             reader = self._colmap.ImageReaderOptions()
             reader.camera_model, reader.camera_params = _camera(self._views[camera])
@@ -181,7 +186,7 @@ class PoseStudy(Study):
         rig: Rig,
         reason: str = "",
         max_instants: int = MAX_INSTANTS,
-        finder: Callable[[Dataset, Mapping[str, View], Path], PoseFinder] = PoseFinder,
+        finder: type[PoseFinder] = PoseFinder,
     ) -> None:
         """`reason` says why poses are estimated; `finder` estimates them."""
         super().__init__(rig)
@@ -212,7 +217,7 @@ class PoseStudy(Study):
         instants = self._instants(condition)
         tally = Tally()
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            finder = cache(lambda: self.finder(self.dataset, self.rig.views, Path(scratch)))
+            finder = self.finder(self.dataset, self.rig.views, Path(scratch))
             for one in instants:
                 sides = zip(SIDES, (one.together, one.shown), strict=True)
                 measured = {side: self._poses(finder, pictures).measure() for side, pictures in sides}
@@ -237,11 +242,11 @@ class PoseStudy(Study):
         found = fullest_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
         return evenly_spread(found, self.max_instants)
 
-    def _poses(self, finder: Callable[[], PoseFinder], shown: dict[str, int]) -> InstantPoses:
+    def _poses(self, finder: PoseFinder, shown: dict[str, int]) -> InstantPoses:
         views = self.rig.views
 
         def make() -> InstantPoses:
-            poses = finder().find_poses(shown)
+            poses = finder.find_poses(shown)
             true = {name: (view.rotation, view.translation) for name, view in views.items()}
             return InstantPoses(len(shown), len(poses), tuple(relative_pose_errors(poses, true)))
 

@@ -1,6 +1,6 @@
 """The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,15 +14,15 @@ from reconstruction.report.findings import (
     describe_control,
     describe_delays,
     describe_exactness,
+    describe_synchronization,
     name_sides,
 )
-from reconstruction.report.measures import STUDIES, StudyText
+from reconstruction.report.measures import STUDIES, StudyText, describe_facts
 from reconstruction.report.page import Section, embed_image, render_page, write_page
-from reconstruction.report.provenance import ShownPicture, files_beside, pair_pictures, provenance_entries
 from reconstruction.report.tables import Table, conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
 from reconstruction.scores.comparison_results import CompareResult, ReportWords, WordTable
-from reconstruction.scores.study_result import StudyResult
+from reconstruction.scores.study_result import Picture, StudyResult
 
 ORIGINS = {
     "simulated": ("Simulated", "pictures and true distances are rendered"),
@@ -41,6 +41,7 @@ class StudyView:
     text: StudyText
     sides: Sides
     delays: str = ""
+    engine: str = ""
     table: Table | None = None
     instants: Table | None = None
 
@@ -82,7 +83,8 @@ def _view(result: CompareResult, found: StudyResult) -> StudyView:
         return StudyView(found, text, sides)
     many = "all cameras" if len(found.cameras) > 2 else f"cameras {' and '.join(found.cameras)}"
     instants = instants_table(f"Moving things, {many}", found, sides)
-    return StudyView(found, text, sides, describe_delays(found), study_table(found, sides), instants)
+    engine = text.engine.format(**describe_facts(found))
+    return StudyView(found, text, sides, describe_delays(found), engine, study_table(found, sides), instants)
 
 
 def _page(result: CompareResult, out: Path) -> str:
@@ -94,46 +96,48 @@ def _page(result: CompareResult, out: Path) -> str:
     word, words = ORIGINS.get(result.origin, ("", ""))
     size = f"{count(result.camera_count, 'camera')}, {count(result.instant_count, 'instant')}"
     two_claims, claims_note = claims(result)
-    hero, pictures = _first_and_others(result)
-    return render_page(
-        title=f"{name}: {sides.first.lower()} against {sides.late}",
-        kicker=f"{sides.first} against offset",
-        name=name,
-        verdict=result.verdict,
-        sections=_sections(result, pictures),
-        opening="opening.html",
-        kind=word,
-        view={
-            "claims": two_claims,
-            "claims_note": claims_note,
-            "result": result,
-            "origin": f"{size}; {words}" if word else "",
-            "exactness": describe_exactness(result),
-            "hero": hero,
-            "views": views,
-            "cloud": view_clouds(clouds, out) if clouds else None,
-            "pictures": pictures,
-            "sweep_sides": name_sides(result, sweep.cameras if sweep else ()),
-            "image": lambda path, panels=1: embed_image(out / path, panels),
-            "tolerance": tolerance_view(result.tolerance) if result.tolerance else None,
-            "control": describe_control(result),
-            "provenance": provenance_entries(result),
-            "files": files_beside(result),
-            "pose_chart": pose_chart(poses, views["poses"].sides) if poses is not None else None,
-            "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
-            "conditions_table": conditions_table(result),
-        },
-    )
-
-
-def _first_and_others(result: CompareResult) -> tuple[ShownPicture | None, list[ShownPicture]]:
-    """The picture of the first screen, and those further down."""
-    pictures = pair_pictures(result)
+    pictures = _pair_pictures(views)
     hero = next((shown for shown in pictures if shown[0].key in HEROES), None)
-    return hero, [shown for shown in pictures if shown is not hero]
+    view = {
+        "title": f"{name}: {sides.first.lower()} against {sides.late}",
+        "kicker": f"{sides.first} against offset",
+        "name": name,
+        "verdict": result.verdict,
+        "opening": "opening.html",
+        "kind": word,
+        "claims": two_claims,
+        "claims_note": claims_note,
+        "result": result,
+        "origin": f"{size}; {words}" if word else "",
+        "exactness": describe_exactness(result),
+        "hero": hero,
+        "views": views,
+        "cloud": view_clouds(clouds, out) if clouds else None,
+        "pictures": [shown for shown in pictures if shown is not hero],
+        "sweep_sides": name_sides(result, sweep.cameras if sweep else ()),
+        "image": lambda path, panels=1: embed_image(out / path, panels),
+        "tolerance": tolerance_view(result.tolerance) if result.tolerance else None,
+        "control": describe_control(result),
+        "synchronization": describe_synchronization(result),
+        "pose_chart": pose_chart(poses, views["poses"].sides) if poses is not None else None,
+        "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
+        "conditions_table": conditions_table(result),
+    }
+    return render_page(view, _sections(result, len(pictures) > (hero is not None)))
 
 
-def _sections(result: CompareResult, pictures: Sequence[ShownPicture]) -> list[Section]:
+def _pair_pictures(views: Mapping[str, StudyView]) -> list[tuple[Picture, StudyView]]:
+    """The pictures that compare a pair; those with a slider come first, they show the difference at once."""
+    found = [
+        (picture, view)
+        for view in views.values()
+        if len(view.found.cameras) == 2
+        for picture in view.found.pictures
+    ]
+    return sorted(found, key=lambda one: one[0].panels > 1)
+
+
+def _sections(result: CompareResult, pictures: bool) -> list[Section]:
     """The sections there is something to show in."""
     found: list[tuple[object, str, str]] = [
         (True, "why", "Why the instant matters"),

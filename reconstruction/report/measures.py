@@ -36,6 +36,8 @@ class StudyText:
     term: str
     """What it is called among the entries on how it was made."""
     measures: Sequence[MeasureText]
+    engine: str = ""
+    """What found it, in a sentence."""
     missing: str = ""
     """What is said where it was skipped."""
     note: str = ""
@@ -94,6 +96,7 @@ STUDIES = {
             MeasureText("precision", "Correct points", "Share of the points on a true surface{near}."),
             MeasureText("recall", "Surface covered", "Share of the true surface with a point{near}."),
         ),
+        engine="Distances are found by {matcher}.",
     ),
     "stereo": StudyText(
         "Depth from cameras {names}",
@@ -121,6 +124,7 @@ STUDIES = {
                 PLAIN,
             ),
         ),
+        engine="Distances are found by OpenCV's semi-global block matching (SGBM).",
         missing="Depth was not measured",
     ),
     "triangulation": StudyText(
@@ -167,6 +171,7 @@ STUDIES = {
             ),
             MeasureText("overlap_mad", "Brightness difference", "On average, of 255. Less is better.", PLAIN),
         ),
+        engine="The panorama is put together by OpenCV.",
         missing="No panorama was made",
     ),
     "poses": StudyText(
@@ -205,6 +210,7 @@ STUDIES = {
 
 def describe_facts(study: StudyResult) -> dict[str, str]:
     """What stands for the names in braces: of the study's cameras and facts."""
+    patchmatch = study.facts.get("matcher") == "patchmatch"
     tolerance_m = study.facts.get("tolerance_m")
     return {
         "names": " and ".join(study.cameras),
@@ -212,5 +218,6 @@ def describe_facts(study: StudyResult) -> dict[str, str]:
         "number": f"{len(study.cameras)}",
         "reference": study.facts.get("reference", ""),
         "near": "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{GAP}cm",
+        "matcher": "COLMAP's PatchMatch on a GPU" if patchmatch else "our own plane sweep, not by COLMAP",
         "tolerance": measured(study.facts.get("tolerance_deg"), DEGREES),
     }

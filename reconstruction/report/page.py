@@ -21,8 +21,8 @@ TEMPLATES = "template"
 METRICS = "metrics.json"
 REPORT = "report.html"
 FILTERS = (
-    count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number,
-    wording.quantity, wording.share, wording.keep_units, wording.timeliness, wording.walking_distance,
+    count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
+    wording.seconds, wording.share, wording.keep_units, wording.timeliness, wording.walking_distance,
 )  # fmt: skip
 
 
@@ -36,37 +36,19 @@ class Section:
 
 
 def render_page(
-    *,
-    title: str,
-    kicker: str,
-    name: str,
-    verdict: str,
-    sections: Sequence[Section],
-    view: Mapping[str, object],
-    opening: str = "",
-    kind: str = "",
-    numbers_in: Sequence[str] = (METRICS,),
-    package: str = "reconstruction.report",
+    view: Mapping[str, object], sections: Sequence[Section], package: str = "reconstruction.report"
 ) -> str:
     """Render the page's frame around its sections, whose templates read `view`.
 
-    `verdict` is the headline and what follows it, `opening` the template of what stands below it on the
-    first screen, `kind` a word on where the pictures come from; `numbers_in` are the files beside the page
-    that hold its numbers; the sections' templates are those of `package`, then the report's.
+    The frame itself shows the view's `title`, `kicker` and `name`, and its `verdict`: a headline and what
+    follows it. It may have `opening`, the template of what stands below the headline; `kind`, a word on
+    where the pictures come from; and `numbers_in`, the files beside the page that hold its numbers. The
+    sections' templates are those of `package`, then the report's.
     """
-    headline, lead = wording.headline(verdict)
-    frame = {
-        "title": title,
-        "kicker": kicker,
-        "name": name,
-        "headline": headline,
-        "lead": lead,
-        "sections": sections,
-        "opening": opening,
-        "kind": kind,
-        "numbers_in": numbers_in,
-    }
-    return _environment(package).get_template("page.html").render({**view, **frame})
+    headline, lead = wording.headline(str(view["verdict"]))
+    frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "cloud": None}
+    page = _environment(package).get_template("page.html")
+    return page.render({**frame, **view, "headline": headline, "lead": lead, "sections": sections})
 
 
 def write_page(page: str, out: Path) -> Path:

@@ -10,7 +10,6 @@ from reconstruction.report.charts import Chart, tolerance_chart
 from reconstruction.report.findings import instant_lateness, motion_sentence, timing_sentences
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, STUDIES, WITHIN
 from reconstruction.report.page import Section, render_page, write_page
-from reconstruction.report.provenance import Entry
 from reconstruction.report.tables import Cell, Column, Row, Table, interval_cell
 from reconstruction.scores.comparison_results import OffsetTolerance
 from reconstruction.scores.study_result import StudyResult
@@ -170,29 +169,16 @@ def _instants(tolerance: OffsetTolerance) -> Table:
 def write_tolerance_report(result: OffsetTolerance, out: Path) -> Path:
     """Write the page of the curve alone into the folder `out`, as `write_page` does."""
     name = Path(result.session).name or result.session
-    cameras = f"cameras {' and '.join(result.cameras)}"
-    instants = count(result.instants, "instant")
-    page = render_page(
-        title=f"{name}: {tolerance_heading(result).lower()}",
-        kicker="Depth against delay",
-        name=name,
-        verdict=tolerance_sentence(result),
-        sections=[
-            Section("tolerance_alone.html"),
-            Section("provenance.html", "provenance", "How it was made"),
-        ],
-        view={
-            "tolerance": tolerance_view(result),
-            "provenance": [
-                Entry("Session", result.session),
-                Entry("Depth", f"{cameras}, {instants} (selection: {result.reason})"),
-                Entry("Calibration", result.calibration),
-                Entry("Software", ", ".join(f"{key} {value}" for key, value in result.versions.items())),
-            ],
-            "files": [],
-        },
-    )
-    return write_page(page, out)
+    view = {
+        "title": f"{name}: {tolerance_heading(result).lower()}",
+        "kicker": "Depth against delay",
+        "name": name,
+        "verdict": tolerance_sentence(result),
+        "result": result,
+        "tolerance": tolerance_view(result),
+        "engine": STUDIES["stereo"].engine,
+    }
+    return write_page(render_page(view, [Section("tolerance_alone.html")]), out)
 
 
 def _time(value_ms: float) -> str:

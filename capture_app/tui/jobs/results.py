@@ -135,11 +135,11 @@ def _of_tolerance(found: Mapping[str, Any]) -> str:
         late = timing["late_ms"]
         if late is None:
             return "not synchronized: what moves is lost and off its rows; by how much is not known"
-        side = "early" if late < 0 else "late"
+        side, (_, second) = "early" if late < 0 else "late", found["cameras"]
         if timing.get("by_depth"):
-            return f"not synchronized: {found['cameras'][1]} is about {abs(late):.0f} ms {side}, known to a frame"
+            return f"not synchronized: {second} is about {abs(late):.0f} ms {side}, known to a frame"
         far = f"{abs(late):.1f} ±{timing['uncertainty_ms']:.1f} ms {side}"
-        return f"not synchronized: {found['cameras'][1]} is {far}"
+        return f"not synchronized: {second} is {far}"
     if timing and not timing["synchronized"]:
         return f"whether it is synchronized cannot be told: {timing['reason']}"
     if tolerated is None:

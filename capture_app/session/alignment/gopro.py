@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ from capture_app.session.alignment.tracks import read_container
 from capture_app.session.format.common_times import CameraTimes
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
-"""Of GPS9's days, and of all UTC seconds here."""
+"""The zero of GPS9's days, and of all UTC seconds here."""
 DEPTH = 4
 """DEVC holds STRM holds items; whatever is nested deeper than this is not looked at."""
 _HEADER = struct.Struct(">4sBBH")
@@ -46,25 +46,23 @@ GPS9_FIELDS = 9
 """Latitude, longitude, height, two speeds, days, seconds of the day, dilution of precision, fix."""
 
 
-@dataclass(frozen=True)
-class GpsStream:
+class GpsStream(NamedTuple):
     """The fixes of one payload's GPS stream.
 
-    `utc_s` (since 2000) of each that is good: by its number in the payload. `count`: how many there are, good
-    or not. `stamp_us`: when the first arrived (STMP).
+    `utc_s` (since 2000) of each that is good: by its number in the payload. `number`: how many there are,
+    good or not. `stamp_us`: when the first arrived (STMP).
     """
 
     key: str
-    count: int
+    number: int
     utc_s: dict[int, float]
     stamp_us: int | None
 
 
-@dataclass(frozen=True)
-class Payload:
+class Payload(NamedTuple):
     """What one payload tells of time; `frame_stamp_us`: when its first frame was exposed (STMP)."""
 
-    streams: tuple[GpsStream, ...]
+    streams: list[GpsStream]
     frame_stamp_us: int | None
 
 
@@ -96,18 +94,18 @@ class _Item:
 def parse_payload(data: bytes, *, worst_dilution: float) -> Payload:
     """The GPS streams of a payload with their 3D fixes below a dilution of precision; never raises."""
     streams: list[GpsStream] = []
-    frame_stamps: list[int] = []
+    frame_stamp_us: int | None = None
     for items in _streams(data, DEPTH):
         named = {item.key: item for item in items}
         stamp = named["STMP"].first() if "STMP" in named else None
         stamp_us = None if stamp is None else round(stamp)
         if "GPS9" in named:
-            streams.append(_gps9(named, stamp_us, worst_dilution))
+            streams.append(GpsStream("GPS9", *_gps9(named, worst_dilution), stamp_us))
         elif "GPS5" in named:
-            streams.append(_gps5(named, stamp_us, worst_dilution))
-        elif "SHUT" in named and stamp_us is not None:
-            frame_stamps.append(stamp_us)
-    return Payload(tuple(streams), frame_stamps[0] if frame_stamps else None)
+            streams.append(GpsStream("GPS5", *_gps5(named, worst_dilution), stamp_us))
+        elif "SHUT" in named and frame_stamp_us is None:
+            frame_stamp_us = stamp_us
+    return Payload(streams, frame_stamp_us)
 
 
 def _items(data: bytes) -> Iterator[_Item]:
@@ -133,8 +131,8 @@ def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
             yield from _streams(item.data, depth - 1)
 
 
-def _gps9(named: dict[str, _Item], stamp_us: int | None, worst: float) -> GpsStream:
-    """Every fix has a UTC of its own, in ms, and says how good it is."""
+def _gps9(named: dict[str, _Item], worst: float) -> tuple[int, dict[int, float]]:
+    """How many fixes there are, and the UTC of the good ones: each has one in ms, and says how good it is."""
     kinds = named["TYPE"].data.decode("latin-1").rstrip("\0") if "TYPE" in named else ""
     rows = named["GPS9"].numbers(kinds[:_LONGEST_TYPE])
     scale = [row[0] for row in named["SCAL"].numbers()] if "SCAL" in named else []
@@ -143,24 +141,19 @@ def _gps9(named: dict[str, _Item], stamp_us: int | None, worst: float) -> GpsStr
         for number, row in enumerate(rows):
             days, day_s, dilution, fix = (value / by for value, by in zip(row[5:], scale[5:], strict=True))
             utc_s = days * 86_400 + day_s
-            if (
-                fix == 3
-                and 0 < dilution < worst
-                and days > 0
-                and 0 <= day_s < 86_401
-                and math.isfinite(utc_s)
-            ):
+            is_time = days > 0 and 0 <= day_s < 86_401 and math.isfinite(utc_s)
+            if is_time and fix == 3 and 0 < dilution < worst:
                 good[number] = utc_s
-    return GpsStream("GPS9", len(rows), good, stamp_us)
+    return len(rows), good
 
 
-def _gps5(named: dict[str, _Item], stamp_us: int | None, worst: float) -> GpsStream:
-    """One UTC for all fixes of a payload (GPSU): that of the first, as far as anything says."""
+def _gps5(named: dict[str, _Item], worst: float) -> tuple[int, dict[int, float]]:
+    """As `_gps9`, where one UTC is for all fixes (GPSU): that of the first, as far as anything says."""
     count = len(named["GPS5"].numbers())
     fix, dilution = (named[key].first() if key in named else None for key in ("GPSF", "GPSP"))
     utc_s = parse_utc(named["GPSU"].data) if "GPSU" in named else None
-    good = count and fix == 3 and dilution is not None and 0 < dilution / 100 < worst and utc_s is not None
-    return GpsStream("GPS5", count, {0: utc_s} if good and utc_s is not None else {}, stamp_us)
+    good = count and fix == 3 and dilution is not None and 0 < dilution / 100 < worst
+    return count, {0: utc_s} if good and utc_s is not None else {}
 
 
 def parse_utc(text: bytes) -> float | None:
@@ -169,9 +162,8 @@ def parse_utc(text: bytes) -> float | None:
     digits = word[:12] + word[13:]
     if len(word) != 16 or word[12] != "." or not (digits.isascii() and digits.isdigit()):
         return None
-    year, month, day, hour, minute, second = (int(word[at : at + 2]) for at in range(0, 12, 2))
     try:
-        at = datetime(2000 + year, month, day, hour, minute, second, tzinfo=UTC)
+        at = datetime.strptime(f"20{word[:12]}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
     except ValueError:
         return None
     return (at - EPOCH) / timedelta(seconds=1) + int(word[13:]) / 1000
@@ -192,8 +184,7 @@ STAMP_REACH_S = 2.0
 """How far from its payload the first fix of it may have arrived."""
 
 
-@dataclass(frozen=True)
-class Receiver:
+class Receiver(NamedTuple):
     """How far the UTC of one kind of GPS stream is to be trusted, s.
 
     `late_s` (95 %): how much later than the fix it may have been noted, the same for the whole recording: two
@@ -290,7 +281,7 @@ def _clock(key: str, timed: list[tuple[float, float, Payload]]) -> GpsClock | st
             for number, utc_s in stream.utc_s.items():
                 # A receiver that has nothing new says the last time again.
                 if utc_s != before_s:
-                    fixes.append((first_s + long_s * number / stream.count, utc_s))
+                    fixes.append((first_s + long_s * number / stream.number, utc_s))
                 before_s = utc_s
     if not seen:
         return ""

@@ -1,17 +1,18 @@
 """Times of frames read from the recording itself: video timestamps, file names, EXIF."""
 
 import re
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator
 from datetime import UTC, datetime
 from enum import StrEnum
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.errors import BadInputError
 from capture_app.optional_packages import load_optional
 from capture_app.session.reading.file_headers import read_exif
 
@@ -37,11 +38,7 @@ class TimeSource(StrEnum):
 
 def has_video_times() -> bool:
     """Whether videos' own timestamps can be read: whether PyAV is installed."""
-    try:
-        _pyav()
-    except NotAvailableError:
-        return False
-    return True
+    return find_spec("av") is not None
 
 
 def video_times_ns(path: Path) -> list[int]:
@@ -108,7 +105,7 @@ def name_time_ns(path: Path) -> int:
         raise BadInputError(
             f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"
         )
-    return _date_ns(path, found.groups()[:6], found[7])
+    return _date_ns(path, found, found[7])
 
 
 def exif_time_ns(path: Path) -> int:
@@ -122,13 +119,12 @@ def exif_time_ns(path: Path) -> int:
     found = _DATE.search(exif.date)
     if found is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken")
-    return _date_ns(path, found.groups()[:6], exif.part_of_second)
+    return _date_ns(path, found, exif.part_of_second)
 
 
-def _date_ns(path: Path, parts: Sequence[str], fraction: str) -> int:
+def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:
     try:
-        year, month, day, hour, minute, second = (int(part) for part in parts)
-        moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+        moment = datetime.strptime(" ".join(found.groups()[:6]), "%Y %m %d %H %M %S").replace(tzinfo=UTC)
     except ValueError as error:
         raise BadInputError(f"{path} has an invalid time: {error}") from error
     return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))

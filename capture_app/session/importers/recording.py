@@ -1,13 +1,13 @@
 """Recordings of other programs become sessions: frames matched in time, bytes kept as they are.
 
-The records of an imported session: those of the session that was exported, where it was one of ours.
+An export of one of our sessions keeps that session's records.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import msgspec
+from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
@@ -29,7 +29,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.text import count
 
 IMPORTED = "imported"
-_NO_FRAME = "the recording has no frame of it"
+_NO_FRAME, _UNREADABLE = "the recording has no frame of it", "the frame could not be decoded"
 
 
 def camera_records(
@@ -39,9 +39,16 @@ def camera_records(
     exported: Manifest | None,
 ) -> list[CameraRecord]:
     """A record of each camera; `sizes` are widths and heights in pixels."""
-    known = {camera.name: camera for camera in exported.cameras} if exported else {}
+    known = {
+        camera.name: structs.replace(
+            camera,
+            facts=structs.replace(camera.facts, width=sizes[camera.name][0], height=sizes[camera.name][1]),
+        )
+        for camera in (exported.cameras if exported else ())
+        if camera.name in sizes
+    }
     return [
-        _same_camera(known[source.name], sizes[source.name])
+        known[source.name]
         if source.name in known
         else CameraRecord(
             name=source.name,
@@ -74,42 +81,35 @@ def missing_images(
     writer: SessionWriter, names: Sequence[str], instants: Sequence[Instant], exported: Manifest | None
 ) -> list[MissingImage]:
     """What the session lacks, with the reasons."""
-    dropped = _dropped(exported) if exported else set()
-    missing = []
-    for number, instant in enumerate(instants):
-        for name in names:
-            if writer.image(name, number):
-                continue
-            unreadable = "the frame could not be decoded" if name in instant.frames else _NO_FRAME
-            reason = instant.why_missing.get(name, unreadable)
-            lost = (name, instant.leader_ns) in dropped
-            missing.append(MissingImage(camera=name, instant=number, reason=reason, dropped=lost))
-    return missing
+    times_ns = exported.burst.instants_ns if exported else ()
+    gone = exported.missing if exported else ()
+    dropped = {(one.camera, times_ns[one.instant]) for one in gone if one.dropped}
+    return [
+        MissingImage(
+            camera=name,
+            instant=number,
+            reason=instant.why_missing.get(name, _UNREADABLE if name in instant.frames else _NO_FRAME),
+            dropped=(name, instant.leader_ns) in dropped,
+        )
+        for number, instant in enumerate(instants)
+        for name in names
+        if not writer.image(name, number)
+    ]
 
 
 def origin_of(writer: SessionWriter, instants: Sequence[Instant], exported: Manifest | None) -> str:
     """The origin of a session: what was exported and came back bit for bit is still what it was."""
     if exported is None:
         return IMPORTED
-    numbers = {at_ns: number for number, at_ns in enumerate(exported.burst.instants_ns)}
-    recorded = {(image.camera, image.instant): image.sha256 for image in exported.images}
-    for number, instant in enumerate(instants):
-        for name in instant.frames:
-            saved = writer.image(name, number)
-            if saved is None or saved.sha256 != recorded.get((name, numbers.get(instant.leader_ns, -1))):
-                return IMPORTED
-    return exported.origin
-
-
-def _same_camera(camera: CameraRecord, size: tuple[int, int]) -> CameraRecord:
-    facts = msgspec.structs.replace(camera.facts, width=size[0], height=size[1])
-    return msgspec.structs.replace(camera, facts=facts)
-
-
-def _dropped(exported: Manifest) -> set[tuple[str, int]]:
-    """Cameras, and the instants in ns whose frames they dropped."""
     times_ns = exported.burst.instants_ns
-    return {(one.camera, times_ns[one.instant]) for one in exported.missing if one.dropped}
+    recorded = {(image.camera, times_ns[image.instant]): image.sha256 for image in exported.images}
+    saved = {
+        (name, instant.leader_ns): writer.image(name, number)
+        for number, instant in enumerate(instants)
+        for name in instant.frames
+    }
+    same = all(image and image.sha256 == recorded.get(place) for place, image in saved.items())
+    return exported.origin if same else IMPORTED
 
 
 Progress = Callable[[int, int], None]
@@ -162,8 +162,7 @@ def import_recording(
     """
     check_name(name, "session")
     layout = _layout(paths, options, talk)
-    if layout is not None:
-        options = _with_layout(layout, options)
+    options = _with_layout(layout, options) if layout else options
     sources = layout.sources if layout else open_sources(paths, png=options.png, recording=options.recording)
     common = clock_state(sources, options)
     timeline = make_timeline(sources, options, talk)
@@ -193,12 +192,12 @@ def import_recording(
         SessionWriter(output.folder, name, taken.created if taken else "") as writer,
     ):
         sizes = _write_images(writer, sources, instants, options, progress)
+        record = layout.record if layout else None
+        calibration = calibration_of_record(record, sizes) if record and not views else None
         if views is not None:
-            writer.set_calibration(fit_calibration(views, sizes, unit=options.unit, fit=options.fit))
-        elif layout is not None and layout.record is not None:
-            exported = calibration_of_record(layout.record, sizes)
-            if exported is not None:
-                writer.set_calibration(exported)
+            calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+        if calibration is not None:
+            writer.set_calibration(calibration)
         writer.finish(
             camera_records(sources, sizes, timeline, taken),
             burst_record(instants, timeline, common, taken),

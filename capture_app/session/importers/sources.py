@@ -3,6 +3,7 @@
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,13 +111,10 @@ def upright(data: bytes) -> bytes:
 
     Some programs turn such pictures and some do not: in a session all see the same.
     """
-    try:
-        turned = read_exif(data).orientation in range(2, 9) if data[:2] == JPEG_BEGIN else False
-    except ValueError:
-        return data
-    if not turned:
-        return data
-    image = decode_image(data, upright=True)
+    turned = False
+    with suppress(ValueError):
+        turned = data[:2] == JPEG_BEGIN and read_exif(data).orientation in range(2, 9)
+    image = decode_image(data, upright=True) if turned else None
     return data if image is None else encode_image(image, quality=TURNED_QUALITY)
 
 

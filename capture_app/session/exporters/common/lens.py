@@ -157,9 +157,8 @@ def redrawing(camera: CameraCalibration, wanted: CameraCalibration) -> Redraw | 
     """
     import cv2
 
-    if (camera.width, camera.height) == (wanted.width, wanted.height) and _parameters(camera) == _parameters(
-        wanted
-    ):
+    sizes = {(lens.width, lens.height) for lens in (camera, wanted)}
+    if len(sizes) == 1 and _parameters(camera) == _parameters(wanted):
         return None
     if distortion_of(wanted).any():
         rows, columns = np.mgrid[: wanted.height, : wanted.width].astype(np.float64)
@@ -197,10 +196,8 @@ def _parameters(camera: CameraCalibration) -> tuple[float, ...]:
 
 
 def _distorted(camera: CameraCalibration, rays: Array) -> tuple[Array, Array]:
-    k1, k2, p1, p2, k3 = distortion_of(camera)
-    x, y = rays[:, 0], rays[:, 1]
-    square = x * x + y * y
-    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    _, _, p1, p2, _ = distortion_of(camera)
+    x, y, square, radial, _ = _polynomial(camera, rays)
     return (
         x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
         y * radial + 2 * p2 * x * y + p1 * (square + 2 * y * y),
@@ -209,16 +206,22 @@ def _distorted(camera: CameraCalibration, rays: Array) -> tuple[Array, Array]:
 
 def _slopes(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array]:
     """Derivatives dx/dx, dx/dy (which is dy/dx) and dy/dy of the distorted ray."""
-    k1, k2, p1, p2, k3 = distortion_of(camera)
-    x, y = rays[:, 0], rays[:, 1]
-    square = x * x + y * y
-    radial = 1 + square * (k1 + square * (k2 + square * k3))
-    outward = 2 * (k1 + square * (2 * k2 + square * 3 * k3))
+    _, _, p1, p2, _ = distortion_of(camera)
+    x, y, _, radial, outward = _polynomial(camera, rays)
     return (
         radial + x * x * outward + 2 * p1 * y + 6 * p2 * x,
         x * y * outward + 2 * p1 * x + 2 * p2 * y,
         radial + y * y * outward + 2 * p2 * x + 6 * p1 * y,
     )
+
+
+def _polynomial(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Rays' x and y, the square of their length, and how far that stretches them, with its derivative."""
+    k1, k2, _, _, k3 = distortion_of(camera)
+    x, y = rays[:, 0], rays[:, 1]
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    return x, y, square, radial, 2 * (k1 + square * (2 * k2 + square * 3 * k3))
 
 
 def _fit_slopes(camera: CameraCalibration, rays: Array) -> Array:

@@ -14,26 +14,10 @@ from reconstruction.commands.options import (
     memory_option,
     out_option,
     parse_condition,
+    parse_instants,
     time_shift_option,
 )
 from reconstruction.session.conditions import SYNCED
-
-MAX_INSTANTS = 100_000
-
-
-def _parse_instants(text: str) -> tuple[int, ...]:
-    """Read numbers of instants and ranges of them, with commas between."""
-    found: list[int] = []
-    try:
-        for part in text.split(","):
-            first, _, last = part.partition("-")
-            span = range(int(first), int(last or first) + 1)
-            if not 0 < len(span) <= MAX_INSTANTS:
-                raise ValueError
-            found += span
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not a list of instants, as in 0,4-8") from None
-    return tuple(dict.fromkeys(found))
 
 
 @click.command(
@@ -54,7 +38,7 @@ def _parse_instants(text: str) -> tuple[int, ...]:
 )
 @click.option(
     "--instants",
-    type=_parse_instants,
+    type=parse_instants,
     metavar="K,K-L,...",
     show_default="all",
     help="Instants to process, as in 0,4-8.",

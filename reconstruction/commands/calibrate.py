@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,7 +14,6 @@ from reconstruction.commands.options import checksums_option, memory_option, ses
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
-    from capture_app.board.detector import Board
     from reconstruction.calibration.command import CalibrateResult
 
 Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
@@ -106,7 +105,7 @@ def _parse_mark(text: str) -> Mark:
 )
 @click.option("--scale-by-board", is_flag=True, help="Set the scale by the board, where SESSION shows it.")
 @click.option("--coverage", is_flag=True, help="Only show what the board has covered, and what is missing.")
-@click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
+@click.option("--replace", "force", is_flag=True, help="Replace an earlier calibration of the session.")
 @click.option(
     "--keep/--no-keep",
     default=None,
@@ -119,19 +118,12 @@ def _parse_mark(text: str) -> Mark:
 def calibrate(
     session: Path,
     source: str,
-    recordings: tuple[Path, ...],
-    lens_recordings: tuple[Path, ...],
     coverage: bool,
-    board: "Board",
-    field_of_view_deg: float | None,
     marks: tuple[Mark, ...],
     distance_m: float | None,
     vertical: bool,
-    ground: Path | None,
-    scale_by_board: bool,
-    replace: bool,
-    keep: bool | None,
     as_json: bool,
+    **chosen: Any,
 ) -> None:
     """Calibrate the cameras of SESSION, check the result and save it in the session.
 
@@ -146,7 +138,7 @@ def calibrate(
         raise click.UsageError(
             "--mark belongs together with --distance-m or --vertical: two points and what is known of them"
         )
-    if vertical and ground is not None:
+    if vertical and chosen["ground"] is not None:
         raise click.UsageError("give either --vertical or --ground: both say where the ground is")
     if source not in set(CalibrationSource) and not Path(source).exists():
         raise click.BadParameter(
@@ -156,16 +148,9 @@ def calibrate(
 
     options = CalibrateOptions(
         source=CalibrationSource(source) if source in set(CalibrationSource) else Path(source),
-        board=board,
-        recordings=recordings,
-        lens_recordings=lens_recordings,
-        field_of_view_deg=field_of_view_deg,
         distance=None if distance_m is None else KnownDistance(dict(marks), distance_m),
-        scale_by_board=scale_by_board,
-        ground=ground,
         vertical=dict(marks) if vertical else None,
-        keep=keep,
-        force=replace,
+        **chosen,
     )
     if coverage:
         _show_coverage(cover(session, options), as_json)

@@ -1,9 +1,5 @@
-"""`reconstruct stereo`.
+"""`reconstruct stereo` and `reconstruct multiview`."""
 
-`reconstruct multiview`.
-"""
-
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,15 +9,6 @@ from capture_app.terminal import Progress, json_option, print_json, print_line, 
 from capture_app.text import count
 from capture_app.usage import examples
 from reconstruction.commands import options
-from reconstruction.commands.options import (
-    checksums_option,
-    instant_option,
-    memory_option,
-    out_option,
-    pair_option,
-    session_argument,
-    time_shift_option,
-)
 from reconstruction.session.conditions import SYNCED, Condition
 
 if TYPE_CHECKING:
@@ -29,8 +16,8 @@ if TYPE_CHECKING:
 
 
 @click.command(epilog=examples("reconstruct stereo sessions/burst-001 --pair cam00,cam01 --out depth"))
-@session_argument
-@instant_option
+@options.session_argument
+@options.instant_option
 @click.option(
     "--other-instant",
     type=click.IntRange(min=0),
@@ -38,19 +25,19 @@ if TYPE_CHECKING:
     show_default="the same",
     help="Take the second camera's image from this instant.",
 )
-@pair_option("--pair", use="the depth map")
-@time_shift_option
-@out_option
-@memory_option
-@checksums_option
+@options.pair_option("--pair", use="the depth map")
+@options.time_shift_option
+@options.out_option
+@options.memory_option
+@options.checksums_option
 @json_option
-def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
+def stereo(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
     from reconstruction.pairs import describe_left_out
     from reconstruction.stereo.command import StereoOptions
     from reconstruction.stereo.command import stereo as run
 
-    result = run(session, out, StereoOptions(**options))
+    result = run(session, out, StereoOptions(**chosen))
     for camera, why in result.left_out.items():
         talk(f"{camera} is left out: {why}")
     if result.pairs_left_out:
@@ -67,28 +54,9 @@ def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     print_line(f"depth: {out / result.depth}, picture: {out / result.picture}")
 
 
-MOST = 1_000_000
-
-
-@dataclass(frozen=True)
-class Instants:
-    """Which instants; None: all."""
-
-    numbers: tuple[int, ...] | None
-
-
-def parse_instants(text: str) -> Instants:
-    """Read `all`, or numbers and ranges such as 0-9,20."""
-    if text.strip() == "all":
-        return Instants(None)
-    numbers: list[int] = []
-    for part in text.split(","):
-        first, dash, last = (piece.strip() for piece in part.partition("-"))
-        ends = (first, last) if dash else (first, first)
-        if not all(end.isdecimal() and int(end) < MOST for end in ends) or int(ends[0]) > int(ends[1]):
-            raise click.BadParameter(f"{text!r} is not all, or numbers and ranges, as in 0-9,20")
-        numbers += range(int(ends[0]), int(ends[1]) + 1)
-    return Instants(tuple(numbers))
+def _parse_all_or_some(text: str) -> tuple[int, ...]:
+    """Read `all`, which is none by number, or a list of instants."""
+    return () if text.strip() == "all" else options.parse_instants(text)
 
 
 @click.command(
@@ -102,7 +70,7 @@ def parse_instants(text: str) -> Instants:
 @options.instant_option
 @click.option(
     "--instants",
-    type=parse_instants,
+    type=_parse_all_or_some,
     metavar="all|K-L,M,...",
     help="A cloud of each of these instants instead of one; run again, it goes on where it was stopped.",
 )
@@ -135,7 +103,7 @@ def multiview(
     condition: Condition,
     out: Path,
     as_json: bool,
-    instants: Instants | None,
+    instants: tuple[int, ...] | None,
     depth: bool,
     rrd: bool,
     **chosen: Any,
@@ -159,7 +127,7 @@ def multiview(
         from reconstruction.multiview.sequence import SequenceOptions, model_sequence
 
         wanted = SequenceOptions(
-            instants=instants.numbers,
+            instants=instants or None,
             condition=condition,
             each=MultiviewOptions(**chosen),
             depth=depth,

@@ -18,12 +18,29 @@ if TYPE_CHECKING:
     from reconstruction.multiview.matcher import Matcher
 
 
+MOST_INSTANTS = 1_000_000
+
+
 def parse_pair(text: str) -> tuple[str, str]:
     """Read the names of two cameras with a comma between."""
     names = [part.strip() for part in text.split(",")]
     if len(names) != 2 or not all(names):
         raise click.BadParameter(f"{text!r} is not two cameras with a comma between, as in cam00,cam01")
     return names[0], names[1]
+
+
+def parse_instants(text: str) -> tuple[int, ...]:
+    """Read numbers of instants and ranges of them, such as 0-9,20."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = (piece.strip() for piece in part.partition("-"))
+        ends = (first, last) if dash else (first, first)
+        if not all(end.isdecimal() and int(end) < MOST_INSTANTS for end in ends) or int(ends[0]) > int(
+            ends[1]
+        ):
+            raise click.BadParameter(f"{text!r} is not a list of instants, as in 0-9,20")
+        found += range(int(ends[0]), int(ends[1]) + 1)
+    return tuple(dict.fromkeys(found))
 
 
 def parse_condition(text: str) -> Condition:

@@ -1,6 +1,6 @@
 """The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from reconstruction.compare.study import Study, write_pictures
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.mesh import draw_turntables
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
+from reconstruction.multiview.input_images import InputImage
 from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import ChosenMatcher
@@ -144,18 +145,13 @@ class MultiviewStudy(Study):
         max_instants: int,
         width: int,
         reference: str = "",
-        match: Callable[..., InstantDepth] = compute_instant_depth,
         matcher: ChosenMatcher = SWEEP,
     ) -> None:
-        """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera.
-
-        `match` makes the depth of an instant by the matcher, as `compute_instant_depth` does.
-        """
+        """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera."""
         super().__init__(rig)
         self.max_instants = max_instants
         self.width = width
         self.reference = reference
-        self.match = match
         self.matcher = matcher
         self.group = CameraGroup()
 
@@ -166,7 +162,7 @@ class MultiviewStudy(Study):
 
     def for_session(self, rig: Rig) -> Self:
         """This middle camera of another session."""
-        return type(self)(rig, self.max_instants, self.width, self.group.reference, self.match, self.matcher)
+        return type(self)(rig, self.max_instants, self.width, self.group.reference, self.matcher)
 
     @cached_property
     def shots(self) -> UndistortedSession:
@@ -258,7 +254,7 @@ class MultiviewStudy(Study):
         reach = {camera: self.group.scene.reach[camera] for camera in shown}
         made = self.rig.stages.arrays(
             "multiview",
-            lambda: vars(self.match(shots, sources, reach, self.group.reference, self.matcher)),
+            lambda: vars(self.match(shots, sources, reach)),
             self.group.reference,
             tuple(shown.items()),
             repr(views),
@@ -267,6 +263,15 @@ class MultiviewStudy(Study):
             self.matcher.name,
         )
         return InstantDepth(**made)
+
+    def match(
+        self,
+        images: Mapping[str, InputImage],
+        sources: Mapping[str, Sequence[str]],
+        reach: Mapping[str, tuple[float, float]],
+    ) -> InstantDepth:
+        """The depth of the reference by these pictures, as `compute_instant_depth` makes it."""
+        return compute_instant_depth(images, sources, reach, self.group.reference, self.matcher)
 
     def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float]:
         pixels = synced.shares["mover_coverage"][1]

@@ -28,17 +28,36 @@ MOST_NAMED = 4
 def timing_sentences(timing: Timing) -> str:
     """How late the second camera is and what to do about it, or why that is not known."""
     by = f"by what moves at {count(len(timing.instants), 'instant')}"
-    if timing.synchronized:
-        return (
-            f"{timing.other} is {_lateness(timing)} against {timing.reference} ({by}; 95 %): the same "
-            "instant, as far as these pictures can tell."
-        )
     if timing.offset:
-        return f"{_offset(timing, by)}{_odd(timing)} {_what_to_do(timing)}".rstrip()
+        return _offset_sentences(timing, by)
+    late = f"{timing.other} is {lateness(timing)} against {timing.reference} ({by}; 95 %)"
+    if timing.synchronized:
+        return f"{late}: the same instant, as far as these pictures can tell."
     told = f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
-    if timing.late_ms is None:
-        return told
-    return f"{told} {timing.other} is {_lateness(timing)} against {timing.reference} ({by}; 95 %)."
+    return told if timing.late_ms is None else f"{told} {late}."
+
+
+def _offset_sentences(timing: Timing, by: str) -> str:
+    told, late_ms = "These cameras were not synchronized:", timing.late_ms
+    if late_ms is None:
+        return (
+            f"{told} most of what moves is lost, and what is found of it lies "
+            f"{timing.out_of_place_px:.0f} pixels off its rows, unlike what stands still. How many ms that "
+            f"is could not be measured: {timing.reason}."
+        )
+    pairs = "No other pairing of their pictures is nearer; it takes cameras that fire together."
+    if timing.option:
+        pairs = f"{timing.option} pairs the pictures that belong together."
+    side = f"{'earlier' if late_ms < 0 else 'later'} than {timing.reference}'s"
+    if timing.by_depth:
+        return (
+            f"{told} {timing.other}'s pictures were taken about {abs(late_ms):.0f} ms {side}, as most depth "
+            "is found then. That is known to a frame only, because moving points do not tell: "
+            f"{timing.reason}. {pairs}"
+        )
+    size = lateness(timing).rpartition(" ")[0]
+    odd = f" But {timing.reason}." if timing.reason else ""
+    return f"{told} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {pairs}"
 
 
 def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
@@ -47,7 +66,7 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     late = [one for one in rig.cameras if one.offset and one.other not in told]
     if not late:
         return ""
-    shown = [f"{one.other} is {_lateness(one)}" for one in late[:MOST_NAMED]]
+    shown = [f"{one.other} is {lateness(one)}" for one in late[:MOST_NAMED]]
     more = f", and {count(len(late) - MOST_NAMED, 'more camera')}" if len(late) > MOST_NAMED else ""
     # Shifts against two references do not go together.
     one_reference = pair is None or not pair.option or pair.reference == rig.reference
@@ -56,9 +75,11 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     return f"Against {rig.reference}, {', '.join(shown)}{more} (by what moves; 95 %).{mends}"
 
 
-def rig_lateness(timing: Timing) -> str:
+def lateness(timing: Timing) -> str:
     """A camera's lateness with its error; empty where that cannot be told."""
-    return "" if timing.late_ms is None else _lateness(timing)
+    if timing.late_ms is None or timing.uncertainty_ms is None:
+        return ""
+    return late_or_early(timing.late_ms, timing.uncertainty_ms)
 
 
 def rig_judgement(timing: Timing) -> str:
@@ -92,49 +113,6 @@ def instant_lateness(late_ms: float, sd_ms: float) -> str:
 def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
     """`0.4 ± 0.6 ms late`, or early."""
     return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"
-
-
-def _lateness(timing: Timing) -> str:
-    assert timing.late_ms is not None
-    assert timing.uncertainty_ms is not None
-    return late_or_early(timing.late_ms, timing.uncertainty_ms)
-
-
-def _offset(timing: Timing, by: str) -> str:
-    if timing.late_ms is None:
-        return (
-            "These cameras were not synchronized: most of what moves is lost, and what is found of it lies "
-            f"{timing.out_of_place_px:.0f} pixels off its rows, unlike what stands still. How many ms that "
-            f"is could not be measured: {timing.reason}."
-        )
-    side = "earlier" if timing.late_ms < 0 else "later"
-    if timing.by_depth:
-        return (
-            f"These cameras were not synchronized: {timing.other}'s pictures were taken about "
-            f"{abs(timing.late_ms):.0f} ms {side} than {timing.reference}'s, as most depth is found then. "
-            f"That is known to a frame only, because moving points do not tell: {timing.reason}."
-        )
-    size = _lateness(timing).rpartition(" ")[0]
-    return (
-        f"These cameras were not synchronized: {timing.other}'s pictures were taken {size} {side} than "
-        f"{timing.reference}'s ({by}; 95 %)."
-    )
-
-
-def _odd(timing: Timing) -> str:
-    return f" But {timing.reason}." if timing.reason and not _reason_is_told(timing) else ""
-
-
-def _reason_is_told(timing: Timing) -> bool:
-    return timing.by_depth or timing.late_ms is None
-
-
-def _what_to_do(timing: Timing) -> str:
-    if timing.option:
-        return f"{timing.option} pairs the pictures that belong together."
-    if timing.late_ms is None:
-        return ""
-    return "No other pairing of their pictures is nearer; it takes cameras that fire together."
 
 
 @dataclass(frozen=True)
@@ -430,8 +408,8 @@ def describe_exactness(result: CompareResult) -> Exactness:
     error, source, measured = wording.NOT_AVAILABLE, "neither recorded nor measured", ""
     if result.unsynchronized:
         source = result.unsynchronized.partition(":")[0]
-    if shown is not None and shown.late_ms is not None and shown.uncertainty_ms is not None:
-        error = measured = late_or_early(shown.late_ms, shown.uncertainty_ms)
+    if shown is not None and (measured := lateness(shown)):
+        error = measured
         source = f"{shown.other} against {shown.reference}, by what moves"
     if result.sync_residual_us is not None and furthest is None:
         error, source = f"≤ {wording.microseconds(result.sync_residual_us)}", "by the session's own record"

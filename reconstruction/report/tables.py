@@ -9,9 +9,9 @@ from reconstruction.report.findings import (
     EACH_DELAYED,
     UNSYNCHRONIZED,
     Sides,
+    lateness,
     name_sides,
     rig_judgement,
-    rig_lateness,
 )
 from reconstruction.report.measures import (
     COVERAGE,
@@ -238,7 +238,7 @@ def instants_table(caption: str, study: StudyResult, sides: Sides) -> Table:
 def timing_table(rig: RigTiming) -> Table:
     """Every camera against the reference, by what moves: its lateness, and what follows from it."""
     rows = [
-        Row(one.other, [Cell(rig_lateness(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])
+        Row(one.other, [Cell(lateness(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])
         for one in rig.cameras
     ]
     return Table(

@@ -1,7 +1,7 @@
 """The parts of a comparison that take all cameras: depth of the middle one, the cloud, and what cannot be."""
 
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import cv2
@@ -19,7 +19,8 @@ from reconstruction.multiview.cloud_accuracy import (
     points_on_movers,
     true_surfaces,
 )
-from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
+from reconstruction.multiview.input_images import InputImage
+from reconstruction.multiview.instant_depth import SWEEP, InstantDepth
 from reconstruction.multiview.matcher import (
     ChosenMatcher,
     Matcher,
@@ -52,14 +53,16 @@ def multiview(
     *,
     instants: int = 1,
     width: int = 640,
-    match: Callable[..., InstantDepth] = compute_instant_depth,
     matcher: ChosenMatcher = SWEEP,
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
-    dataset = Dataset(session)
-    rig = Rig(dataset, folder, 2)
+    return MultiviewStudy(calibrated_rig(session, folder), instants, width, matcher=matcher)
+
+
+def calibrated_rig(session: Session, folder: Path) -> Rig:
+    rig = Rig(Dataset(session), folder, 2)
     rig.calibrate()
-    return MultiviewStudy(rig, instants, width, match=match, matcher=matcher)
+    return rig
 
 
 def medians(found: StudyResult, side: str = "synced") -> dict[str, float]:
@@ -163,14 +166,15 @@ def test_a_comparison_takes_the_matcher_that_is_asked_for(
     assert multiview(trio, tmp_path / "stages").matcher == choose_matcher(Matcher.AUTO)
 
 
-class FlatDepth:
+class FlatDepth(MultiviewStudy):
     """No matching: depth of 2 everywhere and no cloud; the cameras of each call."""
 
-    def __init__(self) -> None:
+    def __init__(self, rig: Rig, max_instants: int, width: int) -> None:
+        super().__init__(rig, max_instants, width)
         self.calls: list[tuple[str, ...]] = []
 
-    def __call__(self, shots: dict[str, object], *_: object) -> InstantDepth:
-        self.calls.append(tuple(shots))
+    def match(self, images: Mapping[str, InputImage], sources: object, reach: object) -> InstantDepth:
+        self.calls.append(tuple(images))
         flat = np.full((120, 160), 2.0, np.float32)
         return InstantDepth(
             depth=flat,
@@ -179,7 +183,7 @@ class FlatDepth:
             points=np.zeros((0, 3)),
             normals=np.zeros((0, 3)),
             colours=np.zeros((0, 3), np.uint8),
-            seen=np.zeros((0, len(shots)), bool),
+            seen=np.zeros((0, len(images)), bool),
             no_cloud=np.array("no fusion in this test"),
         )
 
@@ -196,14 +200,13 @@ def darken(session: Session, folder: Path, images: Iterable[tuple[str, int]]) ->
 
 def test_instants_without_a_picture_of_every_camera_are_left_out(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path / "session", scene, VIEWS, missing={("left", 1)})
-    flat = FlatDepth()
-    whole = multiview(session, tmp_path / "stages", instants=9, width=160, match=flat)
+    whole = FlatDepth(calibrated_rig(session, tmp_path / "stages"), 9, 160)
     whole.prepare(2, QUIET)
     found = whole.compare(Condition.parse("middle=0,left=66,right=33"), QUIET)
     # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
     assert [row["instant"] for row in found.per_instant] == [0, 2]
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
-    assert set(flat.calls) == {("left", "middle", "right")}
+    assert set(whole.calls) == {("left", "middle", "right")}
     assert found.facts["cloud_skipped"] == "no fusion in this test"
     assert found.value("mover_points") is None
     assert found.value("mover_f_score") is None
@@ -216,7 +219,7 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(scene: Scene, t
 
 def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) -> None:
     session = darken(trio, tmp_path / "dark", [("left", 2)])
-    whole = multiview(session, tmp_path / "stages", instants=9, width=160, match=FlatDepth())
+    whole = FlatDepth(calibrated_rig(session, tmp_path / "stages"), 9, 160)
     whole.prepare(2, QUIET)
     assert len(whole.group.cameras) == 3
     found = whole.compare(Condition.parse("left=33"), QUIET)
@@ -230,14 +233,14 @@ def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) ->
 @pytest.mark.slow
 def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> None:
     views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
-    session, flat = write_session(tmp_path, scene, views, instants=3), FlatDepth()
-    whole = multiview(session, tmp_path / "stages", width=160, match=flat)
+    session = write_session(tmp_path, scene, views, instants=3)
+    whole = FlatDepth(calibrated_rig(session, tmp_path / "stages"), 1, 160)
     whole.prepare(1, QUIET)
     assert whole.group.reference == "cam3"
     assert len(whole.group.cameras) == 5
     assert len(whole.group.left_out) == 2
     whole.compare(Condition.parse("cam3=33"), QUIET)
-    assert {len(cameras) for cameras in flat.calls} == {5}
+    assert {len(cameras) for cameras in whole.calls} == {5}
 
 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:

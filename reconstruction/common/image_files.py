@@ -1,6 +1,5 @@
 """Pictures read from files and written to files, with the errors that OpenCV does not raise."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -96,7 +95,7 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
         BadInputError: it is not an image, of a format that is not supported, or of an unusable shape.
     """
     try:
-        found = picture_size(path) if data is None else size_of(io.BytesIO(data))
+        found = picture_size(path) if data is None else size_of(data)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
     if found is None:

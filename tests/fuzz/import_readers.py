@@ -1,6 +1,5 @@
 """Readers of recordings, calibrations and exports of other programs."""
 
-import io
 import shutil
 from contextlib import suppress
 from pathlib import Path
@@ -25,7 +24,7 @@ from tests.session.conftest import calibration_of, jpeg
 
 def read_picture(data: bytes, folder: Path) -> None:
     """A picture: its size by its header, its EXIF, its pixels."""
-    size_of(io.BytesIO(data))
+    size_of(data)
     with suppress(ValueError):
         read_exif(data)
     decode_image(data, colour=True)

@@ -61,7 +61,7 @@ def test_the_truth_lies_within_what_the_record_allows(name: str) -> None:
         assert error_ns < record.hard_bound_ns + 20_000
         rows = row_exposures(session.camera(record.camera), record)
         assert rows is not None
-        assert rows.middles_ns()[-1] - rows.middles_ns()[0] == (rows.rows - 1) * rows.row_time_ns
+        assert rows.middle_ns(rows.rows - 1) - rows.middle_ns(0) == (rows.rows - 1) * rows.row_time_ns
     spreads = [
         np.ptp([truth[camera.name, instant] for camera in session.manifest.cameras])
         for instant in range(len(session.manifest.burst.instants_ns))

@@ -1,7 +1,4 @@
-"""Offset and rate of a camera's times against another's, from moments that both recorded.
-
-All cameras' offsets against the first, also through others where two have nothing in common.
-"""
+"""Offset and rate of a camera's times against another's, directly or through others, from common moments."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -75,21 +72,17 @@ def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTime
         reference: CameraTimes(offset_ns=0, uncertainty_ns=0, rate_uncertainty_ppm=0.0, source=REFERENCE)
     }
     why: dict[str, str] = {}
-    asked: set[tuple[str, str]] = set()
-    progress = True
-    while progress:
-        progress = False
-        for through in list(known):
-            for name in names:
-                if name in known or (through, name) in asked:
-                    continue
-                asked.add((through, name))
-                found = against(through, name)
-                if found.offset_ns is None:
-                    why.setdefault(name, found.reason)
-                    continue
-                known[name] = found if through == reference else compose(known[through], found)
-                progress = True
+    through = [reference]
+    for middle in through:
+        for name in names:
+            if name in known:
+                continue
+            found = against(middle, name)
+            if found.offset_ns is None:
+                why.setdefault(name, found.reason)
+                continue
+            known[name] = found if middle == reference else compose(known[middle], found)
+            through.append(name)
     return {name: known.get(name) or CameraTimes(reason=why.get(name, "")) for name in names}
 
 

@@ -95,7 +95,8 @@ def check_references(path: Path, manifest: Manifest) -> None:
 
     Raises BadInputError for the first that is not.
     """
-    if not all(map(_is_usual, _numbers(msgspec.to_builtins(manifest)))):
+    numbers = list(_numbers(msgspec.to_builtins(manifest)))
+    if not all(abs(one) < (MOST_INTEGER if isinstance(one, int) else MOST_REAL) for one in numbers):
         raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
     if not manifest.burst.instants_ns:
         raise BadInputError(f"{path} has no instants")
@@ -124,10 +125,6 @@ def _numbers(value: Any) -> Iterator[int | float]:
         return
     for part in value:
         yield from _numbers(part)
-
-
-def _is_usual(number: int | float) -> bool:
-    return abs(number) < (MOST_INTEGER if isinstance(number, int) else MOST_REAL)
 
 
 def _line_of(data: bytes, message: str) -> str:

@@ -1,13 +1,10 @@
-"""The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image.
-
-When each row of a rolling-shutter image was exposed, from the session's record of the image.
-"""
+"""The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image."""
 
 from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta, Struct
@@ -16,10 +13,6 @@ from capture_app.camera_facts import CameraFacts, Count, Positive
 from capture_app.names import Name
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.text import pretty_json
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 SCHEMA_VERSION = 1
 MANIFEST = "session.json"
@@ -270,12 +263,6 @@ class RowExposures:
     def middle_ns(self, row: int) -> int:
         """The middle of a row's exposure: the moment that its pixels show."""
         return self.start_ns(row) + self.exposure_ns // 2
-
-    def middles_ns(self) -> NDArray[np.int64]:
-        """The middles of all rows' exposures, (rows,)."""
-        import numpy as np  # slow to import, and this module is in every command's way
-
-        return self.middle_ns(0) + self.row_time_ns * np.arange(self.rows, dtype=np.int64)
 
 
 def row_exposures(camera: CameraRecord, image: ImageRecord) -> RowExposures | None:

@@ -1,6 +1,4 @@
-"""Changes to a finished session that leave its images and their times alone: its name and its note.
-
-Where results made from a session lie: the one place that decides it.
+"""Changes to a finished session that leave its images and times alone, and where results made from it lie.
 
     ROOT/_results/<session>/<kind>        what `reconstruct` made
     ROOT/_results/<session>/<kind>.log    what it said meanwhile
@@ -11,12 +9,13 @@ No session can be called `_results`: names begin with a letter or a digit.
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 
 import msgspec
+from msgspec import structs
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
@@ -43,11 +42,6 @@ def results_folder(session: Path, root: Path | None = None) -> Path:
     if session.parent.resolve() == root.resolve():
         return root / RESULTS / session.name
     return root / RESULTS / f"_{session.parent.name}" / session.name
-
-
-def move_results(session: Path, target: Path) -> None:
-    """Let a session's results follow it to its new name; results without a session there are removed."""
-    move_result_folder(results_folder(session), results_folder(target))
 
 
 def move_result_folder(folder: Path, target: Path) -> None:
@@ -78,7 +72,7 @@ def rename_session(folder: Path, name: str) -> Path:
     target = folder.with_name(name)
     if target != folder and (target.exists() or target.is_symlink()):
         raise BadInputError(f"{target} exists already", hint="choose another name")
-    with _changeable(folder, lambda manifest: msgspec.structs.replace(manifest, name=name)):
+    with _changeable(folder, name=name):
         if target != folder:
             try:
                 move_folder(folder, target)
@@ -86,7 +80,7 @@ def rename_session(folder: Path, name: str) -> Path:
                 raise BadInputError(f"{target} exists already", hint="choose another name") from None
             except OSError as error:
                 raise disk_error(error, folder) from error
-            move_results(folder, target)
+            move_result_folder(results_folder(folder), results_folder(target))
     return target
 
 
@@ -100,53 +94,46 @@ def set_note(folder: Path, note: str) -> None:
         raise BadInputError("a note is one line without control characters", hint="leave out line ends")
     if len(note) > MAX_NOTE:
         raise BadInputError(f"the note has {len(note)} characters", hint=f"at most {MAX_NOTE} fit")
-    with _changeable(folder.absolute(), lambda manifest: msgspec.structs.replace(manifest, note=note)):
+    with _changeable(folder.absolute(), note=note):
         pass
 
 
 @contextmanager
-def _changeable(folder: Path, change: Callable[[Manifest], Manifest]) -> Iterator[None]:
-    """Lock a session, replace it by one with a changed manifest in one step, and keep the lock meanwhile.
+def _changeable(folder: Path, **changed: str) -> Iterator[None]:
+    """Lock a session, replace it by one with these fields of its manifest in one step, and keep the lock.
 
     The new folder shares the files of the old one, so that manifest, plan and checksums change together.
     """
-    before = Session.open(folder)
+    before = Session.open(folder).stored_manifest
     locks = [lock_folder(folder)]
     try:
-        _check_undamaged(folder)
-        after = change(before.stored_manifest)
-        if after != before.stored_manifest:
+        damaged = [name for name, _ in changed_files(folder) if name in (MANIFEST, PLAN, CHECKSUMS)]
+        if damaged and (folder / CHECKSUMS).exists():
+            raise BadInputError(
+                f"{folder / damaged[0]} has changed since it was saved",
+                hint=f"first: capture-app sessions repair {folder}",
+            )
+        after = structs.replace(before, **changed)
+        if after != before:
             with OutputFolder(folder, lambda _: None) as output:
                 locks.append(lock_folder(output.folder))
-                _share_files(folder, output.folder)
+                shutil.copytree(
+                    folder, output.folder, symlinks=True, dirs_exist_ok=True, copy_function=link_or_copy
+                )
                 _write_changed(output.folder, after)
         yield
+    except shutil.Error as error:
+        raise BadInputError(f"cannot read all of {folder}: {error.args[0][0][2]}") from error
     finally:
         for lock in locks:
             os.close(lock)
-
-
-def _check_undamaged(folder: Path) -> None:
-    damaged = [name for name, _ in changed_files(folder) if name in (MANIFEST, PLAN, CHECKSUMS)]
-    if damaged and (folder / CHECKSUMS).exists():
-        raise BadInputError(
-            f"{folder / damaged[0]} has changed since it was saved",
-            hint=f"first: capture-app sessions repair {folder}",
-        )
-
-
-def _share_files(folder: Path, aside: Path) -> None:
-    try:
-        shutil.copytree(folder, aside, symlinks=True, dirs_exist_ok=True, copy_function=link_or_copy)
-    except shutil.Error as error:
-        raise BadInputError(f"cannot read all of {folder}: {error.args[0][0][2]}") from error
 
 
 def _write_changed(folder: Path, manifest: Manifest) -> None:
     """Write manifest and plan, and their lines of the checksums; other lines stay as they are."""
     written = {MANIFEST: indented(msgspec.json.encode(manifest))}
     if (folder / PLAN).is_file():
-        plan = msgspec.structs.replace(read_plan(folder), name=manifest.name, note=manifest.note)
+        plan = structs.replace(read_plan(folder), name=manifest.name, note=manifest.note)
         written[PLAN] = indented(msgspec.json.encode(plan))
     for name, data in written.items():
         write_atomic(folder / name, data)

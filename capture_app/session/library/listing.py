@@ -77,9 +77,17 @@ class SessionListing:
 
     def read(self) -> list[SessionCard]:
         """All sessions that are there now, by name; a folder that does not exist holds none."""
-        found = {folder: self._card(folder, stamp) for folder, stamp in self._folders()}
-        self._known = {folder: self._known[folder] for folder in found if folder in self._known}
-        return [found[folder] for folder in sorted(found)]
+        before, cards = self._known, []
+        self._known = {}
+        for folder, stamp in sorted(self._folders(), key=lambda one: one[0]):
+            known = before.get(folder)
+            if stamp is None:
+                card = _card_without_manifest(Path(folder))
+            else:
+                card = known[1] if known and known[0] == stamp else read_card(Path(folder))
+                self._known[folder] = stamp, card
+            cards.append(card)
+        return cards
 
     def _folders(self) -> Iterator[tuple[str, tuple[int, int, int] | None]]:
         """Yield each session's folder, with what tells whether its manifest is another than before."""
@@ -99,14 +107,6 @@ class SessionListing:
             except OSError:
                 continue
 
-    def _card(self, folder: str, stamp: tuple[int, int, int] | None) -> SessionCard:
-        if stamp is None:
-            return _card_without_manifest(Path(folder))
-        known = self._known.get(folder)
-        if known is None or known[0] != stamp:
-            known = self._known[folder] = (stamp, read_card(Path(folder)))
-        return known[1]
-
 
 def best_synchronized(cards: list[SessionCard]) -> SessionCard | None:
     """The session whose images of an instant are surely the least apart; None of fewer than two known."""
@@ -118,13 +118,10 @@ def read_card(folder: Path) -> SessionCard:
     """Read what a list shows of a session that has a manifest."""
     try:
         head = read_struct(folder / MANIFEST, _Head, SCHEMA_VERSION)
-        first: dict[str, Path] = {}
-        for image in head.images:
-            if image.camera not in first:
-                first[image.camera] = inside(folder, image.path)
-        for video in head.videos:
-            if video.frames:
-                first.setdefault(video.camera, inside(folder, video.path))
+        files = {video.camera: video.path for video in head.videos if video.frames}
+        files |= {image.camera: image.path for image in reversed(head.images)}
+        names = tuple(camera.name for camera in head.cameras)
+        first = tuple(inside(folder, files[name]) for name in names if name in files)
     except BadInputError as error:
         return SessionCard(
             folder=folder,
@@ -133,7 +130,6 @@ def read_card(folder: Path) -> SessionCard:
             remedy=error.hint or f"capture-app sessions repair {folder}",
         )
     sync, times, instants = head.sync, head.burst.common_times, len(head.burst.instants_ns)
-    names = tuple(camera.name for camera in head.cameras)
     unsynchronized = times is not None and times.state == TimesState.UNKNOWN
     comparable = sync is not None and len(names) > 1 and not unsynchronized
     return SessionCard(
@@ -150,7 +146,7 @@ def read_card(folder: Path) -> SessionCard:
         dropped=0 if sync is None else sync.dropped,
         late=0 if sync is None else sync.late,
         note=head.note,
-        first_images=tuple(first[name] for name in names if name in first),
+        first_images=first,
     )
 
 
@@ -159,8 +155,9 @@ def _card_without_manifest(folder: Path) -> SessionCard:
         writing = is_being_written(folder)
         changed_s = folder.stat().st_mtime
     except OSError as error:
-        problem = f"{folder}: {error.strerror}"
-        return SessionCard(folder=folder, state=SessionState.UNREADABLE, problem=problem)
+        return SessionCard(
+            folder=folder, state=SessionState.UNREADABLE, problem=f"{folder}: {error.strerror}"
+        )
     created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
     if writing:
         return SessionCard(

@@ -35,15 +35,13 @@ class ThumbnailCache:
         key = f"{image.resolve()}\0{stat.st_mtime_ns}\0{stat.st_size}"
         kept = self.folder / f"{hashlib.sha256(os.fsencode(key)).hexdigest()[:32]}.jpg"
         small = _decode(kept)
-        if small is None:
-            # The decoder of JPEG halves three times at next to no cost.
-            large = _decode(image, reduction=8)
-            if large is None or large.shape[1] < WIDTH_PX:
-                large = _decode(image)
-            if large is None:
-                return None
-            small = self._keep(kept, _shrink(large))
-        return small
+        if small is not None:
+            return small
+        # The decoder of JPEG halves three times at next to no cost.
+        large = _decode(image, reduction=8)
+        if large is None or large.shape[1] < WIDTH_PX:
+            large = _decode(image)
+        return None if large is None else self._keep(kept, _shrink(large))
 
     def _keep(self, path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
         """Keep it, and return it as it will be read again: coded with loss."""
@@ -54,15 +52,13 @@ class ThumbnailCache:
             aside = path.with_suffix(f".{os.getpid()}.part")
             aside.write_bytes(coded)
             aside.replace(path)
-            if int(path.name[:2], 16) == 0:  # one in 256 looks whether there are too many
-                self._remove_oldest()
+            # One in 256 looks whether there are too many.
+            files = [] if int(path.name[:2], 16) else list(self.folder.glob("*.jpg"))
+            files.sort(key=lambda file: file.stat().st_mtime_ns)
+            for file in files[: len(files) // 2] if len(files) > MOST_FILES else ():
+                file.unlink(missing_ok=True)
         kept = decode_image(coded, colour=True)
         return small if kept is None else kept
-
-    def _remove_oldest(self) -> None:
-        files = sorted(self.folder.glob("*.jpg"), key=lambda file: file.stat().st_mtime_ns)
-        for file in files[: len(files) // 2] if len(files) > MOST_FILES else ():
-            file.unlink(missing_ok=True)
 
 
 def _decode(path: Path, reduction: int = 1) -> "NDArray[np.uint8] | None":

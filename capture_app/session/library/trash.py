@@ -7,7 +7,6 @@ ROOT/.trash/<id>/results         the results made from it, if any
 
 import os
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -70,7 +69,15 @@ def trash_session(folder: Path) -> TrashedSession:
 
 def trashed_sessions(root: Path) -> list[TrashedSession]:
     """What is in the trash of a folder of sessions, the latest last."""
-    return sorted(_entries(root), key=lambda one: one.trashed)
+    found = []
+    for session in sorted((root / TRASH).glob(f"*/{_SESSION}/")):
+        entry = session.parent
+        # A record that is lost costs the time only: the entry is named after the session.
+        trashed = TrashedSession(id=entry.name, name=entry.name, trashed="")
+        with suppress(BadInputError):
+            trashed = msgspec.structs.replace(read_struct(entry / _RECORD, TrashedSession), id=entry.name)
+        found.append(trashed)
+    return sorted(found, key=lambda one: one.trashed)
 
 
 def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
@@ -105,21 +112,8 @@ def empty_trash(root: Path) -> int:
     """Delete what is in the trash for good, and return how many sessions that were. Raises SimulshotError."""
     sessions = len(trashed_sessions(root))
     try:
-        if (root / TRASH).is_dir():
+        with suppress(FileNotFoundError):
             shutil.rmtree(root / TRASH)
     except OSError as error:
         raise disk_error(error, root / TRASH) from error
     return sessions
-
-
-def _entries(root: Path) -> Iterator[TrashedSession]:
-    trash = root / TRASH
-    for entry in sorted(trash.iterdir()) if trash.is_dir() else ():
-        if (entry / _SESSION).is_dir():
-            try:
-                record = read_struct(entry / _RECORD, TrashedSession)
-                trashed = msgspec.structs.replace(record, id=entry.name)
-            except BadInputError:
-                # A record that is lost costs the time only: the entry is named after the session.
-                trashed = TrashedSession(id=entry.name, name=entry.name, trashed="")
-            yield trashed

@@ -1,6 +1,5 @@
 """Decodes and encodes image files."""
 
-import io
 from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError
@@ -47,7 +46,7 @@ def decode_image(
 
 def told_size(data: bytes) -> tuple[int, int] | None:
     """Width and height in pixels as an image file's first bytes tell them; None where they do not."""
-    return size_of(io.BytesIO(data))
+    return size_of(data)
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:

@@ -1,19 +1,18 @@
-"""EXIF and size by a file's first bytes.
+"""What a picture's file tells before a pixel is decoded: its size, and a JPEG's EXIF (CIPA DC-008)."""
 
-What a JPEG's EXIF says (CIPA DC-008): when it was taken, how it is held, and how wide its lens saw.
-
-The size of a picture as its file's first bytes tell it, before a single pixel is decoded.
-"""
-
+import mmap
+import os
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 _EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
-_ORIENTATION = 0x0112
+_WIDTH, _HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
+MOST_ENTRIES = 4096
 UPRIGHT = 1
+
+Buffer = bytes | mmap.mmap
 
 
 @dataclass(frozen=True)
@@ -50,26 +49,28 @@ def _read_tiff(tiff: bytes) -> Exif:
     first = _entries(tiff, order, struct.unpack_from(f"{order}I", tiff, 4)[0])
     orientation = UPRIGHT
     if _ORIENTATION in first:
-        orientation = struct.unpack_from(f"{order}H", first[_ORIENTATION][1])[0]
+        orientation = struct.unpack_from(f"{order}H", first[_ORIENTATION][2])[0]
     if _EXIF_IFD not in first:
         return Exif(orientation=orientation)
-    inner = _entries(tiff, order, struct.unpack(f"{order}I", first[_EXIF_IFD][1])[0])
-    focal = struct.unpack_from(f"{order}H", inner[_FOCAL_35MM][1])[0] if _FOCAL_35MM in inner else 0
+    inner = _entries(tiff, order, struct.unpack(f"{order}I", first[_EXIF_IFD][2])[0])
+    focal = struct.unpack_from(f"{order}H", inner[_FOCAL_35MM][2])[0] if _FOCAL_35MM in inner else 0
     date, part = (_text(tiff, order, inner.get(tag)) for tag in (_DATE, _PART))
     return Exif(date, part, focal or None, orientation)
 
 
-def _entries(tiff: bytes, order: str, place: int) -> dict[int, tuple[int, bytes]]:
-    """By tag, the count of values and the four bytes that hold them or where they are."""
-    count = struct.unpack_from(f"{order}H", tiff, place)[0]
-    entries = (struct.unpack_from(f"{order}HHI4s", tiff, place + 2 + 12 * n) for n in range(count))
-    return {tag: (number, value) for tag, _, number, value in entries}
+def _entries(tiff: Buffer, order: str, place: int, *, big: bool = False) -> dict[int, tuple[int, int, bytes]]:
+    """By tag: type and count of the values, and the bytes that hold them or where they are."""
+    number, entry = ("Q", struct.Struct(f"{order}HHQ8s")) if big else ("H", struct.Struct(f"{order}HHI4s"))
+    begin = place + struct.calcsize(number)
+    count = min(struct.unpack_from(f"{order}{number}", tiff, place)[0], MOST_ENTRIES)
+    entries = (entry.unpack_from(tiff, begin + n * entry.size) for n in range(count))
+    return {tag: (kind, length, value) for tag, kind, length, value in entries}
 
 
-def _text(tiff: bytes, order: str, entry: tuple[int, bytes] | None) -> str:
+def _text(tiff: bytes, order: str, entry: tuple[int, int, bytes] | None) -> str:
     if entry is None:
         return ""
-    count, value = entry
+    _, count, value = entry
     start = struct.unpack(f"{order}I", value)[0]
     found = value[:count] if count <= 4 else tiff[start : start + count]
     return found.rstrip(b"\0 ").decode("ascii")
@@ -79,7 +80,7 @@ Size = tuple[int, int]
 """Width and height, px; of a JPEG before its EXIF orientation is applied."""
 
 MAX_HEADER_BYTES = 1 << 20
-"""Of a JPEG's profiles and thumbnails before its first frame."""
+"""The most that a JPEG's profiles and thumbnails before its first frame may have."""
 
 
 def picture_size(path: Path) -> Size | None:
@@ -89,83 +90,66 @@ def picture_size(path: Path) -> Size | None:
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        return size_of(file)
+        if not os.fstat(file.fileno()).st_size:
+            return None
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return size_of(data)
 
 
-def size_of(file: BinaryIO) -> Size | None:
-    """The same of an open file. Raises OSError."""
-    start = file.read(32)
-    for magic, read in _READERS:
-        if start.startswith(magic):
-            file.seek(0)
-            try:
-                return read(file)
-            except (struct.error, ValueError, OverflowError):
-                return None
-    return None
+def size_of(data: Buffer) -> Size | None:
+    """Width and height that a file's bytes tell, as `picture_size` does."""
+    start = bytes(data[:16])
+    read = next((read for magic, read in _READERS if start.startswith(magic)), None)
+    try:
+        return read(data) if read is not None else None
+    except (struct.error, ValueError, IndexError, OverflowError):
+        return None
 
 
-def _png(file: BinaryIO) -> Size:
-    file.seek(16)
-    return _numbers(">II", file)
+def _png(data: Buffer) -> Size:
+    width, height = struct.unpack_from(">II", data, 16)
+    return width, height
 
 
-def _jpeg(file: BinaryIO) -> Size | None:
-    file.seek(2)
-    while file.tell() < MAX_HEADER_BYTES:
-        byte = file.read(1)
-        if byte != b"\xff":
-            if not byte:
-                return None
-            continue
-        marker = file.read(1)
-        while marker == b"\xff":
-            marker = file.read(1)
+def _jpeg(data: Buffer) -> Size | None:
+    at = 2
+    while (at := data.find(b"\xff", at, MAX_HEADER_BYTES)) >= 0:
+        while data[at] == 0xFF:
+            at += 1
+        marker, at = data[at], at + 1
         # A frame of any kind; the three others in this span are tables.
-        if marker and 0xC0 <= marker[0] <= 0xCF and marker[0] not in (0xC4, 0xC8, 0xCC):
-            height, width = _numbers(">3xHH", file)
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">3xHH", data, at)
             return width, height
-        if marker and (0xD0 <= marker[0] <= 0xD8 or marker[0] in (0x00, 0x01)):
-            continue
-        (length,) = struct.unpack(">H", file.read(2))
-        file.seek(max(length - 2, 0), 1)
+        if not (0xD0 <= marker <= 0xD8 or marker in (0x00, 0x01)):
+            at += max(struct.unpack_from(">H", data, at)[0], 2)
     return None
 
 
-def _bmp(file: BinaryIO) -> Size:
-    file.seek(18)
-    width, height = _numbers("<ii", file)
+def _bmp(data: Buffer) -> Size:
+    width, height = struct.unpack_from("<ii", data, 18)
     return abs(width), abs(height)
 
 
-def _tiff(file: BinaryIO) -> Size | None:
-    order = "<" if file.read(2) == b"II" else ">"
-    (version,) = struct.unpack(f"{order}H", file.read(2))
-    if version not in (42, 43):
-        return None
+def _tiff(data: Buffer) -> Size | None:
+    order = "<" if data[:2] == b"II" else ">"
+    (version,) = struct.unpack_from(f"{order}H", data, 2)
     # BigTIFF, version 43, has 64-bit offsets and counts.
-    big = version == 43
-    file.seek(8 if big else 4)
-    directory = _number(file, order, "Q" if big else "I")
-    file.seek(directory)
-    found: dict[int, int] = {}
-    for _ in range(min(_number(file, order, "Q" if big else "H"), 4096)):
-        tag, kind = struct.unpack(f"{order}HH", file.read(4))
-        file.read(8 if big else 4)
-        field = file.read(8 if big else 4)
-        if tag in (256, 257):
-            form, size = ("H", 2) if kind == 3 else ("I", 4)
-            (found[tag],) = struct.unpack(f"{order}{form}", field[:size])
-    return (found[256], found[257]) if len(found) == 2 else None
+    place = {42: ("I", 4), 43: ("Q", 8)}.get(version)
+    if place is None:
+        return None
+    (directory,) = struct.unpack_from(f"{order}{place[0]}", data, place[1])
+    entries = _entries(data, order, directory, big=version == 43)
+    if not {_WIDTH, _HEIGHT} <= set(entries):
+        return None
+    width, height = (
+        struct.unpack_from(f"{order}{'H' if entries[tag][0] == 3 else 'I'}", entries[tag][2])[0]
+        for tag in (_WIDTH, _HEIGHT)
+    )
+    return width, height
 
 
-def _number(file: BinaryIO, order: str, form: str) -> int:
-    (number,) = struct.unpack(f"{order}{form}", file.read(struct.calcsize(f"{order}{form}")))
-    return int(number)
-
-
-def _webp(file: BinaryIO) -> Size | None:
-    data = file.read(30)
+def _webp(data: Buffer) -> Size | None:
     kind = data[12:16]
     if data[8:12] != b"WEBP" or len(data) < 30:
         return None
@@ -174,16 +158,11 @@ def _webp(file: BinaryIO) -> Size | None:
     if kind == b"VP8L":
         bits = int.from_bytes(data[21:25], "little")
         return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
-    width, height = struct.unpack("<HH", data[26:30])
+    width, height = struct.unpack_from("<HH", data, 26)
     return width & 0x3FFF, height & 0x3FFF
 
 
-def _numbers(form: str, file: BinaryIO) -> Size:
-    first, second = struct.unpack(form, file.read(struct.calcsize(form)))
-    return first, second
-
-
-_READERS: tuple[tuple[bytes, Callable[[BinaryIO], Size | None]], ...] = (
+_READERS: tuple[tuple[bytes, Callable[[Buffer], Size | None]], ...] = (
     (b"\x89PNG\r\n\x1a\n", _png),
     (b"\xff\xd8", _jpeg),
     (b"BM", _bmp),

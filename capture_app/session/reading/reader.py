@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -49,7 +50,6 @@ class Session:
         """`manifest` is as it is on the disk."""
         self.folder = folder
         self.stored_manifest = manifest
-        self._manifest: Manifest | None = None if manifest.videos else manifest
         self._files: dict[str, Path] = {}
         self._cameras = {camera.name: camera for camera in manifest.cameras}
 
@@ -76,12 +76,17 @@ class Session:
             inside(folder, video.path)
         return session
 
-    @property
+    @cached_property
     def manifest(self) -> Manifest:
         """The manifest, the frames of videos among the images. Raises BadInputError where they are broken."""
-        if self._manifest is None:
-            self._manifest = self._with_frames()
-        return self._manifest
+        stored = self.stored_manifest
+        frames = [
+            record
+            for video in stored.videos
+            for record in frame_records(video, self.video_frames(video), stored.burst.instants_ns)
+        ]
+        frames.sort(key=lambda record: (record.instant, record.camera))
+        return msgspec.structs.replace(stored, images=(*stored.images, *frames)) if frames else stored
 
     @property
     def name(self) -> str:
@@ -127,16 +132,6 @@ class Session:
             raise BadInputError(f"cannot read {path}: {error.strerror}") from error
         except UNREADABLE as error:
             raise BadInputError(f"{path} does not hold the frames of a video: {error}") from error
-
-    def _with_frames(self) -> Manifest:
-        stored = self.stored_manifest
-        frames = [
-            record
-            for video in stored.videos
-            for record in frame_records(video, self.video_frames(video), stored.burst.instants_ns)
-        ]
-        frames.sort(key=lambda record: (record.instant, record.camera))
-        return msgspec.structs.replace(stored, images=(*stored.images, *frames))
 
     def images_by_instant(self) -> list[dict[str, ImageRecord]]:
         """For each instant in order, the images by camera name; a missing image has no entry."""

@@ -1,7 +1,4 @@
-"""A take as a sheet: cameras across in the order of their arc, instants down, and what each picture is.
-
-The order of cameras along their arc, where their poses are known; else by name.
-"""
+"""A take as a sheet: cameras across in the order of their arc, instants down, and what each picture is."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,8 +105,7 @@ class TakeSheet:
     @property
     def aspect(self) -> float:
         """Height over width of the tallest camera's images."""
-        facts = [camera.facts for camera in self.session.manifest.cameras]
-        return max(fact.height / fact.width for fact in facts)
+        return max(one.facts.height / one.facts.width for one in self.session.manifest.cameras)
 
     def place(self, camera: str, instant: int) -> SheetPlace:
         """What is at a place. Raises BadInputError where the take has no such place."""

@@ -42,15 +42,9 @@ class InstantSet(Set[int]):
             return
         self._length += 1
         run = bisect_right(self._starts, instant)
-        joins_before = run > 0 and self._ends[run - 1] == instant
-        joins_after = run < len(self._starts) and self._starts[run] == instant + 1
-        if joins_before and joins_after:
-            self._ends[run - 1] = self._ends.pop(run)
-            del self._starts[run]
-        elif joins_before:
-            self._ends[run - 1] = instant + 1
-        elif joins_after:
-            self._starts[run] = instant
-        else:
-            self._starts.insert(run, instant)
-            self._ends.insert(run, instant + 1)
+        self._starts.insert(run, instant)
+        self._ends.insert(run, instant + 1)
+        # A run that begins where the one before it ends is one with that.
+        for later in (run + 1, run):
+            if 0 < later < len(self._starts) and self._starts[later] == self._ends[later - 1]:
+                del self._starts[later], self._ends[later - 1]

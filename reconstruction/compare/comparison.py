@@ -146,14 +146,15 @@ class Comparison:
             self._measure_tolerance()
         self._run(self.panorama)
         if no_views is None:
-            if self.timing is None and self.panorama.result is not None:
-                self.timing = self._measure_timing(self.panorama.result.pair)
+            if self.timing is None and not self.panorama.found.skipped:
+                self.timing = self._measure_timing(self.panorama.found.pair)
             self._measure_rig_timing()
             self._run(self.triangulation)
         else:
-            if self.panorama.result is None and isinstance(no_views, NotAvailableError):
+            if self.panorama.found.skipped and isinstance(no_views, NotAvailableError):
                 raise no_views
-            self.stereo.skipped = self.triangulation.skipped = str(no_views)
+            self.stereo.skip(str(no_views))
+            self.triangulation.skip(str(no_views))
         if self.options.multiview_instants:
             self._run(self.multiview)
         self._run_poses(moving)
@@ -196,10 +197,10 @@ class Comparison:
 
     def _measure_tolerance(self) -> None:
         """The stereo pair's depth against offset, over fewer instants."""
-        if self.stereo.result is None:
+        if self.stereo.found.skipped:
             return
-        pair = self.stereo.result.pair
-        self.timing = with_depth(self._measure_timing(pair), self.stereo.result)
+        pair = self.stereo.found.pair
+        self.timing = with_depth(self._measure_timing(pair), self.stereo.found)
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(TOLERANCE_INSTANTS, self.options.max_instants)
@@ -223,7 +224,7 @@ class Comparison:
         """Estimate poses if asked for or if much moves; `moving` is the share of moving pixels."""
         asked, share = self.options.poses, wording.share(moving, decimals=0)
         if asked is None and moving < LARGE_MOVING_SHARE:
-            self.poses.skipped = (
+            self.poses.skip(
                 f"{share} of the picture moves, which pose estimation rejects as outliers, in late pictures "
                 "too (--poses measures it anyway)"
             )
@@ -233,7 +234,7 @@ class Comparison:
 
     def _further_conditions(self) -> tuple[ConditionResult, ...]:
         """The conditions asked for, and another session, beside every study's own."""
-        made = [study for study in self.studies if study.result is not None]
+        made = [study for study in self.studies if not study.found.skipped]
         found = []
         for condition in self.options.conditions:
             self.progress.step(f"condition {condition.name}")

@@ -25,7 +25,7 @@ from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import ChosenMatcher
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
-from reconstruction.scores.tally import SIDES, Measurements, Tally
+from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
 from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
@@ -35,6 +35,8 @@ from reconstruction.session.instants import (
     relative_offsets_ms,
 )
 
+MIN_POINTS = 500
+"""A synchronized cloud of fewer points shows nothing."""
 MIN_CAMERAS = 3
 MAX_CAMERAS = 5
 """More cameras make better clouds, but say no more about timing; each takes as long as the first."""
@@ -94,10 +96,6 @@ def _require_cameras(count: int, left_out: Mapping[str, str]) -> None:
         for reason in dict.fromkeys(left_out.values()):
             text.append(f"{', '.join(c for c, its in left_out.items() if its == reason)}: {reason}")
         raise ValueError("; ".join(text))
-
-
-MIN_POINTS = 500
-"""A synchronized cloud of fewer points shows nothing."""
 
 
 def save_clouds(
@@ -194,7 +192,7 @@ class MultiviewStudy(Study):
         found = []
         for one in instants:
             maps = {}
-            for side, shown in zip(SIDES, (one.together, one.shown), strict=True):
+            for side, shown in one.sides.items():
                 progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
                 maps[side] = self._depth(shown)
             found.append(maps)

@@ -18,11 +18,16 @@ from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
 from reconstruction.compare.study import Study
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.tally import SIDES, Measurements, Tally
+from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.session.conditions import Condition, evenly_spread
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import ShownInstant, fullest_instants, relative_offsets_ms
 
+TOLERANCE_DEG = 2.0
+HARMED = 0.1
+LARGE_MOVING_SHARE = 0.2
+"""If less of the picture moves, pose estimation rejects it as outliers, in late pictures too."""
+MAX_INSTANTS = 5
 Pose = tuple[Array, Array]
 """Rotation 3x3 and translation (3,), camera from world."""
 ImageKey = tuple[str, int]
@@ -146,13 +151,6 @@ def _relative(a: Pose, b: Pose) -> Pose:
     return turn, a[1] - turn.T @ b[1]
 
 
-TOLERANCE_DEG = 2.0
-HARMED = 0.1
-LARGE_MOVING_SHARE = 0.2
-"""If less of the picture moves, pose estimation rejects it as outliers, in late pictures too."""
-MAX_INSTANTS = 5
-
-
 @dataclass(frozen=True)
 class InstantPoses:
     """Poses of one instant: how many cameras were placed, and both errors (degrees) of each pair of them."""
@@ -219,7 +217,7 @@ class PoseStudy(Study):
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))
             for one in instants:
-                sides = zip(SIDES, (one.together, one.shown), strict=True)
+                sides = one.sides.items()
                 measured = {side: self._poses(finder, pictures).measure() for side, pictures in sides}
                 tally.add(measured, {"instant": one.instant})
         found = StudyResult(

@@ -35,6 +35,8 @@ from reconstruction.session.conditions import Condition, FrameOffset
 from reconstruction.session.dataset import Dataset
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, epipolar_errors, find_disparity_range
 
+RANGE_INSTANTS = 8
+
 
 @dataclass(frozen=True)
 class StereoInstant:
@@ -117,9 +119,6 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     count = 3 if (on > 0).any() else 0
     lines = [int(y) for y in np.linspace(top, bottom, count)]
     return draw_rows(a, b, lines)
-
-
-RANGE_INSTANTS = 8
 
 
 class StereoStudy(PairStudy):

@@ -40,8 +40,7 @@ class Study(ABC):
         self.motion = rig.motion
         self.condition = ALL_APART
         """What it compares with the synchronized condition if nothing else is asked for."""
-        self.result: StudyResult | None = None
-        self.skipped = "it was not asked for"
+        self.found = StudyResult(name=self.name, skipped="it was not asked for")
 
     @property
     def subject(self) -> str:
@@ -79,14 +78,13 @@ class Study(ABC):
         try:
             with opencv_calls(self.subject):
                 self.prepare(middle, progress)
-                self.result = self.compare(self.condition, progress, folder)
+                self.found = self.compare(self.condition, progress, folder)
         except (ValueError, ForeignError, NotAvailableError) as error:
-            self.skipped = str(error)
+            self.skip(str(error))
 
-    @property
-    def found(self) -> StudyResult:
-        """What it measured, else why it was skipped."""
-        return self.result or StudyResult(name=self.name, skipped=self.skipped)
+    def skip(self, why: str) -> None:
+        """Measure nothing, for this reason."""
+        self.found = StudyResult(name=self.name, skipped=why)
 
     def compare_condition(self, condition: Condition) -> StudyResult:
         """Compare a further condition, or say why that is impossible."""

@@ -35,6 +35,8 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import choose_moving_instants
 from reconstruction.session.picture_checksums import picture_checks
 
+MAX_STEPS = 4
+"""Offsets to either side."""
 CLEAR_PEAK = 0.15
 """A point of an instant's curve that is higher than the median of the others by this much is its peak."""
 LOSS = 0.1
@@ -119,10 +121,6 @@ def _sides(points: Sequence[StudyResult], measure: str) -> list[list[tuple[float
     known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
     early = [(-ms, one) for ms, one in reversed(known) if ms <= 0]
     return [early, [(ms, one) for ms, one in known if ms >= 0]]
-
-
-MAX_STEPS = 4
-"""To either side."""
 
 
 @dataclass(frozen=True, kw_only=True)

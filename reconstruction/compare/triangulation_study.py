@@ -16,7 +16,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
 from reconstruction.compare.study import ALL_APART, PairStudy, Study
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.tally import SIDES, Measurements, Tally
+from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.scores.truth import right_depth
 from reconstruction.session.conditions import Condition, FrameOffset
 from reconstruction.session.dataset import Dataset
@@ -37,8 +37,18 @@ poses still to be found, and let points through that have moved."""
 MIN_ANGLE_DEG = 0.5
 """Rays that meet at less than this place no point; COLMAP's own 1.5 is too much for cameras side by side."""
 NO_LIMIT = 1e9
+MAX_CAMERAS = 5
+"""More cameras find more points, but say no more about timing."""
+MAX_PICTURES = 24
+"""Pictures whose features are looked for, about; each takes some tenths of a second."""
+INSTANT_LIMITS = (3, 8)
+CONTROL_MARGIN_PX = 4
+"""Points seen this near to something that moves do not belong to the control."""
 KEPT_PICTURES = 64
 PURPOSE = "triangulating points"
+
+Masks = tuple[Array, Array]
+"""What moves in the picture that a camera shows in a condition, and what moves or changes in either."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,23 +213,6 @@ def _rig_points(model: Any, found: Mapping[str, _Features]) -> RigPoints:
     )
 
 
-MAX_CAMERAS = 5
-"""More cameras find more points, but say no more about timing."""
-MAX_PICTURES = 24
-"""Pictures whose features are looked for, about; each takes some tenths of a second."""
-INSTANT_LIMITS = (3, 8)
-CONTROL_MARGIN_PX = 4
-"""Points seen this near to something that moves do not belong to the control."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Masks:
-    """What moves in the picture that a camera shows in a condition, and what moves or changes in either."""
-
-    moving: Array
-    hidden: Array
-
-
 class TriangulationStudy(Study):
     """COLMAP's points on what moves and on what stands still, from the same cameras in both conditions."""
 
@@ -275,11 +268,12 @@ class TriangulationStudy(Study):
         found = 0
         for one in instants:
             progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
-            sides = dict(zip(SIDES, (one.together, one.shown), strict=True))
-            points = {side: self._points(pictures) for side, pictures in sides.items()}
+            points = {side: self._points(pictures) for side, pictures in one.sides.items()}
             found += len(points["synced"].points)
-            masks = {side: self._masks(pictures, sides) for side, pictures in sides.items()}
-            measured = {side: self._measure(points[side], sides[side], masks[side]) for side in SIDES}
+            measured = {
+                side: self._measure(points[side], pictures, self._masks(pictures, one.sides))
+                for side, pictures in one.sides.items()
+            }
             tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
@@ -346,24 +340,26 @@ class TriangulationStudy(Study):
         )
         return RigPoints(**made)
 
-    def _masks(self, pictures: Mapping[str, int], sides: Mapping[str, Mapping[str, int]]) -> list[_Masks]:
+    def _masks(self, pictures: Mapping[str, int], sides: Mapping[str, Mapping[str, int]]) -> list[Masks]:
         motion, masks = self.motion, []
         for camera, instant in pictures.items():
             changing = [motion.changing(camera, shown[camera]) for shown in sides.values()]
             hidden = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)
-            masks.append(_Masks(motion.moving(camera, instant), hidden))
+            masks.append((motion.moving(camera, instant), hidden))
         return masks
 
-    def _measure(self, found: RigPoints, pictures: Mapping[str, int], masks: list[_Masks]) -> Measurements:
+    def _measure(self, found: RigPoints, pictures: Mapping[str, int], masks: list[Masks]) -> Measurements:
         """Points on what moves (in half of their pictures or more) and on the still control."""
         moving, hidden = np.zeros(len(found.point), bool), np.zeros(len(found.point), bool)
         right, known = np.zeros(len(found.point), bool), np.zeros(len(found.point), bool)
-        for place, (camera, instant) in enumerate(pictures.items()):
+        for place, ((camera, instant), (moves, hides)) in enumerate(
+            zip(pictures.items(), masks, strict=True)
+        ):
             mine = found.camera == place
             columns, rows = found.pixel[mine].T.clip(0, np.array([self.dataset.size(camera)]).T - 1)
             moving[mine], hidden[mine] = (
-                masks[place].moving[rows, columns],
-                masks[place].hidden[rows, columns],
+                moves[rows, columns],
+                hides[rows, columns],
             )
             truth = self.dataset.ground_truth(camera, instant) if self.rig.unit == "m" else None
             if truth is not None:
@@ -377,7 +373,7 @@ class TriangulationStudy(Study):
         judged = _count(found, known) == seen
         correct = 2 * _count(found, right) >= seen
         measured = Measurements()
-        anything = any(one.moving.any() for one in masks)
+        anything = any(mask.any() for mask, _ in masks)
         for kind, mask, there in (("mover", on_mover, anything), ("static", still & ~on_mover, True)):
             measured.means[f"{kind}_points"] = np.array([float(mask.sum())] * there)
             measured.medians[f"{kind}_reprojection_px"] = found.errors[mask]

@@ -141,7 +141,7 @@ STUDIES = {
             MeasureText(
                 "precision",
                 "Correct points",
-                "Share of the points that are within 2 % of the true distance.",
+                "Share of the points whose distance is within 2 % of the truth.",
             ),
         ),
         missing="No points were placed by COLMAP",

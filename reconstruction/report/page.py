@@ -20,6 +20,13 @@ from reconstruction.report import wording
 TEMPLATES = "template"
 METRICS = "metrics.json"
 REPORT = "report.html"
+PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+QUALITY = 74
+"""The quality of photographs, as WebP."""
+LOSSLESS = 101
+"""OpenCV's word for a WebP without loss: flat colours and hard edges stay as they are."""
+MAX_PANEL_PX = 1024
+"""What is wider is made smaller: no page shows more."""
 FILTERS = (
     count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
     wording.seconds, wording.share, wording.keep_units, wording.timeliness, wording.walking_distance,
@@ -83,15 +90,6 @@ def _environment(package: str) -> Environment:
     )
     environment.filters.update({one.__name__: one for one in FILTERS})
     return environment
-
-
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
-QUALITY = 74
-"""The quality of photographs, as WebP."""
-LOSSLESS = 101
-"""OpenCV's word for a WebP without loss: flat colours and hard edges stay as they are."""
-MAX_PANEL_PX = 1024
-"""What is wider is made smaller: no page shows more."""
 
 
 @dataclass(frozen=True)

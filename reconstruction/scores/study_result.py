@@ -90,7 +90,7 @@ class StudyResult(Struct, frozen=True, kw_only=True):
     skipped: str = ""
     """Why nothing was measured; empty where something was."""
     measures: tuple[Measure, ...] = ()
-    per_instant: tuple[dict[str, float | None], ...] = ()
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
     """`instant`, its facts, and each measure as `synced_*` and `offset_*`."""
     pictures: tuple[Picture, ...] = ()
     facts: dict[str, Any] = {}

@@ -114,11 +114,11 @@ class Tally:
         return tuple(one for one in found if one.synced or one.offset)
 
     @property
-    def per_instant(self) -> tuple[dict[str, float | None], ...]:
+    def per_instant(self) -> tuple[dict[str, float | int | None], ...]:
         """Every instant's facts and own values."""
         rows = []
         for measured, facts in zip(self._measured, self._facts, strict=True):
-            row: dict[str, float | None] = dict(facts)
+            row: dict[str, float | int | None] = dict(facts)
             for side in SIDES:
                 values = {name: measured[side].value(name) for name in self.names}
                 row |= {f"{side}_{name}": None if np.isnan(v) else v for name, v in values.items()}

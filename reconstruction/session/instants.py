@@ -34,6 +34,11 @@ class ShownInstant:
         """The synchronized condition."""
         return dict.fromkeys(self.shown, self.instant)
 
+    @property
+    def sides(self) -> dict[str, dict[str, int]]:
+        """Both conditions, `synced` and `offset`."""
+        return {"synced": self.together, "offset": self.shown}
+
     def delays_ms(self, dataset: Dataset) -> dict[str, float]:
         """How late each camera is, as `offset_CAMERA_ms`."""
         times = dataset.instants_ns

@@ -357,10 +357,7 @@ class TriangulationStudy(Study):
         ):
             mine = found.camera == place
             columns, rows = found.pixel[mine].T.clip(0, np.array([self.dataset.size(camera)]).T - 1)
-            moving[mine], hidden[mine] = (
-                moves[rows, columns],
-                hides[rows, columns],
-            )
+            moving[mine], hidden[mine] = moves[rows, columns], hides[rows, columns]
             truth = self.dataset.ground_truth(camera, instant) if self.rig.unit == "m" else None
             if truth is not None:
                 view = self.rig.views[camera]

@@ -1,12 +1,9 @@
 """The tolerance curve's part of a report, and the report of `reconstruct tolerance` alone."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from capture_app.text import count
 from reconstruction.report import wording
-from reconstruction.report.charts import Chart, tolerance_chart
+from reconstruction.report.charts import tolerance_chart
 from reconstruction.report.findings import instant_lateness, motion_sentence, timing_sentences
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, STUDIES, WITHIN
 from reconstruction.report.page import Section, render_page, write_page
@@ -22,26 +19,15 @@ COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
-class ToleranceView:
-    """The curve, what it says, and its numbers."""
-
-    sentence: str
-    notes: Sequence[str]
-    chart: Chart
-    table: Table
-    instants: Table
-
-
-def tolerance_view(tolerance: OffsetTolerance) -> ToleranceView:
-    """What a page shows of a tolerance curve."""
-    return ToleranceView(
-        sentence=tolerance_sentence(tolerance),
-        notes=_notes(tolerance),
-        chart=tolerance_chart(tolerance),
-        table=_table(tolerance),
-        instants=_instants(tolerance),
-    )
+def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
+    """What a page shows of a tolerance curve: the curve, what it says, and its numbers."""
+    return {
+        "found": tolerance,
+        "sentence": tolerance_sentence(tolerance),
+        "chart": tolerance_chart(tolerance),
+        "table": _table(tolerance),
+        "instants": _instants(tolerance),
+    }
 
 
 def tolerance_sentence(tolerance: OffsetTolerance) -> str:
@@ -81,9 +67,11 @@ def _found_at_best(tolerance: OffsetTolerance) -> str:
 
 
 def _tolerated(tolerance: OffsetTolerance) -> str:
-    if tolerance.tolerable_offset_ms is None:
+    most_ms = tolerance.tolerable_offset_ms
+    if most_ms is None:
         return "Up to that delay, less than a tenth of it is lost."
-    return f"This motion tolerates a delay of about {_time(tolerance.tolerable_offset_ms)}."
+    most = wording.milliseconds(round(most_ms, 1)) if most_ms >= 1 else wording.microseconds(1000 * most_ms)
+    return f"This motion tolerates a delay of about {most}."
 
 
 def _what(tolerance: OffsetTolerance) -> str:
@@ -92,37 +80,6 @@ def _what(tolerance: OffsetTolerance) -> str:
 
 def _share(tolerance: OffsetTolerance, point: StudyResult) -> str:
     return wording.share(point.value(tolerance.measure, "offset"), decimals=0)
-
-
-def _notes(tolerance: OffsetTolerance) -> list[str]:
-    shaky = tolerance.timing is not None and bool(tolerance.timing.moving_cameras)
-    notes = [
-        "The solid line shows what moves, the dashed one what stands still"
-        f"{'' if shaky else ' (the control)'}. Shaded: 95 % "
-        f"confidence intervals over {count(tolerance.instants, 'instant')}; every point is the median over "
-        "the instants. To the left of zero the second picture is early."
-    ]
-    if tolerance.tolerable_offset_ms is not None:
-        notes.append(
-            "Tolerated is the delay at which a tenth of what was found is lost, or half of the moving pixels "
-            "have moved by one pixel, whichever comes first."
-        )
-    if tolerance.speed_px_per_ms:
-        notes.append(
-            "Half of the moving pixels are faster than "
-            f"{wording.quantity(tolerance.speed_px_per_ms, 'pixels')} per millisecond."
-        )
-    if tolerance.sync_residual_us is None:
-        notes.append("This session has no record of its synchronization error.")
-    else:
-        moved = ""
-        if tolerance.sync_residual_px is not None:
-            small = tolerance.sync_residual_px < 0.01
-            far = wording.quantity(0.01 if small else tolerance.sync_residual_px, "px")
-            moved = f", in which the motion covers {'less than ' if small else ''}{far}"
-        error = wording.microseconds(tolerance.sync_residual_us)
-        notes.append(f"The largest synchronization error of this session is {error}{moved}.")
-    return notes
 
 
 def _table(tolerance: OffsetTolerance) -> Table:
@@ -179,7 +136,3 @@ def write_tolerance_report(result: OffsetTolerance, out: Path) -> Path:
         "engine": STUDIES["stereo"].engine,
     }
     return write_page(render_page(view, [Section("tolerance_alone.html")]), out)
-
-
-def _time(value_ms: float) -> str:
-    return wording.microseconds(value_ms * 1000) if value_ms < 1 else wording.milliseconds(round(value_ms, 1))

@@ -21,10 +21,10 @@ from benchmarks.paper.clock_trials import (
     unequal_links,
 )
 from benchmarks.report import new_parser, print_report, print_rows
+from benchmarks.simulated.wifi_laws import LINKS_BY_LAW
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
 from capture_app.simulation.links import Link
-from capture_app.simulation.paper_link import LINKS_BY_LAW
 
 Shape = Callable[[random.Random], float]
 """Draws a delay beyond the least one, on any scale."""

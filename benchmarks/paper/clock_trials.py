@@ -4,20 +4,14 @@ import random
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
+from benchmarks.simulated.changing_clocks import draw_wandering_clock
+from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, BimodalDelay
 from capture_app.clock import SimulatedClock
 from capture_app.measure.clock_estimators import ClockEstimator, estimator_family
 from capture_app.measure.result import error_figures
-from capture_app.simulation.clocks import draw_wandering_clock
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges_at
-from capture_app.simulation.links import (
-    BimodalDelay,
-    DelayLaw,
-    GammaDelay,
-    Link,
-    LognormalDelay,
-    TroubleSpells,
-)
-from capture_app.simulation.paper_link import LINKS_BY_LAW, PACE_NS, PAPER_LINK
+from capture_app.simulation.links import DelayLaw, GammaDelay, Link, TroubleSpells
+from capture_app.simulation.paper_link import PACE_NS, PAPER_LINK
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
 from capture_app.sync.tree.follower import WINDOW_NS
@@ -138,13 +132,13 @@ def rarely_quick(rng: random.Random) -> Link:
 
 
 def _minimum(law: DelayLaw) -> int:
-    assert isinstance(law, GammaDelay | LognormalDelay | BimodalDelay)
+    assert isinstance(law, GammaDelay | BimodalDelay)
     return law.minimum_ns
 
 
 def _moved(law: DelayLaw, by_ns: int) -> DelayLaw:
     """The same law with its minimum and mean moved."""
-    assert isinstance(law, GammaDelay | LognormalDelay | BimodalDelay)
+    assert isinstance(law, GammaDelay | BimodalDelay)
     return replace(law, minimum_ns=law.minimum_ns + by_ns, mean_ns=law.mean_ns + by_ns)
 
 

@@ -12,8 +12,8 @@ from benchmarks.paper.phase_trials import Attempt, S, align_one_camera, unknown_
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, quantile, share_of
 from benchmarks.paper.values import INJECTIONS, RESTARTS
+from benchmarks.simulated.aligner_bench import Bench
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS, RESET_TOLERANCE_NS
-from capture_app.simulation.bench import Bench
 from capture_app.terminal import talk
 
 TRIALS = 239

@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from capture_app.simulation.bench import Bench
+from benchmarks.simulated.aligner_bench import Bench
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal

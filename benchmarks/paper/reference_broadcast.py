@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.paper.trials import call_all, quantile
+from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
 from capture_app.clock import SimulatedClock
 from capture_app.measure.result import Outcome, Result, Table, new_figure, save
-from capture_app.simulation.links import GammaDelay, Link, RadioCell, Receiver
+from capture_app.simulation.links import GammaDelay, Link
 from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.simulation.rig import VirtualNode, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.terminal import talk
 
@@ -83,7 +84,7 @@ def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
     """Let some clients start within a second; return the moments of so long at which all know the time."""
     rng = random.Random(seed)
     specs = [_draw_spec(k, case, rng) for k in range(len(case.cells))]
-    rig = VirtualRig(specs, seed=rng.getrandbits(32), beacons=True)
+    rig = BeaconRig(specs, seed=rng.getrandbits(32))
     moments = []
     for _ in range(seconds * S // EVERY_NS):
         rig.run_for(EVERY_NS)
@@ -94,13 +95,13 @@ def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
     return moments
 
 
-def _draw_spec(k: int, case: Case, rng: random.Random) -> NodeSpec:
+def _draw_spec(k: int, case: Case, rng: random.Random) -> HearingNode:
     link = PAPER_LINK
     if case.drawn:
         to_leader_us, to_client_us = TAILS_US
         link = Link(_draw_delay(to_leader_us, rng), _draw_delay(to_client_us, rng))
     late_us = LATE_US if k >= len(case.cells) - case.late_receivers else 0
-    return NodeSpec(
+    return HearingNode(
         f"client{k}",
         CAMERA,
         SimulatedClock(rng.randrange(-HOURS_NS, HOURS_NS), rng.gauss(0.0, SKEW_PPM)),

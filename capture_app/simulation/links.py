@@ -1,17 +1,10 @@
-"""Links, delay laws and radio cells in virtual time.
-
-Laws of one-way delays: Gamma, lognormal, rarely quick, or recorded; times in ns.
-
-Network links in virtual time: delays, loss, spells of trouble, a shared medium, outages.
+"""Network links in virtual time: laws of one-way delays, loss, spells of trouble, a shared medium, outages.
 
 A `Link` is data; a `Channel` is one node's use of it, and remembers its spells and its queue. True times are
 those of the simulation, in ns.
-
-Broadcasts in virtual time: radio cells, and when the devices in them receive a packet.
 """
 
 import random
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import log
 from typing import Literal, Protocol
@@ -45,44 +38,13 @@ class GammaDelay:
             excess_ns = -scale_ns * log((1.0 - rng.random()) * (1.0 - rng.random()))
         else:
             excess_ns = rng.gammavariate(self.shape, scale_ns)
-        return round(self.minimum_ns + excess_ns + _outlier_ns(self, rng))
+        return round(self.minimum_ns + excess_ns + self.draw_outlier_ns(rng))
 
-
-@dataclass(frozen=True, slots=True)
-class LognormalDelay:
-    """One-way delay = minimum + lognormal(sigma) of the mean given, times in ns; some come much later."""
-
-    minimum_ns: int
-    mean_ns: int
-    sigma: float = 1.0
-    outlier_share: float = 0.0
-    outlier_from_ns: int = 0
-    outlier_ns: int = 20_000_000
-
-    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
-        """Return the delay of one datagram, in ns."""
-        excess_ns = rng.lognormvariate(log(self.mean_ns - self.minimum_ns) - self.sigma**2 / 2.0, self.sigma)
-        return round(self.minimum_ns + excess_ns + _outlier_ns(self, rng))
-
-
-@dataclass(frozen=True, slots=True)
-class BimodalDelay:
-    """Now and then a quick one, near the minimum; most wait for `gap_ns` and Gamma(2) more. Times in ns."""
-
-    minimum_ns: int
-    mean_ns: int
-    """Of those that wait."""
-    quick_share: float
-    gap_ns: int
-    quick_ns: int = 20_000
-    """Mean of the exponential delay of the quick ones beyond the minimum."""
-
-    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
-        """Return the delay of one datagram, in ns."""
-        if rng.random() < self.quick_share:
-            return round(self.minimum_ns + rng.expovariate(1.0 / self.quick_ns))
-        least_ns = self.minimum_ns + self.gap_ns
-        return round(least_ns + rng.gammavariate(2.0, (self.mean_ns - least_ns) / 2.0))
+    def draw_outlier_ns(self, rng: random.Random) -> float:
+        """Return how much later one datagram comes than the law says; mostly not at all."""
+        if rng.random() >= self.outlier_share:
+            return 0.0
+        return self.outlier_from_ns + rng.random() * (self.outlier_ns - self.outlier_from_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +58,6 @@ class ReplayedDelay:
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay that was recorded at that time, in ns."""
         return self.delays_ns[(self.start + true_ns // self.every_ns) % len(self.delays_ns)]
-
-
-def _outlier_ns(law: GammaDelay | LognormalDelay, rng: random.Random) -> float:
-    if rng.random() >= law.outlier_share:
-        return 0.0
-    return law.outlier_from_ns + rng.random() * (law.outlier_ns - law.outlier_from_ns)
 
 
 _S = 1_000_000_000
@@ -250,52 +206,3 @@ def _mixed(number: int) -> int:
     bits = ((bits ^ (bits >> 30)) * 0xBF58476D1CE4E5B9) & _64_BITS
     bits = ((bits ^ (bits >> 27)) * 0x94D049BB133111EB) & _64_BITS
     return bits ^ (bits >> 31)
-
-
-_US = 1_000
-SLOT_NS = 9 * _US
-SLOTS = 15
-"""An access point waits for 0 to so many slots by chance before it sends (802.11, best effort)."""
-USUAL_DELAY = GammaDelay(500 * _US, 1500 * _US, outlier_share=0.01)
-
-
-@dataclass(frozen=True, slots=True)
-class RadioCell:
-    """An access point; a packet takes the same time from the leader into the air for all receivers."""
-
-    name: str = "cell"
-    delay: DelayLaw = USUAL_DELAY
-    loss: float = 0.01
-    copy_ns: int | None = None
-    """Airtime of a packet, where each client is sent a copy of its own; None for one packet for all."""
-
-
-@dataclass(frozen=True, slots=True)
-class Receiver:
-    """A device's delay of reception in ns: a constant and an exponential part; some packets are lost."""
-
-    constant_ns: int = 0
-    jitter_ns: int = 5 * _US
-    loss: float = 0.02
-
-
-Receivers = Mapping[str, tuple[RadioCell, Receiver]]
-"""Cell and receiver of each node by name, in the order in which copies go out."""
-
-
-def deliver_broadcast(receivers: Receivers, true_ns: int, rng: random.Random) -> Iterator[tuple[str, int]]:
-    """Yield the nodes that receive a packet sent at a true time in ns, and the delay of each in ns."""
-    left_ns: dict[RadioCell, int | None] = {}
-    for name, (cell, receiver) in receivers.items():
-        if cell not in left_ns:
-            left_ns[cell] = None if rng.random() < cell.loss else cell.delay.draw(rng, true_ns)
-        since_ns = left_ns[cell]
-        if since_ns is None:
-            continue
-        if cell.copy_ns is not None:
-            left_ns[cell] = since_ns + cell.copy_ns + rng.randint(0, SLOTS) * SLOT_NS
-        delay_ns = since_ns + receiver.constant_ns
-        if receiver.jitter_ns:
-            delay_ns += round(rng.expovariate(1.0 / receiver.jitter_ns))
-        if rng.random() >= receiver.loss:
-            yield name, delay_ns

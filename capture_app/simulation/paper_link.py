@@ -1,4 +1,4 @@
-"""The WiFi link of the paper, by all that the paper says of it, and laws that have its mean delays only.
+"""The WiFi link of the paper, by all that the paper says of it.
 
 Table III and the supplement (10,000 messages, one each 3.43 ms): mean one-way times of 1133 us to the client
 and 1878 to the leader; 64 round trips over 10 ms, left out; the quickest message of all took 517 and 479 us;
@@ -25,10 +25,7 @@ their floor, to 1.02 and 0.996. Not fitted, and so a test of the law: a minimum 
 off by 29 us on average and 120 at most in 239 trials; the paper's panel found 32 and 121.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
-from capture_app.simulation.links import DelayLaw, GammaDelay, Link, LognormalDelay, QuickMoments
+from capture_app.simulation.links import GammaDelay, Link, QuickMoments
 
 MEAN_TO_LEADER_NS, MEAN_TO_CLIENT_NS = 1_878_000, 1_133_000
 FLOOR_TO_LEADER_NS, FLOOR_TO_CLIENT_NS = 476_000, 514_000
@@ -46,38 +43,14 @@ PACE_NS = 3_430_000
 """Between two of the paper's messages: 34.3 s for 10,000."""
 
 
-@dataclass(frozen=True, slots=True)
-class LinkStatistics:
-    """What a link must show with a message each PACE_NS; times in us, round trips over 10 ms left out."""
-
-    mean_to_leader_us: float
-    mean_to_client_us: float
-    least_round_trip_us: Mapping[int, float]
-    """On average over trials of so many messages."""
-    late_share: float = 2 * LATE_SHARE
-    """Of the round trips, those over 10 ms."""
-
-
-@dataclass(frozen=True, slots=True)
-class SourcedLink:
-    """A link, where its law is from, and the statistics that this source or assumption demands."""
-
-    link: Link
-    source: str
-    statistics: LinkStatistics
-
-
-def _gamma(minimum_ns: int, mean_ns: int, shape: float = 2.0) -> GammaDelay:
-    return GammaDelay(minimum_ns, mean_ns, shape, LATE_SHARE, LATE_NS)
-
-
 def paper_link(wait_ns: int = WAIT_NS, quick_ns: int = QUICK_NS) -> Link:
     """Return the link of the paper, with other values for the two numbers that are fitted."""
     # The mean with the quick ones is that of the paper.
     share = QUICK_SHARE * (1.0 - QUICK_AFTER_NS / (10_000 * PACE_NS))
 
     def most(floor_ns: int, mean_ns: int) -> GammaDelay:
-        return _gamma(floor_ns + wait_ns, round((mean_ns - share * (floor_ns + quick_ns)) / (1.0 - share)))
+        mean_ns = round((mean_ns - share * (floor_ns + quick_ns)) / (1.0 - share))
+        return GammaDelay(floor_ns + wait_ns, mean_ns, 2.0, LATE_SHARE, LATE_NS)
 
     def quick(floor_ns: int) -> GammaDelay:
         return GammaDelay(floor_ns, floor_ns + quick_ns, shape=1.0)
@@ -90,47 +63,3 @@ def paper_link(wait_ns: int = WAIT_NS, quick_ns: int = QUICK_NS) -> Link:
 
 
 PAPER_LINK = paper_link()
-
-
-def _assumed(name: str, laws: tuple[DelayLaw, DelayLaw], statistics: LinkStatistics) -> SourcedLink:
-    """A law with floors where the quickest message of all was; its statistics are what follows from that."""
-    source = f"assumed: mean delays as in Ansari et al. 2019, floors of 479 and 517 us, {name}"
-    return SourcedLink(Link(*laws), source, statistics)
-
-
-def _gamma_link(shape: float, statistics: LinkStatistics) -> SourcedLink:
-    laws = _gamma(479_000, MEAN_TO_LEADER_NS, shape), _gamma(517_000, MEAN_TO_CLIENT_NS, shape)
-    return _assumed(f"Gamma of shape {shape:g}", laws, statistics)
-
-
-def _lognormal_link(sigma: float, statistics: LinkStatistics) -> SourcedLink:
-    laws = (
-        LognormalDelay(479_000, MEAN_TO_LEADER_NS, sigma, LATE_SHARE, LATE_NS),
-        LognormalDelay(517_000, MEAN_TO_CLIENT_NS, sigma, LATE_SHARE, LATE_NS),
-    )
-    return _assumed(f"lognormal of {sigma:g}", laws, statistics)
-
-
-def _statistics(
-    least_us: tuple[float, float, float],
-    mean_us: tuple[float, float] = (MEAN_TO_LEADER_NS / 1e3, MEAN_TO_CLIENT_NS / 1e3),
-    late_share: float = 2 * LATE_SHARE,
-) -> LinkStatistics:
-    return LinkStatistics(*mean_us, dict(zip((300, 1000, 10_000), least_us, strict=True)), late_share)
-
-
-LINKS: Mapping[str, SourcedLink] = {
-    "paper": SourcedLink(
-        PAPER_LINK,
-        "Ansari et al. 2019, table III and supplement",
-        _statistics((1870.0, 1020.0, 996.0)),
-    ),
-    "gamma 1": _gamma_link(1.0, _statistics((1067.0, 1032.0, 1006.0), (1864.0, 1132.0), 0.0092)),
-    "gamma 1.5": _gamma_link(1.5, _statistics((1165.0, 1098.0, 1053.0))),
-    "gamma 2": _gamma_link(2.0, _statistics((1252.0, 1179.0, 1097.0))),
-    "gamma 3": _gamma_link(3.0, _statistics((1406.0, 1316.0, 1214.0))),
-    "lognormal 0.6": _lognormal_link(0.6, _statistics((1509.0, 1431.0, 1320.0))),
-    "lognormal 1.0": _lognormal_link(1.0, _statistics((1172.0, 1133.0, 1072.0), (1755.0, 1114.0), 0.0187)),
-}
-"""All laws of a WiFi link, by name; of the paper's figures those but the first meet its means at most."""
-LINKS_BY_LAW: Mapping[str, Link] = {name: sourced.link for name, sourced in LINKS.items()}

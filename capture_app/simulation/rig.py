@@ -10,15 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from capture_app.clock import NodeClock
-from capture_app.simulation.links import (
-    Channel,
-    Link,
-    MediumQueue,
-    RadioCell,
-    Receiver,
-    SharedMedium,
-    deliver_broadcast,
-)
+from capture_app.simulation.links import Channel, Link, MediumQueue, SharedMedium
 from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
@@ -91,10 +83,6 @@ class Timer:
             self._action(*self._arguments)
 
 
-PLAIN_RECEIVER = Receiver()
-_GROUP = Group("239.255.47.10", 47011)
-
-
 @dataclass(frozen=True, slots=True)
 class NodeSpec:
     """One camera node of a virtual rig."""
@@ -106,9 +94,6 @@ class NodeSpec:
     tolerance_ns: int = 60_000
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
-    cell: RadioCell | None = None
-    """The radio cell in which it receives broadcasts; None for none."""
-    receiver: Receiver = PLAIN_RECEIVER
     schedule: Callable[[], PollSchedule] = SteadySchedule
     """Makes the schedule by which it asks for the time."""
     any_clock: bool = False
@@ -143,7 +128,7 @@ class VirtualRig:
         period_ns: int | None = None,
         align_row: float | None = None,
         max_delay_ns: int = 0,
-        beacons: bool = False,
+        beacons: Group | None = None,
     ) -> None:
         """`period_ns`, `align_row`, `max_delay_ns` and `beacons` are the leader's, see `LeaderConfig`."""
         self.nodes: dict[str, VirtualNode] = {}
@@ -152,8 +137,7 @@ class VirtualRig:
         self._time = VirtualTime()
         self._media: dict[SharedMedium, MediumQueue] = {}
         self._leader_timer = Timer(self._time, self._pump_leader)
-        group = _GROUP if beacons else None
-        self._config = LeaderConfig(0, 0, period_ns, align_row, max_delay_ns, beacons=group)
+        self._config = LeaderConfig(0, 0, period_ns, align_row, max_delay_ns, beacons=beacons)
         self.leader = self._new_leader()
         for spec in specs:
             self._time.schedule(spec.start_true_ns, self.start, spec)
@@ -224,6 +208,9 @@ class VirtualRig:
         ended = self.leader.end(burst, frames, self.now_true_ns)
         self._pump_leader()
         return ended
+
+    def broadcast(self, data: bytes) -> None:
+        """Let a beacon of the leader go out: here nobody hears it."""
 
     def cancel(self, burst: Burst) -> None:
         """Take a burst back."""
@@ -321,17 +308,6 @@ class VirtualRig:
             node.client.receive_datagram(data, self._local(node))
             self._pump(node)
 
-    def _broadcast(self, data: bytes) -> None:
-        nodes = ((name, node.spec) for name, node in self.nodes.items())
-        receivers = {name: (spec.cell, spec.receiver) for name, spec in nodes if spec.cell is not None}
-        for name, delay_ns in deliver_broadcast(receivers, self.now_true_ns, self._rng):
-            self._time.schedule(self.now_true_ns + delay_ns, self._hear, data, self.nodes[name])
-
-    def _hear(self, data: bytes, node: VirtualNode) -> None:
-        if node.alive:
-            node.client.receive_broadcast(data, self._local(node))
-            self._pump(node)
-
     def _pump_leader(self) -> None:
         due_ns = self.leader.next_timer()
         if due_ns is not None and self.now_true_ns >= due_ns:
@@ -340,9 +316,8 @@ class VirtualRig:
             node = self.nodes[name]
             for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
                 self._time.schedule(self.now_true_ns + delay_ns, self._to_client, data, node)
-        beacon = self.leader.beacon_to_send()
-        if beacon is not None:
-            self._broadcast(beacon)
+        if (beacon := self.leader.beacon_to_send()) is not None:
+            self.broadcast(beacon)
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)
         if (due_ns := self.leader.next_timer()) is not None:

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from benchmarks.simulated.changing_clocks import WanderingClock
 from capture_app.clock import NodeClock
-from capture_app.simulation.clocks import WanderingClock
 from capture_app.simulation.links import GammaDelay, Link
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap

@@ -14,8 +14,8 @@ from benchmarks.paper.phase_trials import (
     restart_together,
     unknown_phone,
 )
+from benchmarks.simulated.aligner_bench import Bench
 from capture_app.panel.simulated import CYCLE_NS, difference_ns, read_time, render
-from capture_app.simulation.bench import Bench
 from capture_app.simulation.profiles import PROFILES
 
 S = 1_000_000_000

@@ -3,8 +3,9 @@
 import re
 from dataclasses import replace
 
+from benchmarks.simulated.wifi_laws import LognormalDelay
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.links import Link, LognormalDelay, TroubleSpells
+from capture_app.simulation.links import Link, TroubleSpells
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ClockSynced

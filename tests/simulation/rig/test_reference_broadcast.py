@@ -6,10 +6,11 @@ from itertools import combinations
 
 import pytest
 
+from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.links import GammaDelay, Link, RadioCell, Receiver
+from capture_app.simulation.links import GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.simulation.rig import VirtualNode, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import AgreedArrival, ArrivalReport, Beacon, Welcome
@@ -29,10 +30,10 @@ def link(there_us: int, back_us: int) -> Link:
     )
 
 
-def specs(*cells: RadioCell | None) -> list[NodeSpec]:
+def specs(*cells: RadioCell | None) -> list[HearingNode]:
     rng = random.Random(5)
     return [
-        NodeSpec(
+        HearingNode(
             f"cam{k}",
             CAMERA,
             SimulatedClock(rng.randrange(-9 * 3600 * S, 9 * 3600 * S), rng.gauss(0.0, 20.0)),
@@ -71,7 +72,7 @@ def told(rig: VirtualRig) -> list[int | None]:
 
 def test_clients_of_one_cell_agree_without_the_links_asymmetry() -> None:
     cell = RadioCell()
-    rig = VirtualRig(specs(cell, cell, cell), seed=2, beacons=True)
+    rig = BeaconRig(specs(cell, cell, cell), seed=2)
     run(rig, 15)
     assert apart_us(rig, which=1) > 300.0, "what exchanges alone leave"
     assert apart_us(rig) < 25.0
@@ -95,7 +96,7 @@ def test_clients_of_one_cell_agree_without_the_links_asymmetry() -> None:
     ids=["nobody hears", "one hears", "each elsewhere", "copies one after the other"],
 )
 def test_where_nothing_is_heard_together_all_is_as_before(cells: tuple[RadioCell | None, ...]) -> None:
-    rig = VirtualRig(specs(*cells), seed=2, beacons=True)
+    rig = BeaconRig(specs(*cells), seed=2)
     run(rig, 15)
     for node in rig.nodes.values():
         assert node.client.time_map == node.client.time.uncorrected_map
@@ -105,7 +106,7 @@ def test_where_nothing_is_heard_together_all_is_as_before(cells: tuple[RadioCell
 
 def test_a_cell_does_not_move_those_who_are_not_of_it() -> None:
     cell, other = RadioCell("one"), RadioCell("other")
-    rig = VirtualRig(specs(cell, cell, cell, other), seed=3, beacons=True)
+    rig = BeaconRig(specs(cell, cell, cell, other), seed=3)
     run(rig, 15)
     outsider = rig.nodes["cam3"].client
     assert outsider.time_map == outsider.time.uncorrected_map
@@ -115,10 +116,11 @@ def test_a_cell_does_not_move_those_who_are_not_of_it() -> None:
 
 def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
     cell = RadioCell()
-    rig = VirtualRig(specs(cell, cell), seed=2, beacons=True)
+    rig = BeaconRig(specs(cell, cell), seed=2)
     run(rig, 12)
     assert apart_us(rig) < 30.0
     for node in rig.nodes.values():
+        assert isinstance(node.spec, HearingNode)
         node.spec = replace(node.spec, cell=None)
     run(rig, 15)
     for node in rig.nodes.values():
@@ -130,7 +132,7 @@ def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
 def test_the_same_seed_gives_the_same_run() -> None:
     maps = []
     for _ in range(2):
-        rig = VirtualRig(specs(RadioCell(), RadioCell()), seed=4, beacons=True)
+        rig = BeaconRig(specs(RadioCell(), RadioCell()), seed=4)
         rig.run_for(8 * S)
         maps.append([node.client.time_map for node in rig.nodes.values()])
         assert any(stated_ns is not None for stated_ns in told(rig))
@@ -153,7 +155,7 @@ def forged(rng: random.Random, client: int) -> tuple[AgreedArrival, ArrivalRepor
 
 def test_whatever_is_forged_the_bounds_hold_and_agreement_comes_back() -> None:
     rng = random.Random(7)
-    rig = VirtualRig(specs(RadioCell(), RadioCell()), seed=2, beacons=True)
+    rig = BeaconRig(specs(RadioCell(), RadioCell()), seed=2)
     run(rig, 6)
     leader, nodes = rig.leader, list(rig.nodes.values())
     for node in nodes:
@@ -197,7 +199,7 @@ class OldLeader:
 
 
 def test_a_leader_that_does_not_answer_changes_nothing() -> None:
-    rig = VirtualRig(specs(RadioCell(), RadioCell()), seed=2, beacons=True)
+    rig = BeaconRig(specs(RadioCell(), RadioCell()), seed=2)
     old = OldLeader(rig)
     run(rig, 8)
     assert old.unknown > 3

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
-from capture_app.simulation.clocks import WanderingClock
-from capture_app.simulation.tree import ROOT, Tree, TreeSpec
+from benchmarks.simulated.changing_clocks import WanderingClock
+from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstAccepted, BurstPicked, LeaderEvent

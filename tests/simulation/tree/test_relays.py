@@ -5,7 +5,7 @@ import random
 import pytest
 from msgspec import structs
 
-from capture_app.simulation.tree import ROOT
+from benchmarks.simulated.clock_tree import ROOT
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstAccepted, JoinRefused, NodeLost, NodeMoved
 from capture_app.sync.rig.phase_loop import ClientConfig

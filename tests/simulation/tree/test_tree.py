@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from capture_app.simulation.clocks import draw_wandering_clock
-from capture_app.simulation.tree import ROOT, RelayOutage, Tree, TreeSpec, measure, run_shard
+from benchmarks.simulated.changing_clocks import draw_wandering_clock
+from benchmarks.simulated.clock_tree import ROOT, RelayOutage, Tree, TreeSpec, measure, run_shard
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from capture_app.simulation.bench import Bench
+from benchmarks.simulated.aligner_bench import Bench
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.phase.actuators import Move
 from capture_app.sync.phase.injection import FrameDurationActuator

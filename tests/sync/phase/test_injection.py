@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from benchmarks.paper.phase_trials import unknown_phone
-from capture_app.simulation.bench import Bench
+from benchmarks.simulated.aligner_bench import Bench
 from capture_app.sync.phase.actuators import Move, MoveEffect
 from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
 

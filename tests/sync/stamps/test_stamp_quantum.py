@@ -8,7 +8,7 @@ from math import floor
 import pytest
 
 from benchmarks.paper.phase_trials import EXACT, unknown_phone
-from capture_app.simulation.bench import Bench
+from benchmarks.simulated.aligner_bench import Bench
 from capture_app.sync.phase.stamps import StampQuantum, find_quantum
 
 S = 1_000_000_000

@@ -15,7 +15,7 @@ from math import nan
 from time import perf_counter_ns, process_time
 from typing import Protocol
 
-from capture_app.simulation.clocks import WanderingClock, draw_wandering_clock
+from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_clock
 from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.rig import Timer, VirtualTime

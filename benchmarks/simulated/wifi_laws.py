@@ -1,0 +1,116 @@
+"""Laws of a WiFi link that have the paper's mean delays: where each is from, and what it must show."""
+
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import log
+
+from capture_app.simulation.links import DelayLaw, GammaDelay, Link
+from capture_app.simulation.paper_link import (
+    LATE_NS,
+    LATE_SHARE,
+    MEAN_TO_CLIENT_NS,
+    MEAN_TO_LEADER_NS,
+    PAPER_LINK,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LognormalDelay(GammaDelay):
+    """One-way delay = minimum + lognormal of the mean given, times in ns; some come much later."""
+
+    shape: float = 1.0
+    """Sigma of the delay's logarithm."""
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        excess_ns = rng.lognormvariate(log(self.mean_ns - self.minimum_ns) - self.shape**2 / 2.0, self.shape)
+        return round(self.minimum_ns + excess_ns + self.draw_outlier_ns(rng))
+
+
+@dataclass(frozen=True, slots=True)
+class BimodalDelay:
+    """Now and then a quick one, near the minimum; most wait for `gap_ns` and Gamma(2) more. Times in ns."""
+
+    minimum_ns: int
+    mean_ns: int
+    """Of those that wait."""
+    quick_share: float
+    gap_ns: int
+    quick_ns: int = 20_000
+    """Mean of the exponential delay of the quick ones beyond the minimum."""
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        if rng.random() < self.quick_share:
+            return round(self.minimum_ns + rng.expovariate(1.0 / self.quick_ns))
+        least_ns = self.minimum_ns + self.gap_ns
+        return round(least_ns + rng.gammavariate(2.0, (self.mean_ns - least_ns) / 2.0))
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatistics:
+    """What a link must show with a message each PACE_NS; times in us, round trips over 10 ms left out."""
+
+    mean_to_leader_us: float
+    mean_to_client_us: float
+    least_round_trip_us: Mapping[int, float]
+    """On average over trials of so many messages."""
+    late_share: float = 2 * LATE_SHARE
+    """Of the round trips, those over 10 ms."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourcedLink:
+    """A link, where its law is from, and the statistics that this source or assumption demands."""
+
+    link: Link
+    source: str
+    statistics: LinkStatistics
+
+
+def _assumed(name: str, laws: tuple[DelayLaw, DelayLaw], statistics: LinkStatistics) -> SourcedLink:
+    """A law with floors where the quickest message of all was; its statistics are what follows from that."""
+    source = f"assumed: mean delays as in Ansari et al. 2019, floors of 479 and 517 us, {name}"
+    return SourcedLink(Link(*laws), source, statistics)
+
+
+def _gamma_link(shape: float, statistics: LinkStatistics) -> SourcedLink:
+    laws = (
+        GammaDelay(479_000, MEAN_TO_LEADER_NS, shape, LATE_SHARE, LATE_NS),
+        GammaDelay(517_000, MEAN_TO_CLIENT_NS, shape, LATE_SHARE, LATE_NS),
+    )
+    return _assumed(f"Gamma of shape {shape:g}", laws, statistics)
+
+
+def _lognormal_link(sigma: float, statistics: LinkStatistics) -> SourcedLink:
+    laws = (
+        LognormalDelay(479_000, MEAN_TO_LEADER_NS, sigma, LATE_SHARE, LATE_NS),
+        LognormalDelay(517_000, MEAN_TO_CLIENT_NS, sigma, LATE_SHARE, LATE_NS),
+    )
+    return _assumed(f"lognormal of {sigma:g}", laws, statistics)
+
+
+def _statistics(
+    least_us: tuple[float, float, float],
+    mean_us: tuple[float, float] = (MEAN_TO_LEADER_NS / 1e3, MEAN_TO_CLIENT_NS / 1e3),
+    late_share: float = 2 * LATE_SHARE,
+) -> LinkStatistics:
+    return LinkStatistics(*mean_us, dict(zip((300, 1000, 10_000), least_us, strict=True)), late_share)
+
+
+LINKS: Mapping[str, SourcedLink] = {
+    "paper": SourcedLink(
+        PAPER_LINK,
+        "Ansari et al. 2019, table III and supplement",
+        _statistics((1870.0, 1020.0, 996.0)),
+    ),
+    "gamma 1": _gamma_link(1.0, _statistics((1067.0, 1032.0, 1006.0), (1864.0, 1132.0), 0.0092)),
+    "gamma 1.5": _gamma_link(1.5, _statistics((1165.0, 1098.0, 1053.0))),
+    "gamma 2": _gamma_link(2.0, _statistics((1252.0, 1179.0, 1097.0))),
+    "gamma 3": _gamma_link(3.0, _statistics((1406.0, 1316.0, 1214.0))),
+    "lognormal 0.6": _lognormal_link(0.6, _statistics((1509.0, 1431.0, 1320.0))),
+    "lognormal 1.0": _lognormal_link(1.0, _statistics((1172.0, 1133.0, 1072.0), (1755.0, 1114.0), 0.0187)),
+}
+"""All laws of a WiFi link, by name; of the paper's figures those but the first meet its means at most."""
+LINKS_BY_LAW: Mapping[str, Link] = {name: sourced.link for name, sourced in LINKS.items()}

@@ -1,9 +1,10 @@
 """What a camera is to a node: a stream of timestamped frames, and at best a way to move its phase."""
 
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, Self
 
 from capture_app.camera_facts import CameraFacts, Control, ControlState
 from capture_app.clock import HostClock, NodeClock
@@ -72,12 +73,31 @@ class DeviceClock:
     hard_bound_ns: int
 
 
+ClockReading = Callable[[], int]
+"""Reads a clock, in ns."""
 OnFrame = Callable[[CapturedFrame], None]
 OnFailure = Callable[[Exception], None]
 
 
 class Camera(ABC):
     """A camera driver. All methods are called on the event loop and must not block it."""
+
+    _clock_of_node: NodeClock = HostClock()
+    _on_frame: OnFrame
+    _on_failure: OnFailure
+
+    def in_clock(self, clock: NodeClock) -> Self:
+        """Return the camera; from its start on it stamps frames in a node's clock instead of the host's."""
+        self._clock_of_node = clock
+        return self
+
+    def listen(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Keep whom a driver tells of its frames, stamped in the host's clock, and of its failure."""
+        self._on_frame, self._on_failure, clock = on_frame, on_failure, self._clock_of_node
+        if not isinstance(clock, HostClock):
+            self._on_frame = lambda frame: on_frame(
+                replace(frame, timestamp_ns=clock.local_from_true(frame.timestamp_ns))
+            )
 
     @property
     @abstractmethod
@@ -122,56 +142,12 @@ class Camera(ABC):
         """Stop streaming and let go of the device. Calling it twice is harmless."""
 
 
-class ReclockedCamera(Camera):
-    """A camera whose driver stamps in the host's monotonic clock, in a node whose clock runs otherwise."""
-
-    def __init__(self, camera: Camera, clock: NodeClock) -> None:
-        self._camera = camera
-        self._clock = clock
-
-    @property
-    def facts(self) -> CameraFacts:
-        """What the camera behind it is and can do."""
-        return self._camera.facts
-
-    @property
-    def calibration(self) -> CameraCalibration | None:
-        """That of the camera behind it."""
-        return self._camera.calibration
-
-    @property
-    def device_clock(self) -> DeviceClock | None:
-        """That of the camera behind it."""
-        return self._camera.device_clock
-
-    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Start the camera behind it. Raises what that camera raises."""
-
-        def deliver(frame: CapturedFrame) -> None:
-            on_frame(replace(frame, timestamp_ns=self._clock.local_from_true(frame.timestamp_ns)))
-
-        await self._camera.start(deliver, on_failure)
-
-    async def apply(self, command: CameraCommand) -> None:
-        """Hand the command on. Raises what the camera behind it raises."""
-        await self._camera.apply(command)
-
-    async def controls(self) -> tuple[ControlState, ...]:
-        """Those of the camera behind it."""
-        return await self._camera.controls()
-
-    async def set_control(self, control: Control, value: float | None) -> None:
-        """Hand it on. Raises what the camera behind it raises."""
-        await self._camera.set_control(control, value)
-
-    async def stop(self) -> None:
-        """Stop the camera behind it."""
-        await self._camera.stop()
-
-
-def in_node_clock(camera: Camera, clock: NodeClock) -> Camera:
-    """The camera with its frames stamped in a node's clock; itself where that is the host's."""
-    return camera if isinstance(clock, HostClock) else ReclockedCamera(camera, clock)
+def wait_for_start(start_ns: int, period_ns: int, closing: threading.Event, now_ns: ClockReading) -> bool:
+    """Block until that clock's time in ns, or whole periods after it where it is over; False once closing."""
+    late_ns = now_ns() - start_ns
+    if late_ns > 0:
+        start_ns += -(-late_ns // period_ns) * period_ns
+    return not closing.wait((start_ns - now_ns()) / 1e9)
 
 
 @dataclass(frozen=True, slots=True)

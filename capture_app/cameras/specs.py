@@ -1,16 +1,12 @@
-"""KIND:DEVICE,key=value: which drivers there are, how options are read.
-
-Which cameras there are, and how to open one by its spec: `KIND:DEVICE[,key=value…]`.
-
-The options of a camera's spec, as drivers read them.
-"""
+"""Which cameras there are, and how to open one by its spec, `KIND:DEVICE[,key=value…]`."""
 
 import importlib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from capture_app.cameras.base import Camera, CameraDriver, CameraListing
 from capture_app.clock import NodeClock
@@ -113,16 +109,81 @@ def refuse_unknown(options: Mapping[str, str], known: Iterable[str], camera: str
 def read_number(
     options: Mapping[str, str], key: str, camera: str, *, least: float, most: float
 ) -> float | None:
-    """Read an option that is a number within bounds; None where it is not given. Raises BadInputError."""
+    """Read an option that is a number within bounds; None where it is not given. Raises BadInputError.
+
+    It may be a fraction, such as a rate of 30000/1001.
+    """
     text = options.get(key)
     if text is None:
         return None
+    dividend, _, divisor = text.partition("/")
     try:
-        value = float(text)
-    except ValueError:
+        value = float(dividend) / float(divisor or 1)
+    except (ValueError, ZeroDivisionError):
         value = math.nan
     if not least <= value <= most:
         raise BadInputError(
             f"{key}={text} of {camera}", hint=f"a number from {least:g} to {most:g} is needed"
         )
     return value
+
+
+DEFAULT_SIZE = (640, 480)
+DEFAULT_FPS = 30.0
+_WHOLE = {"width": (1, 65_535), "height": (1, 65_535), "exposure-us": (1, 60_000_000)}
+_NUMBERS = {
+    "fps": (0.001, 10_000.0),
+    "exposure_us": (0.1, 1e7),
+    "gain": (0.1, 1000.0),
+    "row_us": (0.01, 1000.0),
+}
+"""Least and most of the options that drivers share."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraRequest:
+    """What a user asked of a camera; None where its own choice, or the usual one, will do."""
+
+    width: int | None = None
+    """In pixels, as the height."""
+    height: int | None = None
+    fps: float | None = None
+    format: str | None = None
+    """The pixel format, in the driver's words."""
+    exposure_us: float | None = None
+    gain: float | None = None
+    row_us: float | None = None
+    """Step of a frame's duration."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The size to ask for in pixels, in the usual shape where only one side is given."""
+        width, height = self.width, self.height
+        if width is not None:
+            return width, height if height is not None else round(width * 3 / 4)
+        return (round(height * 4 / 3), height) if height is not None else DEFAULT_SIZE
+
+    @property
+    def period_s(self) -> Fraction | None:
+        """The frame period to ask for, as drivers have rates; None where none is asked for."""
+        return None if self.fps is None else 1 / Fraction(self.fps).limit_denominator(1001)
+
+    @property
+    def period_us(self) -> int:
+        """The frame period to ask for, the usual one where none is."""
+        return round(1e6 / (self.fps or DEFAULT_FPS))
+
+
+def read_request(options: Mapping[str, str], known: Iterable[str], camera: str) -> CameraRequest:
+    """Read the options of a spec, those known to a driver. Raises BadInputError, naming the wrong one."""
+    refuse_unknown(options, known, camera)
+    asked: dict[str, Any] = {"format": options.get("format")}
+    for key, (least, most) in (_WHOLE | _NUMBERS).items():
+        number = read_number(options, key, camera, least=least, most=most)
+        if number is not None and key in _WHOLE:
+            if number != round(number):
+                raise BadInputError(f"{key}={options[key]} of {camera}", hint="a whole number is needed")
+            number = round(number)
+        if number is not None:
+            asked[key.replace("-", "_")] = number
+    return CameraRequest(**asked)

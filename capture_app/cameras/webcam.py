@@ -1,11 +1,4 @@
-"""A webcam by OpenCV.
-
-A webcam that streams by OpenCV: a thread waits for frames, which are stamped as they arrive.
-
-A webcam as OpenCV opens it: frames and the host's time of their arrival; all calls block.
-
-Webcams by OpenCV: finding and opening them.
-"""
+"""Webcams by OpenCV: a thread waits for frames, which are stamped as they arrive."""
 
 import asyncio
 import contextlib
@@ -15,11 +8,12 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, in_node_clock
-from capture_app.cameras.specs import read_number, refuse_unknown
+from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.pictures import PixelPicture, step_to
+from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -29,53 +23,80 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 KIND = "webcam"
+OPTIONS = {
+    "width": "pixels of the picture; a webcam may choose another size",
+    "height": "the same",
+    "fps": "frames a second; a webcam may choose another rate",
+}
+MOST_FPS = 1000.0
+MOST_LISTED = 8
 MOST_MISSES = 10
 """So many frames in a row that do not come, and it is gone."""
 MISS_PAUSE_S = 0.05
-_JPEG_QUALITY = 95
-
-
-class OpenWebcam(Protocol):
-    """A webcam that streams, as `capture.Webcam`; every call blocks."""
-
-    index: int
-    fps: float
-
-    def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
-        """When a frame came in ns of the host's clock, and BGR (H, W, 3); None where none came."""
-
-    def close(self) -> None:
-        """Let go of it."""
 
 
 @dataclass(frozen=True, slots=True)
-class PixelPicture:
+class WebcamPicture(PixelPicture):
     """A picture in memory, BGR uint8 (H, W, 3)."""
 
-    pixels: "NDArray[np.uint8]"
+    image: "NDArray[np.uint8]"
 
     @property
     def held_bytes(self) -> int:
         """How much memory it takes."""
-        return self.pixels.nbytes
+        return self.image.nbytes
 
-    def encode(self) -> bytes:
-        """Return a JPEG of quality 95."""
+    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
+        """See `PixelPicture.pixels`."""
+        step = step_to(self.image.shape[1], width)
+        return self.image[::step, ::step]
+
+
+class Webcam:
+    """An open webcam, which streams from then on."""
+
+    def __init__(self, index: int, request: CameraRequest) -> None:
+        """Open it by its number. Raises CameraError where there is none, or it is in use."""
         import cv2
 
-        _done, jpeg = cv2.imencode(".jpg", self.pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        return bytes(jpeg)
+        self.index = index
+        before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            self._capture: Any = cv2.VideoCapture(index)
+        finally:
+            cv2.utils.logging.setLogLevel(before)
+        if not self._capture.isOpened():
+            raise CameraError(
+                f"webcam {index} does not open",
+                hint="it is not there, in use, or this program may not use cameras (the system's settings)",
+            )
+        for prop, value in (
+            (cv2.CAP_PROP_FRAME_WIDTH, request.width),
+            (cv2.CAP_PROP_FRAME_HEIGHT, request.height),
+            (cv2.CAP_PROP_FPS, request.fps),
+        ):
+            if value is not None:
+                self._capture.set(prop, value)
+        told = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.fps = told if 0.1 <= told <= MOST_FPS else request.fps or DEFAULT_FPS
 
-    def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
-        step = max(1, self.pixels.shape[1] // max(width, 1))
-        return self.pixels[::step, ::step]
+    def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
+        """Wait for a frame: when it came in ns of the host's clock, and BGR (H, W, 3); None without one."""
+        if not self._capture.grab():
+            return None
+        arrived_ns = time.monotonic_ns()
+        good, image = self._capture.retrieve()
+        return (arrived_ns, image) if good else None
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._capture.release()
 
 
 class WebcamCamera(Camera):
     """A webcam. It is opened when it is started, and opened anew where its stream is restarted."""
 
-    def __init__(self, open_webcam: Callable[[], OpenWebcam]) -> None:
+    def __init__(self, open_webcam: Callable[[], Webcam]) -> None:
         """`open_webcam` may block; it is called on a thread of this camera's."""
         self._open_webcam = open_webcam
         self._facts: CameraFacts | None = None
@@ -86,8 +107,6 @@ class WebcamCamera(Camera):
         self._restarted: asyncio.Future[None] | None = None
         self._loop: asyncio.AbstractEventLoop
         self._begun: asyncio.Future[None]
-        self._on_frame: OnFrame
-        self._on_failure: OnFailure
 
     @property
     def facts(self) -> CameraFacts:
@@ -102,7 +121,7 @@ class WebcamCamera(Camera):
             raise CameraError("the webcam was started already", hint="open it again")
         self._loop = asyncio.get_running_loop()
         self._begun = self._loop.create_future()
-        self._on_frame, self._on_failure = on_frame, on_failure
+        self.listen(on_frame, on_failure)
         self._thread = threading.Thread(target=self._run, name="webcam", daemon=True)
         self._thread.start()
         await self._begun
@@ -130,7 +149,7 @@ class WebcamCamera(Camera):
 
     def _run(self) -> None:
         """Open the webcam and stream until it is stopped or fails."""
-        webcam: OpenWebcam | None = None
+        webcam: Webcam | None = None
         try:
             webcam = self._open_webcam()
             first = self._next(webcam)
@@ -140,14 +159,15 @@ class WebcamCamera(Camera):
             while not self._closing.is_set():
                 if self._restart_ns is not None:
                     webcam.close()
-                    webcam = self._open_at(self._restart_ns)
+                    wait_for_start(self._restart_ns, self._facts.period_ns, self._closing, time.monotonic_ns)
+                    webcam = self._open_webcam()
                     self._restart_ns = None
                     self._tell(self._end_restart)
                     stream, sequence = stream + 1, -1
                 arrived_ns, pixels = self._next(webcam)
                 sequence += 1
                 frame = CapturedFrame(
-                    sequence=sequence, stream=stream, timestamp_ns=arrived_ns, picture=PixelPicture(pixels)
+                    sequence=sequence, stream=stream, timestamp_ns=arrived_ns, picture=WebcamPicture(pixels)
                 )
                 self._tell(self._deliver, frame)
         except CameraError as error:
@@ -156,7 +176,7 @@ class WebcamCamera(Camera):
             if webcam is not None:
                 webcam.close()
 
-    def _next(self, webcam: OpenWebcam) -> "tuple[int, NDArray[np.uint8]]":
+    def _next(self, webcam: Webcam) -> "tuple[int, NDArray[np.uint8]]":
         for _ in range(MOST_MISSES):
             found = webcam.next_frame()
             if found is not None:
@@ -166,14 +186,6 @@ class WebcamCamera(Camera):
         raise CameraError(
             f"webcam {webcam.index} gives no pictures", hint="check its plug, then start it again"
         )
-
-    def _open_at(self, start_ns: int) -> OpenWebcam:
-        """Open it at a time of the host's clock, or whole periods later where that is over."""
-        late_ns, period_ns = time.monotonic_ns() - start_ns, self.facts.period_ns
-        if late_ns > 0:
-            start_ns += -(-late_ns // period_ns) * period_ns
-        self._closing.wait((start_ns - time.monotonic_ns()) / 1e9)
-        return self._open_webcam()
 
     def _tell(self, news: Callable[..., None], *what: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
@@ -201,7 +213,7 @@ class WebcamCamera(Camera):
             self._on_failure(error)
 
 
-def _facts(webcam: OpenWebcam, pixels: "NDArray[np.uint8]") -> CameraFacts:
+def _facts(webcam: Webcam, pixels: "NDArray[np.uint8]") -> CameraFacts:
     """What is known: nothing of its exposure, nor which moment of a frame its arrival is."""
     height, width = pixels.shape[:2]
     return CameraFacts(
@@ -215,81 +227,6 @@ def _facts(webcam: OpenWebcam, pixels: "NDArray[np.uint8]") -> CameraFacts:
     )
 
 
-OPTIONS = {
-    "width": "pixels of the picture; a webcam may choose another size",
-    "height": "the same",
-    "fps": "frames a second; a webcam may choose another rate",
-}
-_CAMERA = "a webcam"
-USUAL_FPS = 30.0
-MOST_FPS = 1000.0
-
-
-@dataclass(frozen=True, slots=True)
-class WebcamRequest:
-    """What a user asked for; None where the webcam's own choice will do."""
-
-    width: int | None = None
-    height: int | None = None
-    fps: float | None = None
-
-
-class Webcam:
-    """An open webcam, which streams from then on."""
-
-    def __init__(self, index: int, request: WebcamRequest) -> None:
-        """Open it by its number. Raises CameraError where there is none, or it is in use."""
-        import cv2
-
-        self.index = index
-        before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            self._capture: Any = cv2.VideoCapture(index)
-        finally:
-            cv2.utils.logging.setLogLevel(before)
-        if not self._capture.isOpened():
-            raise CameraError(
-                f"webcam {index} does not open",
-                hint="it is not there, in use, or this program may not use cameras (the system's settings)",
-            )
-        for prop, value in (
-            (cv2.CAP_PROP_FRAME_WIDTH, request.width),
-            (cv2.CAP_PROP_FRAME_HEIGHT, request.height),
-            (cv2.CAP_PROP_FPS, request.fps),
-        ):
-            if value is not None:
-                self._capture.set(prop, value)
-        told = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.fps = told if 0.1 <= told <= MOST_FPS else request.fps or USUAL_FPS
-
-    def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
-        """Wait for a frame: when it came in ns of the host's clock, and BGR (H, W, 3); None without one."""
-        if not self._capture.grab():
-            return None
-        arrived_ns = time.monotonic_ns()
-        good, image = self._capture.retrieve()
-        return (arrived_ns, image) if good else None
-
-    def close(self) -> None:
-        """Let go of it."""
-        self._capture.release()
-
-
-def parse_options(options: Mapping[str, str]) -> WebcamRequest:
-    """Read a spec's options. Raises BadInputError, naming the wrong one."""
-    refuse_unknown(options, OPTIONS, _CAMERA)
-    width = read_number(options, "width", _CAMERA, least=1, most=1 << 16)
-    height = read_number(options, "height", _CAMERA, least=1, most=1 << 16)
-    return WebcamRequest(
-        width=None if width is None else round(width),
-        height=None if height is None else round(height),
-        fps=read_number(options, "fps", _CAMERA, least=0.1, most=MOST_FPS),
-    )
-
-
-MOST_LISTED = 8
-
-
 def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
     """Make a webcam of its number; it is opened when it is started.
 
@@ -297,8 +234,8 @@ def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, na
     """
     if not (number.isascii() and number.isdecimal() and int(number) < 256):
         raise BadInputError(f"webcam:{number} is not a webcam", hint="they have numbers: webcam:0")
-    request = parse_options(options)
-    return in_node_clock(WebcamCamera(functools.partial(Webcam, int(number), request)), clock)
+    request = read_request(options, OPTIONS, "a webcam")
+    return WebcamCamera(functools.partial(Webcam, int(number), request)).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:
@@ -308,7 +245,7 @@ def list_cameras() -> list[CameraListing]:
     found = []
     for index in range(MOST_LISTED):
         try:
-            webcam = Webcam(index, WebcamRequest())
+            webcam = Webcam(index, CameraRequest())
         except CameraError:
             break
         webcam.close()

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from capture_app.camera_facts import MICROSECONDS, TIMES, CameraFacts, Control, ControlState
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
-from capture_app.cameras.v4l2.pictures import JpegPicture
+from capture_app.cameras.pictures import JpegPicture
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
@@ -194,8 +194,7 @@ class SimulatedCamera(Camera):
         self._fail_after_ns = fail_after_ns
         self._fail_at_true_ns: int | None = None
         self._delivery_rng = random.Random(seed)
-        self._on_frame: OnFrame | None = None
-        self._on_failure: OnFailure | None = None
+        self._started = False
         self._timer: asyncio.TimerHandle | None = None
         self._restarting: asyncio.Future[None] | None = None
         self._controls = SimulatedControls(sensor.profile, automatic=automatic)
@@ -215,9 +214,10 @@ class SimulatedCamera(Camera):
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError if it streams already."""
-        if self._on_frame is not None:
+        if self._started:
             raise CameraError(f"the {self._facts.model} streams already")
-        self._on_frame, self._on_failure = on_frame, on_failure
+        self._started = True
+        self.listen(on_frame, on_failure)
         true_ns = self._true_now_ns()
         self._fail_at_true_ns = None if self._fail_after_ns is None else true_ns + self._fail_after_ns
         self._start_stream(true_ns)
@@ -228,7 +228,7 @@ class SimulatedCamera(Camera):
         The restart's delay counts from this call. Raises CameraError where the camera does not stream or
         cannot do that.
         """
-        if self._on_frame is None:
+        if not self._started:
             raise CameraError(f"the {self._facts.model} does not stream")
         true_ns = self._true_now_ns()
         if isinstance(command, InjectFrame):
@@ -281,19 +281,14 @@ class SimulatedCamera(Camera):
     def _deliver(self, frame: SensorFrame, due_true_ns: int) -> None:
         now_true_ns = self._true_now_ns()
         if self._fail_at_true_ns is not None and now_true_ns >= self._fail_at_true_ns:
-            on_failure = self._on_failure
             self._halt()
-            if on_failure is not None:
-                on_failure(
-                    CameraError(f"the {self._facts.model} went away", hint="as its option fail_after_s asks")
-                )
+            what = f"the {self._facts.model} went away"
+            self._on_failure(CameraError(what, hint="as its option fail_after_s asks"))
             return
         # The next timer first: the callback may stop the camera.
-        on_frame = self._on_frame
         self._await_next()
-        fetched = not frame.dropped and now_true_ns - due_true_ns < STALL_NS
-        if fetched and on_frame is not None:
-            on_frame(self._captured(frame))
+        if not frame.dropped and now_true_ns - due_true_ns < STALL_NS:
+            self._on_frame(self._captured(frame))
 
     def _captured(self, frame: SensorFrame) -> CapturedFrame:
         jpeg = self._source.jpeg(frame)
@@ -326,4 +321,4 @@ class SimulatedCamera(Camera):
     def _halt(self) -> None:
         self._cancel()
         self._sensor.stop()
-        self._on_frame = self._on_failure = None
+        self._started = False

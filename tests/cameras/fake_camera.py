@@ -25,7 +25,8 @@ class FakeCamera(Camera):
         return self._facts
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        self.on_frame, self.on_failure = on_frame, on_failure
+        self.listen(on_frame, on_failure)
+        self.on_frame, self.on_failure = self._on_frame, self._on_failure
 
     async def apply(self, command: CameraCommand) -> None:
         self.commands.put_nowait(command)

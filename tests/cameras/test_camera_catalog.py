@@ -67,7 +67,7 @@ async def test_a_real_camera_is_translated_into_a_simulated_clock() -> None:
     timestamps: list[int] = []
     for node_clock in (HostClock(), clock):
         real = FakeCamera()
-        camera = base.in_node_clock(real, node_clock)
+        camera = real.in_clock(node_clock)
         await camera.start(lambda frame: timestamps.append(frame.timestamp_ns), lambda error: None)
         real.on_frame(frame(stream=1, timestamp_ns=10**15))
     assert timestamps == [10**15, clock.local_from_true(10**15)]

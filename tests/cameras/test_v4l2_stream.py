@@ -11,8 +11,8 @@ import pytest
 
 from capture_app.camera_facts import PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.pictures import JpegPicture, RawPicture
 from capture_app.cameras.v4l2 import kernel as v4l2
-from capture_app.cameras.v4l2.pictures import JpegPicture, RawPicture
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream

@@ -1,8 +1,6 @@
 """A machine-vision camera that streams: one thread fetches frames, another one talks to the camera.
 
-Times by a camera's own counter, put into this machine's monotonic clock; all in ns.
-
-The numbers of frames as the transport has them.
+Its stamps are of a counter of its own, and are put into this machine's monotonic clock; all in ns.
 """
 
 import asyncio
@@ -14,7 +12,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Protocol
 
 from capture_app.camera_facts import (
     CameraFacts,
@@ -25,7 +22,8 @@ from capture_app.camera_facts import (
     StampSource,
     TimestampSource,
 )
-from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup, MachineDevice, MachinePicture
+from capture_app.cameras.aravis.device import AravisDevice
+from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup, MachinePicture
 from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock, OnFailure, OnFrame
 from capture_app.errors import CameraError
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
@@ -36,13 +34,6 @@ from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuratio
 _BLOCK_NS, _BLOCKS = 1_000_000_000, 20
 _SET_NS = 1_000_000_000
 """No frame is that much quicker or slower than the one before it."""
-
-
-class CounterClock(Protocol):
-    """The map from a camera's counter to the host's clock."""
-
-    def host_ns(self, counter_ns: int) -> int | None:
-        """The host's time of a reading of the counter; None where nothing is known of it yet."""
 
 
 class LatchedClock:
@@ -61,7 +52,7 @@ class LatchedClock:
         self._map = self._filter.time_map(answered_ns)
 
     def host_ns(self, counter_ns: int) -> int | None:
-        """See `CounterClock.host_ns`."""
+        """The host's time of a reading of the counter; None where nothing is known of it yet."""
         return None if self._map is None else self._map.local_from_leader(counter_ns)
 
     def uncertainty_ns(self, host_ns: int) -> int:
@@ -104,7 +95,7 @@ class EnvelopeClock:
         self._fit()
 
     def host_ns(self, counter_ns: int) -> int | None:
-        """See `CounterClock.host_ns`."""
+        """The host's time of a reading of the counter; None where nothing is known of it yet."""
         if not self._quickest:
             return None
         return counter_ns + self._delay_ns + round(self._slope * (counter_ns - self._origin_ns))
@@ -164,7 +155,7 @@ class AravisCamera(Camera):
     """A machine-vision camera, connected when it is started: that takes seconds where it is missing."""
 
     def __init__(
-        self, connect: Callable[[], MachineDevice], row_ns: int | None = None, *, silence_ns: int = SILENCE_NS
+        self, connect: Callable[[], AravisDevice], row_ns: int | None = None, *, silence_ns: int = SILENCE_NS
     ) -> None:
         """`row_ns` is the step of its frames' durations where that is known.
 
@@ -177,16 +168,14 @@ class AravisCamera(Camera):
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="aravis")
         self._fetching: threading.Thread | None = None
         self._closing = threading.Event()
-        self._device: MachineDevice | None = None
-        self._clock: CounterClock | None = None
+        self._device: AravisDevice | None = None
+        self._clock: LatchedClock | EnvelopeClock | None = None
         self._facts: CameraFacts | None = None
         self._wanted_ns: deque[int] = deque()
         """Durations of one coming frame each, until they are asked for."""
         self._restore_at_ns: int | None = None
         self._numbers = FrameNumbers()
         self._loop: asyncio.AbstractEventLoop
-        self._on_frame: OnFrame
-        self._on_failure: OnFailure
 
     @property
     def facts(self) -> CameraFacts:
@@ -212,7 +201,7 @@ class AravisCamera(Camera):
         self._facts = self._facts_of(device.setup)
 
     @property
-    def _connected(self) -> MachineDevice:
+    def _connected(self) -> AravisDevice:
         if self._device is None or self._closing.is_set():
             raise CameraError("the camera is not connected")
         return self._device
@@ -222,7 +211,7 @@ class AravisCamera(Camera):
         if self._fetching is not None or self._closing.is_set():
             raise CameraError("the camera was started already", hint="open it again")
         self._loop = asyncio.get_running_loop()
-        self._on_frame, self._on_failure = on_frame, on_failure
+        self.listen(on_frame, on_failure)
         await self._loop.run_in_executor(self._worker, self._open)
         self._fetching = threading.Thread(target=self._fetch, name="aravis-frames", daemon=True)
         self._fetching.start()
@@ -264,7 +253,7 @@ class AravisCamera(Camera):
             self._clock = EnvelopeClock()
         self._facts = self._facts_of(device.setup)
 
-    def _first_frame(self, device: MachineDevice) -> DeviceFrame:
+    def _first_frame(self, device: AravisDevice) -> DeviceFrame:
         end_ns = time.monotonic_ns() + FIRST_FRAME_NS
         while (left_ns := end_ns - time.monotonic_ns()) > 0 and not self._closing.is_set():
             frame = device.next_frame(left_ns / 1e9)

@@ -1,92 +1,76 @@
-"""One machine-vision camera through aravis: set up, its counter read, its frames fetched; all calls block.
-
-Exposure and gain of a machine-vision camera, by GenICam's features.
-"""
+"""One machine-vision camera through aravis: set up, its counter read, its frames fetched; all calls block."""
 
 import contextlib
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from capture_app.camera_facts import MICROSECONDS, Control, ControlState, steps_of
 from capture_app.cameras.aravis.library import camera_errors, load_aravis
 from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, DeviceFrame, DeviceSetup
-from capture_app.cameras.specs import read_number, refuse_unknown
+from capture_app.cameras.specs import CameraRequest
 from capture_app.errors import CameraError
 
+_WORDS = {Control.EXPOSURE: ("exposure_time", "exposure"), Control.GAIN: ("gain", "gain")}
+"""What the library's methods call a value, and call it where the camera may choose it."""
 
-def read_controls(camera: Any, automatic_off: Any, setup: DeviceSetup) -> tuple[ControlState, ...]:
-    """Those that the library's `camera` has; `automatic_off` is its word for a control that nobody moves."""
-    found = []
-    if camera.is_exposure_time_available():
-        least_us, most_us = camera.get_exposure_time_bounds()
-        found.append(
-            ControlState(
-                control=Control.EXPOSURE,
-                value=camera.get_exposure_time(),
-                unit=MICROSECONDS,
-                automatic=is_automatic(camera, Control.EXPOSURE, automatic_off),
-                can_be_automatic=camera.is_exposure_auto_available(),
-                least=least_us,
-                # A longer one would make frames late.
-                most=min(most_us, setup.period_ns / 1000),
-            )
+
+class DeviceControl:
+    """Exposure or gain of a camera of the library: its methods by the control's name."""
+
+    def __init__(self, camera: Any, auto: Any, control: Control) -> None:
+        """`auto` has the library's words for who chooses it. Raises CameraError where there is none."""
+        self._camera, self._auto = camera, auto
+        self.control = control
+        self._value, self._choice = _WORDS.get(control, ("", ""))
+        if not self._value or not self._call(f"is_{self._value}_available"):
+            raise CameraError(f"this camera has no control of its {control}")
+        self.can_be_automatic = bool(self._call(f"is_{self._choice}_auto_available"))
+
+    def _call(self, method: str, *values: Any) -> Any:
+        return getattr(self._camera, method)(*values)
+
+    @property
+    def value(self) -> float:
+        """How it stands: microseconds, or the camera's own steps of gain."""
+        return float(self._call(f"get_{self._value}"))
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and most."""
+        least, most = self._call(f"get_{self._value}_bounds")
+        return least, most
+
+    @property
+    def is_automatic(self) -> bool:
+        """Whether the camera chooses it, frame by frame."""
+        return self.can_be_automatic and self._call(f"get_{self._value}_auto") != self._auto.OFF
+
+    def set(self, value: float | None) -> None:
+        """Set it and hold it there; None: let the camera choose, with CameraError where it cannot."""
+        if value is None and not self.can_be_automatic:
+            raise CameraError(f"this camera does not choose its {self.control} itself")
+        if self.can_be_automatic:
+            chooser = self._auto.CONTINUOUS if value is None else self._auto.OFF
+            self._call(f"set_{self._value}_auto", chooser)
+        if value is not None:
+            self._call(f"set_{self._value}", value)
+
+    def state(self, setup: DeviceSetup) -> ControlState:
+        """It as all cameras have it."""
+        least, most = self.bounds
+        exposes = self.control is Control.EXPOSURE
+        return ControlState(
+            control=self.control,
+            value=self.value,
+            # Gains are decibels with most, steps of the chip with some.
+            unit=MICROSECONDS if exposes else steps_of(setup.model),
+            automatic=self.is_automatic,
+            can_be_automatic=self.can_be_automatic,
+            least=least,
+            # A longer exposure would make frames late.
+            most=min(most, setup.period_ns / 1000) if exposes else most,
         )
-    if camera.is_gain_available():
-        least, most = camera.get_gain_bounds()
-        found.append(
-            ControlState(
-                control=Control.GAIN,
-                value=camera.get_gain(),
-                # Decibels with most, steps of the chip with some.
-                unit=steps_of(setup.model),
-                automatic=is_automatic(camera, Control.GAIN, automatic_off),
-                can_be_automatic=camera.is_gain_auto_available(),
-                least=least,
-                most=most,
-            )
-        )
-    return tuple(found)
-
-
-def set_control(camera: Any, auto: Any, control: Control, value: float | None) -> None:
-    """Set a control and hold it there; None: let the camera choose. `auto` has the library's words for that.
-
-    Raises CameraError where the camera has no such control, the library's error where it refuses.
-    """
-    words = {
-        Control.EXPOSURE: (
-            camera.is_exposure_time_available,
-            camera.is_exposure_auto_available,
-            camera.set_exposure_time_auto,
-            camera.set_exposure_time,
-        ),
-        Control.GAIN: (
-            camera.is_gain_available,
-            camera.is_gain_auto_available,
-            camera.set_gain_auto,
-            camera.set_gain,
-        ),
-    }
-    is_there, can_choose, choose, set_value = words.get(control, (lambda: False,) * 4)
-    if not is_there():
-        raise CameraError(f"this camera has no control of its {control}")
-    if value is not None:
-        if can_choose():
-            choose(auto.OFF)
-        set_value(value)
-    elif can_choose():
-        choose(auto.CONTINUOUS)
-    else:
-        raise CameraError(f"this camera does not choose its {control} itself")
-
-
-def is_automatic(camera: Any, control: Control, automatic_off: Any) -> bool:
-    """Whether the camera chooses it, frame by frame."""
-    if control is Control.EXPOSURE:
-        return bool(camera.is_exposure_auto_available() and camera.get_exposure_time_auto() != automatic_off)
-    return bool(camera.is_gain_auto_available() and camera.get_gain_auto() != automatic_off)
 
 
 OPTIONS = {
@@ -108,22 +92,10 @@ _MARGIN_NS = 100
 """A duration that is this much longer is not cut to the step below."""
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceRequest:
-    """What a user asked for; None where the camera's own setting or the usual one will do."""
-
-    width: int | None = None
-    height: int | None = None
-    fps: float | None = None
-    exposure_us: float | None = None
-    pixel_format: str | None = None
-    row_ns: int | None = None
-
-
 class AravisDevice:
     """A connected camera. Not thread-safe but for `next_frame`, which one other thread may call."""
 
-    def __init__(self, address: str, request: DeviceRequest) -> None:
+    def __init__(self, address: str, request: CameraRequest) -> None:
         """Connect and set up. Raises CameraError, BadInputError for what the camera does not offer."""
         self.address = address
         self._aravis = load_aravis()
@@ -156,12 +128,12 @@ class AravisDevice:
     def controls(self) -> tuple[ControlState, ...]:
         """Exposure and gain as they stand. Raises CameraError."""
         with camera_errors(self.address):
-            return read_controls(self._camera, self._aravis.Auto.OFF, self.setup)
+            return tuple(one.state(self.setup) for control in _WORDS if (one := self._control(control)))
 
     def set_control(self, control: Control, value: float | None) -> None:
         """Set a control and hold it there; None: let the camera choose. `setup` tells the exposure then."""
         with camera_errors(self.address):
-            set_control(self._camera, self._aravis.Auto, control, value)
+            DeviceControl(self._camera, self._aravis.Auto, control).set(value)
             exposure_ns, exposures_ns = self._exposure()
             self.setup = replace(self.setup, exposure_ns=exposure_ns, exposures_ns=exposures_ns)
 
@@ -198,11 +170,11 @@ class AravisDevice:
         # The library ends its threads and gives up the control with the last reference.
         del self._stream, self._device, self._camera
 
-    def _set_up(self, request: DeviceRequest) -> DeviceSetup:
+    def _set_up(self, request: CameraRequest) -> DeviceSetup:
         camera = self._camera
         offered = camera.dup_available_pixel_formats_as_strings()
-        wanted = request.pixel_format or camera.get_pixel_format_as_string()
-        if request.pixel_format is None and wanted not in USABLE_FORMATS:
+        wanted = request.format or camera.get_pixel_format_as_string()
+        if request.format is None and wanted not in USABLE_FORMATS:
             wanted = next((name for name in USABLE_FORMATS if name in offered), wanted)
         if wanted not in offered or wanted not in USABLE_FORMATS:
             usable = ", ".join(name for name in offered if name in USABLE_FORMATS) or "none that can be saved"
@@ -215,7 +187,7 @@ class AravisDevice:
         period_ns, durations_ns = self._set_rate(request.fps)
         return DeviceSetup(model, width, height, wanted, period_ns, durations_ns, exposure_ns, exposures_ns)
 
-    def _set_region(self, request: DeviceRequest) -> None:
+    def _set_region(self, request: CameraRequest) -> None:
         camera = self._camera
         if request.width is None and request.height is None:
             return
@@ -236,29 +208,33 @@ class AravisDevice:
             )
 
     def _set_exposure(self, exposure_us: float | None) -> tuple[int | None, tuple[int, int] | None]:
-        camera = self._camera
         if exposure_us is not None:
-            if not camera.is_exposure_time_available():
+            exposure = self._control(Control.EXPOSURE)
+            if exposure is None:
                 raise CameraError(f"{self.address} has no control of its exposure")
-            least_us, most_us = camera.get_exposure_time_bounds()
+            least_us, most_us = exposure.bounds
             if not least_us <= exposure_us <= most_us:
                 raise CameraError(
                     f"{self.address} cannot expose for {exposure_us:g} us",
                     hint=f"from {least_us:g} to {most_us:g} us",
                 )
-            set_control(camera, self._aravis.Auto, Control.EXPOSURE, exposure_us)
+            exposure.set(exposure_us)
         return self._exposure()
 
     def _exposure(self) -> tuple[int | None, tuple[int, int] | None]:
         """Exposure in ns, None where the camera chooses it, and its limits."""
-        camera = self._camera
-        if not camera.is_exposure_time_available():
+        exposure = self._control(Control.EXPOSURE)
+        if exposure is None:
             return None, None
-        least_us, most_us = camera.get_exposure_time_bounds()
+        least_us, most_us = exposure.bounds
         limits_ns = round(least_us * 1000), round(most_us * 1000)
-        if is_automatic(camera, Control.EXPOSURE, self._aravis.Auto.OFF):
-            return None, limits_ns
-        return round(camera.get_exposure_time() * 1000), limits_ns
+        return None if exposure.is_automatic else round(exposure.value * 1000), limits_ns
+
+    def _control(self, control: Control) -> DeviceControl | None:
+        try:
+            return DeviceControl(self._camera, self._aravis.Auto, control)
+        except CameraError:
+            return None
 
     def _set_rate(self, fps: float | None) -> tuple[int, tuple[int, int] | None]:
         camera = self._camera
@@ -297,19 +273,3 @@ class AravisDevice:
             return ticks  # SFNC 2 has ns
         frequency = self._device.get_timestamp_tick_frequency() or 1_000_000_000
         return ticks * 1_000_000_000 // frequency
-
-
-def parse_options(options: Mapping[str, str]) -> DeviceRequest:
-    """Read a spec's options. Raises BadInputError, naming the wrong one."""
-    refuse_unknown(options, OPTIONS, "a machine-vision camera")
-    row_us = read_number(options, "row_us", "a camera", least=0.01, most=1000)
-    width = read_number(options, "width", "a camera", least=1, most=1 << 16)
-    height = read_number(options, "height", "a camera", least=1, most=1 << 16)
-    return DeviceRequest(
-        width=None if width is None else round(width),
-        height=None if height is None else round(height),
-        fps=read_number(options, "fps", "a camera", least=0.1, most=10_000),
-        exposure_us=read_number(options, "exposure_us", "a camera", least=0.1, most=1e7),
-        pixel_format=options.get("format"),
-        row_ns=None if row_us is None else round(row_us * 1000),
-    )

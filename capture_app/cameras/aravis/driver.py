@@ -4,9 +4,10 @@ import functools
 from collections.abc import Mapping
 
 from capture_app.cameras.aravis.camera import KIND, AravisCamera
-from capture_app.cameras.aravis.device import AravisDevice, parse_options
+from capture_app.cameras.aravis.device import OPTIONS, AravisDevice
 from capture_app.cameras.aravis.library import load_aravis
-from capture_app.cameras.base import Camera, CameraListing, in_node_clock
+from capture_app.cameras.base import Camera, CameraListing
+from capture_app.cameras.specs import read_request
 from capture_app.clock import NodeClock
 from capture_app.errors import NotAvailableError
 
@@ -17,10 +18,11 @@ def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, n
     It is connected when it is started. Raises BadInputError for an option that cannot be read,
     NotAvailableError without the aravis library.
     """
-    request = parse_options(options)
+    request = read_request(options, OPTIONS, "a machine-vision camera")
     load_aravis()
     connect = functools.partial(AravisDevice, address, request)
-    return in_node_clock(AravisCamera(connect, request.row_ns), clock)
+    row_ns = None if request.row_us is None else round(request.row_us * 1000)
+    return AravisCamera(connect, row_ns).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:

@@ -1,13 +1,9 @@
-"""What a camera's stream asks of the device behind it, and what the device tells.
+"""What a machine-vision camera tells: how it is set up, and its frames, grey, Bayer or colour."""
 
-The pictures of machine-vision cameras: grey, Bayer and colour, as they lay in the buffer.
-"""
-
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from capture_app.camera_facts import Control, ControlState
+from capture_app.cameras.pictures import PixelPicture, step_to
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,35 +39,6 @@ class DeviceFrame:
     """None where packets of it are missing."""
 
 
-class MachineDevice(Protocol):
-    """A connected camera, as `device.AravisDevice` is; every call blocks."""
-
-    address: str
-    setup: DeviceSetup
-
-    def read_counter(self) -> tuple[int, int, int] | None:
-        """Host time before, counter, host time after, in ns; None where the counter cannot be read."""
-
-    def set_period(self, period_ns: int) -> None:
-        """Let frames last so long from now on. Raises CameraError."""
-
-    def controls(self) -> tuple[ControlState, ...]:
-        """Exposure and gain as they stand. Raises CameraError."""
-
-    def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control and hold it there; None: let the camera choose. Raises CameraError."""
-
-    def start(self, on_lost: Callable[[], None]) -> None:
-        """Let frames come; `on_lost` is called from any thread. Raises CameraError."""
-
-    def next_frame(self, timeout_s: float) -> DeviceFrame | None:
-        """Wait for a frame, for so long at most."""
-
-    def close(self) -> None:
-        """Let go of the camera."""
-
-
-_JPEG_QUALITY = 95
 _CONVERSIONS = {
     "BayerRG": "COLOR_BayerRGGB2BGR",
     "BayerGR": "COLOR_BayerGRBG2BGR",
@@ -88,7 +55,7 @@ USABLE_FORMATS = (
 
 
 @dataclass(frozen=True, slots=True)
-class MachinePicture:
+class MachinePicture(PixelPicture):
     """A picture as the camera sent it; `pixel_format` is GenICam's name."""
 
     data: bytes
@@ -101,26 +68,8 @@ class MachinePicture:
         """How much memory it takes."""
         return len(self.data)
 
-    def encode(self) -> bytes:
-        """Return a JPEG of quality 95."""
-        import cv2
-
-        _done, jpeg = cv2.imencode(".jpg", self._picture(), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        return bytes(jpeg)
-
-    def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
-        import cv2
-        import numpy as np
-
-        step = max(1, self.width // max(width, 1))
-        picture = self._picture()[::step, ::step]
-        if picture.ndim == 2:
-            picture = np.asarray(cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_GRAY2BGR), np.uint8)
-        return picture
-
-    def _picture(self) -> "NDArray[np.uint8]":
-        """The picture of 8 bits, BGR or grey."""
+    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
+        """See `PixelPicture.pixels`; of 8 bits."""
         import cv2
         import numpy as np
 
@@ -135,7 +84,8 @@ class MachinePicture:
             picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
         elif layout in _CONVERSIONS:
             picture = cv2.cvtColor(picture, getattr(cv2, _CONVERSIONS[layout]))
-        return np.asarray(picture, np.uint8)
+        step = step_to(self.width, width)
+        return np.asarray(picture, np.uint8)[::step, ::step]
 
 
 def split_format(pixel_format: str) -> tuple[str, int]:

@@ -22,7 +22,6 @@ from capture_app.camera_facts import CameraFacts, Control, ControlState, PhaseCo
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.libcamera.configuration import (
     KIND,
-    Wishes,
     configure,
     facts_as_configured,
     origin_of,
@@ -39,6 +38,7 @@ from capture_app.cameras.libcamera.controls import (
 )
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import FinishedFrame, RequestStream, StampClock
+from capture_app.cameras.specs import CameraRequest
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
 
@@ -123,7 +123,7 @@ class LibcameraCamera(Camera):
         self,
         library: Library,
         device: str,
-        wishes: Wishes,
+        wishes: CameraRequest,
         *,
         clock: StampClock | None = None,
         executor: Executor | None = None,
@@ -142,8 +142,6 @@ class LibcameraCamera(Camera):
         self._told: dict[str, Any] = {}
         self._first_frames: list[FinishedFrame] = []
         self._first_frames_wanted: tuple[int, asyncio.Future[None]] | None = None
-        self._on_frame: OnFrame
-        self._on_failure: OnFailure
         try:
             camera.acquire()
         except RuntimeError as error:
@@ -194,7 +192,7 @@ class LibcameraCamera(Camera):
         """Start streaming, and learn from the first frames. Raises CameraError where it delivers none."""
         if self._listening or self._closing.is_set():
             raise CameraError(f"{self.id} was started already", hint="open it again")
-        self._on_frame, self._on_failure = on_frame, on_failure
+        self.listen(on_frame, on_failure)
         async with self._command_lock:
             self._library.listen()
             self._listening = True

@@ -1,13 +1,8 @@
-"""What is asked of a camera, and what it then is.
+"""How a camera of libcamera is configured by what is asked of it, and what it is by its first frames."""
 
-What a camera of libcamera is asked for, and how it is configured.
-
-What a camera of libcamera is: first as it is configured, then as its first frames show.
-"""
-
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
 from pathlib import Path
@@ -17,72 +12,31 @@ from typing import Any
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
-from capture_app.cameras.specs import refuse_unknown
+from capture_app.cameras.specs import CameraRequest, read_request
 from capture_app.cameras.v4l2.kernel import PixelFormat
 from capture_app.errors import BadInputError, CameraError
 
 FOURCC = {"MJPEG": "MJPG", "NV12": "NV12", "YUYV": "YUYV", "R8": "GREY"}
 """The library's formats that can be saved, the best first, and what V4L2 calls them."""
-DEFAULT_SIZE = (640, 480)
-DEFAULT_FPS = 30.0
 BUFFERS = 6
 """A process that is held up for as many frames loses none; a command takes effect after as many."""
-_RANGES = {
-    "width": (1, 65535),
-    "height": (1, 65535),
-    "fps": (0.001, 10_000.0),
-    "exposure-us": (1, 60_000_000),
-    "gain": (0.1, 1000.0),
-}
+OPTIONS = ("width", "height", "fps", "exposure-us", "gain", "format")
 
 
-@dataclass(frozen=True, slots=True)
-class Wishes:
-    """What a user asked for; None where the camera's own choice will do. Pixels, frames/s, us."""
-
-    width: int | None = None
-    height: int | None = None
-    fps: float | None = None
-    fourcc: str | None = None
-    exposure_us: int | None = None
-    gain: float | None = None
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """The size to ask for, in the usual shape where only one side is given."""
-        width, height = self.width, self.height
-        if width is not None:
-            return width, height if height is not None else round(width * 3 / 4)
-        return (round(height * 4 / 3), height) if height is not None else DEFAULT_SIZE
-
-    @property
-    def period_us(self) -> int:
-        """The frame period to ask for."""
-        return round(1e6 / (self.fps or DEFAULT_FPS))
-
-
-def parse_options(options: Mapping[str, str]) -> Wishes:
+def parse_options(options: Mapping[str, str]) -> CameraRequest:
     """Read width, height, fps, format, exposure-us and gain. Raises BadInputError, naming the wrong one."""
-    refuse_unknown(options, (*_RANGES, "format"), "a camera of libcamera")
-    numbers = {name: _number(name, options[name]) for name in _RANGES if name in options}
-    fourcc = options.get("format", "").upper()
-    fourcc = FOURCC.get(fourcc, fourcc)
-    if fourcc and fourcc not in FOURCC.values():
+    asked = read_request(options, OPTIONS, "a camera of libcamera")
+    if asked.format is None:
+        return asked
+    fourcc = FOURCC.get(asked.format.upper(), asked.format.upper())
+    if fourcc not in FOURCC.values():
         raise BadInputError(
-            f"format={options['format']} cannot be saved", hint=f"there are {', '.join(FOURCC.values())}"
+            f"format={asked.format} cannot be saved", hint=f"there are {', '.join(FOURCC.values())}"
         )
-    whole = {name: None if name not in numbers else int(numbers[name]) for name in _RANGES}
-    return Wishes(
-        width=whole["width"],
-        height=whole["height"],
-        fps=numbers.get("fps"),
-        fourcc=fourcc or None,
-        exposure_us=whole["exposure-us"],
-        gain=numbers.get("gain"),
-    )
+    return dataclasses.replace(asked, format=fourcc)
 
 
-def configure(module: Any, camera: Any, wishes: Wishes) -> tuple[Any, PixelFormat]:
+def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, PixelFormat]:
     """Configure an acquired camera; returns its stream and how a picture lies in memory.
 
     Raises CameraError, with what it offers, where it has no such mode.
@@ -93,9 +47,9 @@ def configure(module: Any, camera: Any, wishes: Wishes) -> tuple[Any, PixelForma
         raise CameraError(f"{name} delivers no video", hint="`capture-app cameras` lists the cameras")
     stream = configuration.at(0)
     offered = [str(one) for one in stream.formats.pixel_formats]
-    formats = [one for one in FOURCC if one in offered and wishes.fourcc in (None, FOURCC[one])]
+    formats = [one for one in FOURCC if one in offered and wishes.format in (None, FOURCC[one])]
     if not formats:
-        asked = wishes.fourcc or "a format that can be saved"
+        asked = wishes.format or "a format that can be saved"
         raise CameraError(f"{name} does not offer {asked}", hint=f"it offers {', '.join(offered)}")
     stream.pixel_format = module.PixelFormat(formats[0])
     stream.size = module.Size(*wishes.size)
@@ -113,17 +67,6 @@ def configure(module: Any, camera: Any, wishes: Wishes) -> tuple[Any, PixelForma
     camera.configure(configuration)
     fourcc = FOURCC[str(stream.pixel_format)]
     return stream, PixelFormat(fourcc, width, height, stream.stride, stream.frame_size)
-
-
-def _number(name: str, text: str) -> float:
-    least, most = _RANGES[name]
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not least <= number <= most or (isinstance(least, int) and number != int(number)):
-        raise BadInputError(f"{name}={text} is out of range ({least:g} to {most:g})")
-    return number
 
 
 def _text(size: tuple[int, int]) -> str:
@@ -159,7 +102,7 @@ def origin_of(camera: Any) -> Origin:
 
 
 def facts_as_configured(
-    camera: Any, layout: PixelFormat, wishes: Wishes, limits_us: tuple[int, int] | None
+    camera: Any, layout: PixelFormat, wishes: CameraRequest, limits_us: tuple[int, int] | None
 ) -> CameraFacts:
     """What is known of a camera before its first frame; `limits_us` are those of a frame's duration."""
     properties = {control.name: value for control, value in camera.properties.items()}
@@ -190,14 +133,14 @@ def with_period_of(facts: CameraFacts, stamps_ns: Sequence[int]) -> CameraFacts:
     return replace(facts, period_ns=usual_period_ns(median(b - a for a, b in pairwise(stamps_ns))))
 
 
-def with_exposure(facts: CameraFacts, exposure_us: int | None, origin: Origin) -> CameraFacts:
+def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin) -> CameraFacts:
     """The facts of a camera whose exposure is held, or None where it is not, and how late its stamps are.
 
     The Raspberry Pi's driver stamps the first row on its way from the sensor: its exposure is over then,
     though libcamera calls that the time at which it was exposed. Webcams are stamped as V4L2's are.
     """
     row_ns = facts.row_time_ns
-    exposure_ns = None if exposure_us is None else exposure_us * 1000
+    exposure_ns = None if exposure_us is None else round(exposure_us * 1000)
     if exposure_ns is not None and row_ns is not None:
         # What is told is cut to microseconds; what is asked for lies between two rows, and is cut, too.
         exposure_ns = int((exposure_ns + 1000) / row_ns) * row_ns

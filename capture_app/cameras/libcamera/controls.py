@@ -1,14 +1,11 @@
-"""The controls of a camera of libcamera by their names, as far as it has them.
-
-Exposure, gain, white balance and focus of a camera of libcamera, as all cameras have them.
-"""
+"""The controls of a camera of libcamera by their names: exposure, gain, white balance, focus, durations."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from capture_app.camera_facts import DIOPTRES, KELVIN, MICROSECONDS, TIMES, Control, ControlState
-from capture_app.cameras.libcamera.configuration import Wishes
+from capture_app.cameras.specs import CameraRequest
 from capture_app.errors import CameraError
 
 
@@ -38,7 +35,7 @@ def frame_duration(duration_us: int) -> dict[str, Any]:
     return {"FrameDurationLimits": (duration_us, duration_us)}
 
 
-def first_exposure(controls: KnownControls, wishes: Wishes) -> dict[str, Any]:
+def first_exposure(controls: KnownControls, wishes: CameraRequest) -> dict[str, Any]:
     """The exposure and gain that a stream starts with: the camera's own where nothing is asked."""
     asked = {"ExposureTime": wishes.exposure_us, "AnalogueGain": wishes.gain}
     fixed = {name: value for name, value in asked.items() if value is not None}
@@ -47,7 +44,7 @@ def first_exposure(controls: KnownControls, wishes: Wishes) -> dict[str, Any]:
     return {"AeEnable": False, **fixed} if all_fixed else fixed
 
 
-def held_exposure(metadata: Mapping[str, Any], wishes: Wishes) -> dict[str, Any]:
+def held_exposure(metadata: Mapping[str, Any], wishes: CameraRequest) -> dict[str, Any]:
     """The settings that hold exposure, gain and white balance where a frame had them, or where asked for."""
     exposure_us = wishes.exposure_us or metadata.get("ExposureTime")
     gain = wishes.gain or metadata.get("AnalogueGain")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from capture_app.cameras.base import Camera, CameraListing, in_node_clock
+from capture_app.cameras.base import Camera, CameraListing
 from capture_app.cameras.libcamera.camera import LibcameraCamera
 from capture_app.cameras.libcamera.configuration import KIND, Origin, origin_of, parse_options
 from capture_app.cameras.libcamera.library import Library, load_library
@@ -19,7 +19,7 @@ def open_camera(device: str, options: Mapping[str, str], *, clock: NodeClock, na
     where the library is missing or too old.
     """
     wishes = parse_options(options)
-    return in_node_clock(LibcameraCamera(load_library(), device, wishes), clock)
+    return LibcameraCamera(load_library(), device, wishes).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:

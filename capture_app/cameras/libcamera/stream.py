@@ -1,11 +1,7 @@
 """The requests of one camera of libcamera: they are filled, handed on, and queued with new settings.
 
-The buffers of a stream of libcamera, mapped once, and their pictures copied out of them.
-
-Which clock libcamera stamps in, and its stamps in the host's monotonic clock.
-
-Its documentation says CLOCK_BOOTTIME; where the kernel's V4L2 stamps, it is CLOCK_MONOTONIC. The two part
-while the machine sleeps, and not otherwise.
+Stamps are brought into the host's monotonic clock: libcamera's documentation says CLOCK_BOOTTIME; where the
+kernel's V4L2 stamps, it is CLOCK_MONOTONIC. The two part while the machine sleeps, and not otherwise.
 """
 
 import mmap
@@ -16,10 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from capture_app.cameras.base import wait_for_start
 from capture_app.cameras.libcamera.controls import KnownControls, by_name, frame_duration
 from capture_app.cameras.libcamera.library import Library
+from capture_app.cameras.pictures import JpegPicture, RawPicture, picture_from_buffer
 from capture_app.cameras.v4l2.kernel import PixelFormat
-from capture_app.cameras.v4l2.pictures import JpegPicture, RawPicture, picture_from_buffer
 
 
 class MappedBuffers:
@@ -175,10 +172,7 @@ class RequestStream:
         """Start at `start_ns` of the monotonic clock, or whole periods after it; not at all once closing."""
         for request in self._requests:
             request.reuse()
-        late_ns = self._clock.now_ns() - start_ns
-        if late_ns > 0:
-            start_ns += -(-late_ns // period_ns) * period_ns
-        if not closing.wait((start_ns - self._clock.now_ns()) / 1e9):
+        if wait_for_start(start_ns, period_ns, closing, self._clock.now_ns):
             self.start()
 
     def stop(self) -> None:

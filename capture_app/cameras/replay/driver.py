@@ -1,10 +1,6 @@
-"""From the words of a spec, `replay:PATH,key=value…`, to a recording that plays as a live camera.
-
-A recording as a live camera: its frames delivered at the times they were taken at, again and again.
-"""
+"""A recording as a live camera, `replay:PATH,key=value…`: played as it was taken, over and over."""
 
 import asyncio
-import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -13,8 +9,8 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
-from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, in_node_clock
-from capture_app.cameras.specs import refuse_unknown
+from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.specs import read_number, refuse_unknown
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError, CameraError, SimulshotError
 from capture_app.session.format.calibration import CameraCalibration
@@ -44,14 +40,14 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
     read, IncompleteError for a session that is not complete.
     """
     refuse_unknown(options, OPTIONS, "a replay")
-    fps, phase = _rate(options.get("fps")), options.get("phase")
+    fps, phase = read_number(options, "fps", "a replay", least=0.1, most=10_000), options.get("phase")
     if phase is not None and phase not in PHASES:
         raise BadInputError(f"phase={phase} of a replay", hint=f"one of {', '.join(PHASES)}")
 
     recording = _open(Path(path).expanduser(), options.get("camera"), fps, name)
     if phase is not None:
         recording.facts = replace(recording.facts, phase_control=PhaseControl(phase))
-    return in_node_clock(ReplayCamera(recording), clock)
+    return ReplayCamera(recording).in_clock(clock)
 
 
 def _open(path: Path, camera: str | None, fps: float | None, node: str) -> "Recording":
@@ -82,18 +78,6 @@ def _choice(path: Path, names: list[str], camera: str | None, node: str) -> str:
     return chosen
 
 
-def _rate(text: str | None) -> float | None:
-    if text is None:
-        return None
-    try:
-        rate = float(text)
-    except ValueError:
-        rate = math.nan
-    if not 0.1 <= rate <= 10_000:
-        raise BadInputError(f"fps={text} is not a frame rate", hint="for example fps=30")
-    return rate
-
-
 DELIVERY_NS = 3_000_000
 """From the end of a frame's readout to its callback, as drivers take."""
 STALL_NS = 500_000_000
@@ -113,8 +97,6 @@ class ReplayCamera(Camera):
             recording.timing, anchored=recording.facts.phase_control is PhaseControl.NONE
         )
         self._playing: asyncio.Task[None] | None = None
-        self._on_frame: OnFrame
-        self._on_failure: OnFailure
 
     @property
     def facts(self) -> CameraFacts:
@@ -130,7 +112,7 @@ class ReplayCamera(Camera):
         """Start playing. Raises CameraError if it plays already."""
         if self._playing is not None:
             raise CameraError(f"the replay of {self.facts.model} was started already")
-        self._on_frame, self._on_failure = on_frame, on_failure
+        self.listen(on_frame, on_failure)
         self._play_from(self._now_ns())
 
     async def apply(self, command: CameraCommand) -> None:

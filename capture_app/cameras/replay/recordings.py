@@ -1,7 +1,4 @@
-"""What can be replayed: a camera of a session, a video, a folder of images.
-
-When the frames of a recording were taken, and when they are played: over and over, as from a sensor.
-"""
+"""What can be replayed, be it a session, a video or images, and when its frames are played."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -12,7 +9,7 @@ from statistics import median
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.cameras.v4l2.pictures import JpegPicture
+from capture_app.cameras.pictures import JpegPicture
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.journal import frame_record

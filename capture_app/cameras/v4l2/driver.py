@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 
-from capture_app.cameras.base import Camera, CameraListing, in_node_clock
+from capture_app.cameras.base import Camera, CameraListing
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.kernel import VideoDevice
 from capture_app.cameras.v4l2.modes import check_capture, configure, offered_modes, parse_options
@@ -35,7 +35,7 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
         try:
             check_capture(path, device.capability())
             layout, period = configure(device, wanted)
-            return in_node_clock(V4L2Camera(device, layout, round(period * 1_000_000_000)), clock)
+            return V4L2Camera(device, layout, round(period * 1_000_000_000)).in_clock(clock)
         except BaseException:
             device.close()
             raise

@@ -1,41 +1,22 @@
 """Which modes a V4L2 camera offers, and which of them to use."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from capture_app.cameras.specs import refuse_unknown
+from capture_app.cameras.specs import DEFAULT_SIZE, CameraRequest, read_request
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.kernel import VideoDevice
-from capture_app.errors import BadInputError, CameraError
+from capture_app.errors import CameraError
 
 USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")
 """The pixel formats that can be saved, the best first: a camera's own JPEG is the smallest on the bus."""
 
-DEFAULT_SIZE = (640, 480)
 DEFAULT_PERIOD = Fraction(1, 30)
 _OPTIONS = ("width", "height", "fps", "format")
 _LISTED_MODES = 8
 _RATE_TOLERANCE = 0.01
 """Drivers round a frame rate: 29.97 and 30 fps are the same mode to a user."""
-
-
-@dataclass(frozen=True, slots=True)
-class ModeRequest:
-    """What a user asked for; None where the camera's best will do. Pixels, seconds."""
-
-    width: int | None = None
-    height: int | None = None
-    period: Fraction | None = None
-    fourcc: str | None = None
-
-    @property
-    def near_size(self) -> tuple[int, int]:
-        """The size to look for, in pixels, with the usual shape where only one side is given."""
-        width, height = self.width, self.height
-        if width is not None:
-            return width, height if height is not None else round(width * 3 / 4)
-        return (round(height * 4 / 3), height) if height is not None else DEFAULT_SIZE
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +38,10 @@ class Mode:
         return f"{self.fourcc} {self.width}x{self.height}" + (f" at {rates} fps" if rates else "")
 
 
-def parse_options(options: Mapping[str, str]) -> ModeRequest:
+def parse_options(options: Mapping[str, str]) -> CameraRequest:
     """Read the options width, height (pixels), fps and format. Raises BadInputError, naming the wrong one."""
-    refuse_unknown(options, _OPTIONS, "a V4L2 camera")
-    fps, fourcc = options.get("fps"), options.get("format")
-    return ModeRequest(
-        width=_pixels("width", options.get("width")),
-        height=_pixels("height", options.get("height")),
-        period=None if fps is None else 1 / _rate(fps),
-        fourcc=None if fourcc is None else fourcc.upper(),
-    )
+    asked = read_request(options, _OPTIONS, "a V4L2 camera")
+    return asked if asked.format is None else replace(asked, format=asked.format.upper())
 
 
 def check_capture(path: str, capability: v4l2.Capability) -> None:
@@ -95,14 +70,14 @@ def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE
     return tuple(modes)
 
 
-def choose_mode(path: str, modes: Iterable[Mode], wanted: ModeRequest) -> tuple[Mode, Fraction]:
+def choose_mode(path: str, modes: Iterable[Mode], wanted: CameraRequest) -> tuple[Mode, Fraction]:
     """The best mode that is all that was asked for, and its frame period in seconds.
 
     Without wishes: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
     what the camera offers where it has no such mode.
     """
-    period = wanted.period or DEFAULT_PERIOD
-    width, height = wanted.near_size
+    period = wanted.period_s or DEFAULT_PERIOD
+    width, height = wanted.size
     offered = tuple(modes)
     if not offered:
         raise CameraError(
@@ -112,10 +87,10 @@ def choose_mode(path: str, modes: Iterable[Mode], wanted: ModeRequest) -> tuple[
     fitting = [
         mode
         for mode in offered
-        if wanted.fourcc in (None, mode.fourcc)
+        if wanted.format in (None, mode.fourcc)
         and wanted.width in (None, mode.width)
         and wanted.height in (None, mode.height)
-        and (wanted.period is None or same_period(mode.nearest_period(wanted.period), wanted.period))
+        and (wanted.period_s is None or same_period(mode.nearest_period(wanted.period_s), wanted.period_s))
     ]
     if not fitting:
         raise no_such_mode(path, wanted, offered)
@@ -130,22 +105,22 @@ def choose_mode(path: str, modes: Iterable[Mode], wanted: ModeRequest) -> tuple[
     return best, best.nearest_period(period)
 
 
-def configure(device: VideoDevice, wanted: ModeRequest) -> tuple[v4l2.PixelFormat, Fraction]:
+def configure(device: VideoDevice, wanted: CameraRequest) -> tuple[v4l2.PixelFormat, Fraction]:
     """Set a camera to the best mode that was asked for; returns it and its frame period in seconds.
 
     Raises CameraError where the camera does not offer it or takes another, OSError from the driver.
     """
-    modes = offered_modes(device, wanted.near_size)
+    modes = offered_modes(device, wanted.size)
     mode, period = choose_mode(device.path, modes, wanted)
     taken = device.set_format(mode.fourcc, mode.width, mode.height)
     if (taken.fourcc, taken.width, taken.height) != (mode.fourcc, mode.width, mode.height):
         raise no_such_mode(device.path, wanted, modes)
     actual = device.set_period(period)
     if actual is None:
-        if wanted.period is not None:
+        if wanted.period_s is not None:
             raise CameraError(f"{device.path} does not say at which rate it runs", hint="leave out fps")
         return taken, period
-    if wanted.period is not None and not same_period(actual, wanted.period):
+    if wanted.period_s is not None and not same_period(actual, wanted.period_s):
         raise no_such_mode(device.path, wanted, modes)
     return taken, actual
 
@@ -155,39 +130,21 @@ def same_period(one: Fraction, other: Fraction) -> bool:
     return abs(one - other) < _RATE_TOLERANCE * other
 
 
-def no_such_mode(path: str, wanted: ModeRequest, offered: tuple[Mode, ...]) -> CameraError:
+def no_such_mode(path: str, wanted: CameraRequest, offered: tuple[Mode, ...]) -> CameraError:
     """The error for a mode that the camera does not have, with those that it has."""
-    asked = [wanted.fourcc or ""]
+    asked = [wanted.format or ""]
     if wanted.width is not None and wanted.height is not None:
         asked.append(f"{wanted.width}x{wanted.height}")
     elif wanted.width is not None or wanted.height is not None:
         asked.append(f"of width {wanted.width}" if wanted.width else f"of height {wanted.height}")
-    if wanted.period is not None:
-        asked.append(f"at {_fps(wanted.period)} fps")
-    like = [mode for mode in offered if mode.fourcc == wanted.fourcc] or list(offered)
+    if wanted.period_s is not None:
+        asked.append(f"at {_fps(wanted.period_s)} fps")
+    like = [mode for mode in offered if mode.fourcc == wanted.format] or list(offered)
     listed = "; ".join(str(mode) for mode in like[:_LISTED_MODES])
     more = f"; and {len(like) - _LISTED_MODES} more" if len(like) > _LISTED_MODES else ""
     return CameraError(
         f"{path} has no mode {' '.join(filter(None, asked))}".rstrip(), hint=f"it offers {listed}{more}"
     )
-
-
-def _pixels(name: str, text: str | None) -> int | None:
-    if text is None:
-        return None
-    if not (text.isascii() and text.isdecimal() and 0 < int(text) < 1 << 16):
-        raise BadInputError(f"{name}={text} is not a number of pixels", hint=f"for example {name}=640")
-    return int(text)
-
-
-def _rate(text: str) -> Fraction:
-    try:
-        rate = Fraction(text)
-    except (ValueError, ZeroDivisionError):
-        rate = Fraction(0)
-    if not Fraction(1, 1000) <= rate <= 10_000:
-        raise BadInputError(f"fps={text} is not a frame rate", hint="for example fps=30 or fps=29.97")
-    return rate.limit_denominator(1001)
 
 
 def _rates(interval: v4l2.FrameInterval) -> str:

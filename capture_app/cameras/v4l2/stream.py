@@ -4,9 +4,7 @@ Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are kept as
 moment of a frame the driver claims that they mean, and how late they are. uvcvideo claims the start of the
 exposure, and stamps the arrival of a frame's first bytes.
 
-The exposure controls of a V4L2 camera.
-
-Exposure, gain, white balance and focus of a V4L2 camera, by the kernel's controls of any driver.
+Exposure, gain, white balance and focus are the kernel's controls of any driver.
 """
 
 import asyncio
@@ -32,11 +30,11 @@ from capture_app.camera_facts import (
     TimestampSource,
     steps_of,
 )
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.pictures import picture_from_buffer
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.kernel import VideoDevice
-from capture_app.cameras.v4l2.pictures import picture_from_buffer
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
@@ -72,16 +70,6 @@ def keep_rate_constant(device: VideoDevice) -> int | None:
     return before
 
 
-def restore_rate(device: VideoDevice, before: int | None) -> None:
-    """Set what `keep_rate_constant` returned."""
-    if before is not None:
-        with suppress(OSError):
-            device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, before)
-
-
-_EXPOSURE_UNIT_US = 100.0
-
-
 @dataclass(frozen=True, slots=True)
 class _Control:
     """A control of a value, and the switch that lets the camera choose it: what that is off, and on."""
@@ -105,7 +93,7 @@ _CONTROLS = {
         # Webcams keep the aperture, which they cannot move; others call the same plainly automatic.
         automatic=(v4l2.EXPOSURE_APERTURE_PRIORITY, v4l2.EXPOSURE_AUTO),
         unit=MICROSECONDS,
-        scale=_EXPOSURE_UNIT_US,
+        scale=_UNIT_NS / 1000,
     ),
     Control.GAIN: _Control(v4l2.CID_GAIN, v4l2.CID_AUTOGAIN),
     Control.WHITE_BALANCE: _Control(v4l2.CID_WHITE_BALANCE_K, v4l2.CID_AUTO_WHITE_BALANCE, unit=KELVIN),
@@ -193,8 +181,6 @@ class V4L2Camera(Camera):
         self._streaming = False
         self._stream = 0
         self._clock_checked = False
-        self._on_frame: OnFrame
-        self._on_failure: OnFailure
         self._exposure_ns, self._gain = read_exposure(device)
         count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
@@ -226,10 +212,11 @@ class V4L2Camera(Camera):
         """Start streaming. Raises CameraError where the device is gone, busy, or out of USB bandwidth."""
         if self._streaming or self._closing.is_set():
             raise CameraError(f"{self._device.path} was started already", hint="open it again")
-        self._on_frame, self._on_failure = on_frame, on_failure
+        self.listen(on_frame, on_failure)
         async with self._command_lock:
             try:
-                await self._in_worker(self._begin_stream)
+                await self._in_worker(self._prepare)
+                await self._in_worker(self._device.stream_on)
             except OSError as error:
                 raise driver_error(self._device.path, error) from error
             if not self._closing.is_set():
@@ -303,13 +290,11 @@ class V4L2Camera(Camera):
         for memory in self._memory:
             memory.close()
         self._memory = []
-        restore_rate(self._device, self._auto_priority)
+        if self._auto_priority is not None:
+            with suppress(OSError):
+                self._device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, self._auto_priority)
         self._device.close()
         self._worker.shutdown(wait=False)
-
-    def _begin_stream(self) -> None:
-        self._prepare()
-        self._device.stream_on()
 
     def _prepare(self) -> None:
         self._exposure_ns, self._gain = read_exposure(self._device)
@@ -320,10 +305,7 @@ class V4L2Camera(Camera):
         """In the worker: stop, wait until `start_ns` of the monotonic clock, start."""
         self._device.stream_off()
         self._prepare()
-        late_ns = time.monotonic_ns() - start_ns
-        if late_ns > 0:
-            start_ns += -(-late_ns // self._facts.period_ns) * self._facts.period_ns
-        if not self._closing.wait((start_ns - time.monotonic_ns()) / 1e9):
+        if wait_for_start(start_ns, self._facts.period_ns, self._closing, time.monotonic_ns):
             self._device.stream_on()
 
     def _listen(self) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from capture_app.camera_facts import MICROSECONDS, Control, ControlState
+from capture_app.cameras.aravis.device import AravisDevice
 from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup
 from capture_app.errors import CameraError
 
@@ -23,7 +24,7 @@ SETUP = DeviceSetup(
 PIXELS = bytes(range(8))
 
 
-class FakeDevice:
+class FakeDevice(AravisDevice):
     """Gives the frames that a test puts in, and keeps what it was asked for."""
 
     address = "fake"

@@ -171,7 +171,7 @@ def test_numbers_of_16_bits_go_on_without_0() -> None:
     ("options", "says"),
     [
         ("rate=3", "no option 'rate'.*width, height"),
-        ("fps=0", "fps=0 of a camera"),
+        ("fps=0", "fps=0 of a machine-vision camera"),
         ("width=x", "width=x"),
         ("exposure_us=nan", "from 0.1 to"),
     ],

@@ -11,11 +11,11 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any
 
-from capture_app.cameras.base import CapturedFrame, in_node_clock
+from capture_app.cameras.base import CapturedFrame
 from capture_app.cameras.libcamera.camera import LibcameraCamera
-from capture_app.cameras.libcamera.configuration import Wishes
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import StampClock
+from capture_app.cameras.specs import CameraRequest
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.simulation.links import Channel, Link
 from capture_app.sync.rig.client import Client
@@ -43,7 +43,7 @@ LOOP_CLOCK = StampClock(true_now_ns, true_now_ns)
 
 
 def open_double(library: Library, number: int, **wishes: Any) -> LibcameraCamera:
-    return LibcameraCamera(library, str(number), Wishes(**wishes), clock=LOOP_CLOCK, executor=Inline())
+    return LibcameraCamera(library, str(number), CameraRequest(**wishes), clock=LOOP_CLOCK, executor=Inline())
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Node:
         self.double: Camera = rig.library.cameras[number]
         self.channel = Channel(rig.link)
         self.supervisor = CameraSupervisor(
-            lambda: in_node_clock(open_double(rig.library, number), spec.clock), spec.clock, rig.said.append
+            lambda: open_double(rig.library, number).in_clock(spec.clock), spec.clock, rig.said.append
         )
         self.client: Client[CapturedFrame]
         self._timer: asyncio.TimerHandle | None = None

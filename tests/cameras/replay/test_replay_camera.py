@@ -161,7 +161,7 @@ async def test_a_picture_that_is_gone_ends_the_stream_in_words(session: Session)
     ("options", "says"),
     [
         (("fast=1",), "no option 'fast'.*camera, fps, phase"),
-        (("fps=0",), "not a frame rate"),
+        (("fps=0",), "fps=0 of a replay"),
         (("fps=30",), "has times of its own"),
         (("phase=injection",), "one of reset, frame-duration, none"),
         (("camera=middle",), "no camera middle.*left, right"),

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from capture_app.camera_facts import PhaseControl, StampSource, TimestampSource
 from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.specs import list_cameras, open_camera
-from capture_app.cameras.webcam import Webcam, WebcamCamera, WebcamRequest
+from capture_app.cameras.specs import CameraRequest, list_cameras, open_camera
+from capture_app.cameras.webcam import Webcam, WebcamCamera
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration
 from tests.waiting import PATIENCE_S, patience, until
 
 
-class FakeWebcam:
+class FakeWebcam(Webcam):
     """Gives grey pictures as fast as they are asked for, until it is unplugged."""
 
     index, fps = 3, 25.0
@@ -140,7 +140,7 @@ def test_opencvs_own_capture_gives_what_is_asked_for(tmp_path: Path, monkeypatch
     # A file stands in for the device: the class and its calls are OpenCV's.
     real: Callable[[str], cv2.VideoCapture] = cv2.VideoCapture
     monkeypatch.setattr(cv2, "VideoCapture", lambda index: real(str(path) if index == 2 else "/dev/none"))
-    webcam = Webcam(2, WebcamRequest(fps=15.0))
+    webcam = Webcam(2, CameraRequest(fps=15.0))
     assert webcam.fps == 20.0, "what it tells, not what was asked for"
     before_ns = time.monotonic_ns()
     found = webcam.next_frame()
@@ -150,7 +150,7 @@ def test_opencvs_own_capture_gives_what_is_asked_for(tmp_path: Path, monkeypatch
     assert webcam.next_frame() is None
     webcam.close()
     with pytest.raises(CameraError, match="webcam 5 does not open"):
-        Webcam(5, WebcamRequest())
+        Webcam(5, CameraRequest())
 
 
 @pytest.mark.parametrize(

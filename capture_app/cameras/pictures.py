@@ -1,5 +1,6 @@
-"""The pictures of a V4L2 camera, copied out of the driver's buffers: its own JPEG, or raw pixels."""
+"""Pictures as cameras give them, copied out of the driver's buffers: JPEG, or pixels."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -53,8 +54,43 @@ class JpegPicture:
         return np.asarray(picture, np.uint8)
 
 
+class PixelPicture(ABC):
+    """A picture that is no JPEG yet."""
+
+    @property
+    @abstractmethod
+    def held_bytes(self) -> int:
+        """How much memory it takes."""
+
+    @abstractmethod
+    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
+        """Return it, BGR (H, W, 3) or grey (H, W): whole, or of every so-manieth pixel, about that wide."""
+
+    def encode(self) -> bytes:
+        """Return a JPEG of quality 95."""
+        import cv2
+
+        _done, jpeg = cv2.imencode(".jpg", self.pixels(None), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        return bytes(jpeg)
+
+    def reduced(self, width: int) -> "NDArray[np.uint8]":
+        """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
+        import cv2
+        import numpy as np
+
+        picture = self.pixels(width)
+        if picture.ndim == 2:
+            return np.asarray(cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_GRAY2BGR), np.uint8)
+        return picture
+
+
+def step_to(full: int, width: int | None) -> int:
+    """Of every how many pixels a picture `full` wide is to be, to be at least `width` wide; None: of all."""
+    return 1 if width is None else max(1, full // max(width, 1))
+
+
 @dataclass(frozen=True, slots=True)
-class RawPicture:
+class RawPicture(PixelPicture):
     """An uncompressed picture as it lay in the driver's buffer."""
 
     data: bytes
@@ -65,28 +101,12 @@ class RawPicture:
         """How much memory it takes."""
         return len(self.data)
 
-    def encode(self) -> bytes:
-        """Return a JPEG of quality 95."""
-        import cv2
-
-        _done, jpeg = cv2.imencode(".jpg", self._picture(1), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        return bytes(jpeg)
-
-    def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
+    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
+        """See `PixelPicture.pixels`."""
         import cv2
         import numpy as np
 
-        picture = self._picture(max(1, self.layout.width // max(width, 1)))
-        if picture.ndim == 2:
-            picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
-        return np.asarray(picture, np.uint8)
-
-    def _picture(self, step: int) -> "NDArray[np.uint8]":
-        """The picture of every `step`-th row and column, BGR or grey."""
-        import cv2
-        import numpy as np
-
+        step = step_to(self.layout.width, width)
         width, height, stride = self.layout.width, self.layout.height, self.layout.bytes_per_line
         rows = _rows(self.layout)
         plane = np.frombuffer(self.data, np.uint8, rows * stride).reshape(rows, stride)

@@ -1,15 +1,4 @@
-"""One moment from camera to camera.
-
-The burst as a grid of small pictures: cameras by instants, the paper's space-time volume.
-
-A small animation to share: two sequences side by side, there and back, as a GIF that plays anywhere.
-
-Views of one scene, rotated and zoomed so that a point of it stays in place from camera to camera.
-
-The order of a rig's cameras from left to right, along a row, an arc or a ring.
-
-The bullet-time sweep: one instant from camera to camera, and the same with cameras at other times.
-"""
+"""One moment from camera to camera: order, stabilized views and animation; and the burst as a grid."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,13 +1,4 @@
-"""What two cameras share: points, homography, fitness.
-
-Points that do not move, found again between cameras: what calibration and registration rest on.
-
-The homography between two cameras' pictures, fitted to points that do not move.
-
-Whether two cameras can be rectified: their baseline, and how large pictures get on their common plane.
-
-Which two cameras make the best depth, and which two the best panorama.
-"""
+"""What two cameras share: points at rest, their homography, and whether the two suit depth or a panorama."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

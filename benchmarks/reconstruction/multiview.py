@@ -55,7 +55,7 @@ def ours(
     calibrated = {name: image.calibrated for name, image in images.items()}
     scene = find_coarse_scene(calibrated)
     sources = choose_source_views(views, scene.points)
-    found = match_all_views(calibrated, sources, scene.reach, engine=engine)
+    found = match_all_views(calibrated, sources, scene.depth_ranges, engine=engine)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
     write_workspace(scratch / "workspace", views, colours, found)

@@ -42,7 +42,7 @@ def normal_error_deg(found: Array, depth: Array, view: View) -> float:
     """Median angle between normals (height x width x 3, 0 = none) and those of the true depth, degrees."""
     photo = CalibratedImage(view, depth, 5, 1.0)
     inverse = np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0).astype(np.float32)
-    level, right, down = fit_planes(inverse, 0.03 * float(np.median(inverse)), reach=1)
+    level, right, down = fit_planes(inverse, 0.03 * float(np.median(inverse)), radius=1)
     true = surface_normals(level, right, down, photo.rays)
     there = np.abs(found).sum(-1) > 0
     cosine = np.clip((true * found).sum(-1)[there & (depth > 0)], -1, 1)

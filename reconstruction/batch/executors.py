@@ -1,11 +1,8 @@
-"""Run the units of a batch in processes of this machine.
+"""Run the units of a batch: in processes of this machine, or as jobs of a SLURM cluster through submitit.
 
-Processes, not threads, so that a crash of native code costs one unit only.
-
-Run the units of a batch as jobs of a SLURM cluster, through submitit.
-
-The cluster must see this machine's folders and Python under the same paths. Jobs outlive the command that
-submitted them: the number of each unit's job is kept in a file, and a repeated command waits for that job.
+Processes, not threads, so that a crash of native code costs one unit only. A cluster must see this
+machine's folders and Python under the same paths; its jobs outlive the command that submitted them, so each
+unit's job number is kept in a file, and a repeated command waits for that job.
 """
 
 import os

@@ -1,8 +1,6 @@
-"""The summary of a batch: CSV for spreadsheets, JSON for programs, HTML for people.
+"""The summary of a batch: CSV for spreadsheets, JSON for programs, HTML with small pictures for people.
 
 Holds no times of day and no durations: the same units give the same bytes.
-
-The depth pictures of a batch as a page shows them: small, each leading to the whole one.
 """
 
 import csv

@@ -1,17 +1,9 @@
-"""Each camera's lens from pictures of a board (Zhang 2000), which may be recordings of their own.
+"""Calibration by a board: each camera's lens (Zhang 2000), the rig pair by pair, then all corners together.
 
-Bundle adjustment of a rig that saw a board: lenses, cameras and boards together, by all corners at once.
-
-Pair by pair, errors add up along the rig, and each lens knows only its own pictures. By Levenberg and
-Marquardt's method on Huber's loss (Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000), with
-OpenCV's derivatives.
-
-OpenCV 5's `calibrateMultiview` was 3 to 100 times further off on the same simulated boards once corners were
-misread, which is why this is our own.
-
-Calibration by a board: detected in pictures, then each camera's intrinsics, then the rig.
-
-A board with markers may be printed light or dark, and seen from its front or its back.
+Pair by pair, errors add up along the rig, and each lens knows only its own pictures. The bundle is adjusted
+by Levenberg and Marquardt's method on Huber's loss (Triggs et al., Bundle Adjustment - A Modern Synthesis,
+2000), with OpenCV's derivatives: OpenCV 5's own `calibrateMultiview` was 3 to 100 times further off on the
+same simulated boards once corners were misread.
 """
 
 from collections.abc import Mapping, Sequence

@@ -93,7 +93,7 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     unit: str
     quality: CalibrationQuality
     check: RigCheck | None = None
-    """Of a calibration that was not found here: whether a camera has moved since."""
+    """Whether a camera has moved since; only of a calibration that was not found here."""
     board: BoardCoverage | None = None
     """For a board: what it has covered, and what would make the calibration better."""
     stored: bool

@@ -1,7 +1,4 @@
-"""A session's cameras: their calibration, and the pairs that suit depth and panoramas.
-
-Whether a calibration can be of real cameras: what no lens and no rig can have is refused by name.
-"""
+"""A session's cameras: their calibration, refused where no rig can have it, and their best pairs."""
 
 from collections.abc import Container, Iterable
 from functools import lru_cache
@@ -27,11 +24,11 @@ from reconstruction.session.motion import SceneMotion
 FOCAL_LIMITS = (0.05, 200.0)
 """Focal length in widths of the picture: a fisheye's is a third, a telescope's some hundred."""
 MAX_ASPECT = 4.0
-"""Of the two focal lengths: pixels of a squeezed picture are two to one."""
+"""Greatest ratio of the two focal lengths: pixels of a squeezed picture are two to one."""
 MAX_CENTRE = 3.0
 """How far off the picture's middle the lens may look, in pictures."""
 MAX_UNEVEN = 1e-3
-"""Of the rotation times its transpose to the identity."""
+"""Greatest difference of the rotation times its transpose from the identity."""
 MAX_REACH = 1e12
 """Distance of a camera from the origin, in units of the calibration."""
 MAX_FOLD = 0.1

@@ -32,7 +32,7 @@ from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
 
 TRIED_IMAGES = 4
-"""Of each camera, where the board is looked for with its columns and rows exchanged."""
+"""Images of each camera in which the board is looked for with columns and rows exchanged."""
 
 
 class CalibrationSource(StrEnum):
@@ -42,7 +42,7 @@ class CalibrationSource(StrEnum):
     SFM = "sfm"
     BOARD = "board"
     CHARUCO = "charuco"
-    """The same."""
+    """Another name of `BOARD`."""
     KEPT = "kept"
 
 

@@ -1,7 +1,4 @@
-"""A rig's calibration by COLMAP's structure from motion over what stands still in a burst.
-
-How long a camera's focal length likely is: what structure from motion starts from.
-"""
+"""A rig's calibration by COLMAP's structure from motion over what stands still in a burst."""
 
 import math
 import os
@@ -24,7 +21,7 @@ from reconstruction.common.native_libraries import ForeignError, load_pycolmap
 from reconstruction.session.dataset import Dataset
 
 FILM_DIAGONAL_MM = 43.27
-"""Of 36 x 24 mm, which equivalent focal lengths are for (CIPA DC-008)."""
+"""Diagonal of 36 x 24 mm, which equivalent focal lengths are for (CIPA DC-008)."""
 MAX_FOCAL_RATIO = 1.25
 """Equivalent focal lengths are whole millimetres, and lenses' data sheets rounded."""
 WIDEST_DEG = 100.0
@@ -88,7 +85,7 @@ MAX_INSTANTS = 3
 FEATURE_BYTES_PER_PIXEL = 220
 """What SIFT takes: the picture at twice its size, a dozen times in float, and its smaller octaves."""
 FEATURE_SHARE = 0.6
-"""Of the memory budget, for all pictures whose features are found at once."""
+"""Share of the memory budget for all pictures whose features are found at once."""
 
 
 def calibrate_from_images(

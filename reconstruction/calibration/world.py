@@ -1,9 +1,7 @@
-"""The scale of a calibration: from two points a known distance apart, or from a board in the scene.
+"""The scale, the ground and the upward direction of a calibration: from a board, or from two marked points.
 
-The ground and the upward direction of a calibration: from a board on the floor, or from two marked points.
-
-The world gets z upwards and its origin on the ground. By a board, x is to its right and y to its top; by two
-points one above the other, y is ahead of the first camera.
+The world gets z upwards and its origin on the ground. By a board, x is to its right and y to its top; by
+two points one above the other, y is ahead of the first camera.
 """
 
 from collections.abc import Mapping
@@ -148,7 +146,7 @@ MAX_MOMENTS = 20
 MAX_TURN_DEG = 3.0
 """Between two moments, of a board that lies still."""
 MAX_MISFIT_SHARE = 0.05
-"""Of the board's size, root mean square: more, and it is no flat board that these cameras see."""
+"""Root mean square misfit as a share of the board's size: more, and it is no flat board."""
 WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
 """A board's x and y are right and down as one looks at it, its z into the floor."""
 

@@ -20,7 +20,7 @@ JPEG_QUALITY = 92
 MIN_SIDE_PX, MAX_ASPECT = 16, 40
 """Narrower pictures hold nothing that could be found again in another."""
 DECODED_SHARE = 0.25
-"""Of the memory budget that one decoded picture may take."""
+"""Share of the memory budget that one decoded picture may take."""
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 
 

@@ -80,9 +80,9 @@ def _process_memory() -> int:
 
 
 DEFAULT_SHARE = 0.5
-"""Of the memory that is free when a command begins."""
+"""Share of the memory that is free when a command begins."""
 MOST_BY_DEFAULT = 3 << 30
-"""So that on all but small machines a result does not depend on how much memory happened to be free."""
+"""Bytes at most where nobody asked: a result hardly depends on how much memory happened to be free."""
 LEAST_BYTES = 128 << 20
 SCALE_STEP = 2**-0.25
 LEAST_SCALE = 1 / 16
@@ -153,7 +153,7 @@ def limited_memory(limit_bytes: int | None = None) -> Iterator[MemoryBudget]:
 
 
 _running: list[MemoryBudget] = []
-"""Of this process, the innermost last: memory is the process's, whichever thread asks."""
+"""Budgets of this process, the innermost last: memory is the process's, whichever thread asks."""
 
 
 def default_budget() -> int:

@@ -1,7 +1,4 @@
-"""The one door to native libraries that are heavy, optional, or must be imported in a fixed order.
-
-The one wall around OpenCV, COLMAP and Open3D: their exceptions become ours, their chatter goes.
-"""
+"""The one door to OpenCV, COLMAP and Open3D: imported in the right order, errors made ours, chatter gone."""
 
 import importlib
 import os

@@ -1,11 +1,4 @@
-"""Folders, stages and point files of results.
-
-The folder of a comparison: metrics, report, pictures, and the stages that the next one uses again.
-
-Coloured points as a binary PLY file, which every viewer of point clouds opens.
-
-Stages of a computation: paths in, path out, skipped where the output is there already.
-"""
+"""What a command leaves in its folder: metrics, clouds of points, and stages that the next run uses again."""
 
 import hashlib
 from collections.abc import Callable

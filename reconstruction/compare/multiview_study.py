@@ -249,7 +249,7 @@ class MultiviewStudy(Study):
         sources = choose_source_views(views, self.group.scene.points)
         if not sources[self.group.reference]:
             raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
-        reach = {camera: self.group.scene.reach[camera] for camera in shown}
+        reach = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
         made = self.rig.stages.arrays(
             "multiview",
             lambda: vars(self.match(shots, sources, reach)),

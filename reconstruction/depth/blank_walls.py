@@ -1,14 +1,7 @@
-"""Planes where nothing but they tell.
+"""Blank walls: planes where pictures hold hardly more than noise, and nothing but a plane tells their depth.
 
-What a picture shows where its windows hold hardly more than noise, in a small picture of its own.
-
-Planes that many points of a scene lie on, found one after the other.
-
-Which plane each blank patch of a picture lies on, or whether it stays as it was found.
-
-A view's surface with the planes that were chosen for what is blank.
-
-Blank walls: the surfaces that all views found, with planes where nothing but these tells their depth.
+Planes that many points of all views lie on are found one after the other; each blank patch of a picture,
+matched by wide windows in a small picture of its own, takes one of them or stays as it was found.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,7 +21,7 @@ from reconstruction.depth.plane_sweep import Planes, Refinement, Surface, SweepO
 
 MAX_WIDTH_PX = 160
 MAX_SCALE = 0.25
-"""Of the small pictures: a pixel is the mean of 16 or more, and the less noisy."""
+"""Greatest scale of the small pictures: a pixel is the mean of 16 or more, and the less noisy."""
 WINDOW = 7
 """Side of the window that is matched in them, px."""
 NOISY = 1.25
@@ -86,11 +79,11 @@ MIN_SHARE = 0.004
 """Share of a picture that must lie on a plane."""
 MAX_PLANES = 32
 EVERY = 2
-"""Of so many points of a picture one is taken."""
+"""One of so many points of a picture is taken."""
 TRIALS, JUDGES = 80, 3000
 """Points whose own planes are tried for the next plane, and points by which these are judged."""
 ROUNDS = 4
-NORMAL_REACH_PX = 3
+NORMAL_RADIUS_PX = 3
 
 
 class SurfacePoints(NamedTuple):
@@ -122,7 +115,7 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     """Points of a view's surface and their normals where it is evident (bool height x width)."""
     usual = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
-    level, right, down = fit_planes(known, 3 * TOLERANCE * usual, reach=NORMAL_REACH_PX, rounds=3)
+    level, right, down = fit_planes(known, 3 * TOLERANCE * usual, radius=NORMAL_RADIUS_PX, rounds=3)
     facing = surface_normals(level, right, down, image.rays)
     rows, columns = np.nonzero(evident)
     rows, columns = rows[::EVERY], columns[::EVERY]
@@ -204,7 +197,7 @@ class PlaneChoice:
     """Each small pixel's plane: its number, `AS_FOUND` for none; and whether it is evident (bool)."""
 
     gradients: Array
-    """Of the planes (n, 3), by their number; that of `AS_FOUND` means nothing."""
+    """Each plane's `inverse_depth_gradient` (n, 3), by its number; that of `AS_FOUND` means nothing."""
     number: Array
     evident: Array
 
@@ -214,15 +207,15 @@ def choose_planes(
     sources: Sequence[BlankPart],
     found: Array,
     planes: Sequence[ScenePlane],
-    reach: tuple[float, float],
+    depth_range: tuple[float, float],
 ) -> PlaneChoice:
     """The plane that fits best by wide windows, the same for neighbours where nothing speaks against it.
 
     `found`: the inverse depth that the view had found, of the small picture's size. `planes`: those with
-    most points first. `reach`: the nearest and the farthest depth.
+    most points first. `depth_range`: the nearest and the farthest depth.
     """
     image = part.image
-    low, high = 1 / reach[1], 1 / reach[0]
+    low, high = 1 / depth_range[1], 1 / depth_range[0]
     gradients, levels = [np.zeros(3, np.float32)], [found]
     for plane in planes:
         gradient = plane.inverse_depth_gradient(image.view)
@@ -335,7 +328,7 @@ WIDE_SWEEP = SweepOptions(step_px=0.8, window=WINDOW, fine_window=WINDOW, refine
 def settle_blank_walls(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
-    reach: Mapping[str, tuple[float, float]],
+    depth_ranges: Mapping[str, tuple[float, float]],
     surfaces: Mapping[str, Surface],
     pool: Executor,
 ) -> dict[str, Surface]:
@@ -355,7 +348,9 @@ def settle_blank_walls(
         part, surface = parts[name], surfaces[name]
         level, cost = (_shrunk(one, part.image) for one in (surface.inverse_depth, surface.cost))
         near = sample_surface(part.image, level, cost < EVIDENT)
-        wide = sweep_view(part.image, [other.image for other in sources_of(name)], *reach[name], WIDE_SWEEP)
+        wide = sweep_view(
+            part.image, [other.image for other in sources_of(name)], *depth_ranges[name], WIDE_SWEEP
+        )
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     samples = [one for found in pool.map(sample, names) for one in found]
@@ -365,7 +360,7 @@ def settle_blank_walls(
     def settle(name: str) -> Surface:
         part = parts[name]
         found = _shrunk(surfaces[name].inverse_depth, part.image)
-        choice = choose_planes(part, sources_of(name), found, planes, reach[name])
+        choice = choose_planes(part, sources_of(name), found, planes, depth_ranges[name])
         return lay_planes(surfaces[name], images[name], part.mask, choice)
 
     return dict(zip(names, pool.map(settle, names), strict=True))

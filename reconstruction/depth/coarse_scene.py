@@ -35,7 +35,7 @@ class CoarseScene:
     """
 
     points: Mapping[str, Array]
-    reach: Mapping[str, tuple[float, float]]
+    depth_ranges: Mapping[str, tuple[float, float]]
 
 
 def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
@@ -65,8 +65,8 @@ def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
     points = {name: found for name, found in points.items() if len(found) >= MIN_PIXELS}
     if not points:
         raise _nothing_in_common(views, neighbours)
-    reach = {name: _depth_range(views[name], found) for name, found in points.items()}
-    return CoarseScene(points, reach)
+    depth_ranges = {name: _depth_range(views[name], found) for name, found in points.items()}
+    return CoarseScene(points, depth_ranges)
 
 
 def choose_neighbours(overlaps: Mapping[str, ViewOverlap]) -> tuple[str, ...]:

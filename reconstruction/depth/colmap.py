@@ -1,15 +1,9 @@
-"""A COLMAP workspace with pictures, poses, depth and normals, and the cloud fused from it.
+"""COLMAP's part in depth: its dense workspace, fusion to a cloud, and PatchMatch on a CUDA GPU.
 
-A COLMAP workspace with pictures, poses, depth and normals, and the cloud fused from it.
-
-Its files of depth and normals (`width&height&channels&`, then float32 row by row, channel by channel) are
-written here because pycolmap 4.2's `NormalMap.from_array` takes the channels for the innermost axis, and
-COLMAP's own code then reads wrong normals; fusion silently drops most points.
-
-COLMAP's PatchMatch on a CUDA GPU, in an environment and a process of its own.
-
-`pycolmap-cuda12` has pycolmap's import name and aborts the process that calls it without a GPU: it is never
-imported here. The GPU is probed by the driver's own tool, and the work is done by another Python.
+Maps (`width&height&channels&`, then float32 row by row, channel by channel) are written here because
+pycolmap 4.2's `NormalMap.from_array` takes the channels for the innermost axis, and fusion then silently
+drops most points. `pycolmap-cuda12` has pycolmap's import name and aborts a process without a GPU: it is
+never imported here, but run by another Python.
 """
 
 import os
@@ -38,12 +32,12 @@ def write_workspace(
     pictures: Mapping[str, Array],
     depth_views: Mapping[str, ViewDepth] | None = None,
     *,
-    reach: tuple[float, float] = (0.1, 100.0),
+    depth_range: tuple[float, float] = (0.1, 100.0),
 ) -> None:
     """Make a dense workspace in COLMAP's layout from undistorted pictures (uint8) of pinhole views.
 
     With `depth_views` it also holds depth and normal maps, named as after COLMAP's geometric pass, and
-    points of them that views share; without, points between the two depths of `reach`, by which COLMAP
+    points of them that views share; without, points between the two depths of `depth_range`, by which COLMAP
     chooses what to match, and `patch-match.cfg` asks for all cameras.
     """
     pycolmap = load_pycolmap("fusing depth maps")
@@ -54,7 +48,7 @@ def write_workspace(
         (folder / part).mkdir(exist_ok=True)
     for name in views:
         write_image(folder / "images" / f"{name}.png", pictures[name], FAST_PNG)
-    points = _spread_points(views, reach) if depth_views is None else _shared_points(views, depth_views)
+    points = _spread_points(views, depth_range) if depth_views is None else _shared_points(views, depth_views)
     _sparse_model(pycolmap, views, points).write(folder / "sparse")
     (stereo / "fusion.cfg").write_text("".join(f"{name}.png\n" for name in views))
     (stereo / "patch-match.cfg").write_text("".join(f"{name}.png\n__auto__, 20\n" for name in views))
@@ -78,13 +72,13 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
     return np.concatenate(points)
 
 
-def _spread_points(views: Mapping[str, View], reach: tuple[float, float]) -> Array:
+def _spread_points(views: Mapping[str, View], depth_range: tuple[float, float]) -> Array:
     """Points spread over all views between two depths, in the rig's frame (n, 3)."""
     rng = np.random.default_rng(0)
     points = []
     for view in views.values():
         pixels = rng.random((POINTS_PER_VIEW, 2)) * (view.width, view.height)
-        z = 1 / rng.uniform(1 / reach[1], 1 / reach[0], POINTS_PER_VIEW)
+        z = 1 / rng.uniform(1 / depth_range[1], 1 / depth_range[0], POINTS_PER_VIEW)
         points.append(view.unproject(pixels, z))
     return np.concatenate(points)
 

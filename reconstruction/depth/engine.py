@@ -1,7 +1,4 @@
-"""Where the sweep's costs and their semi-global scan are made: on the CPU, or on a GPU.
-
-Semi-global matching over a cost volume, row by row in numpy (Hirschmueller 2008).
-"""
+"""Semi-global matching over a cost volume (Hirschmueller 2008), row by row on the CPU."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -14,7 +11,7 @@ from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.cost_volume import cost_volume
 
 BAND_CELLS = 12_000
-"""Of a column, depths times rows, that are turned at once: they stay in the processor's cache."""
+"""Depths times rows of a column that are turned at once: they stay in the processor's cache."""
 JUMP_GREY = 8
 """Grey levels from one pixel to the next that halve the price of a jump."""
 MIN_JUMP = 1.5

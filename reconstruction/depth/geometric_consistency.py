@@ -27,7 +27,7 @@ class ConsistencyLimits:
     relative_depth: float = 0.02
     """Greatest relative difference of depth."""
     sure_depth: float = 0.01
-    """So small a relative difference of depth is agreement, however many pixels it is at a wide angle."""
+    """Relative difference of depth that is agreement, however many pixels it is at a wide angle."""
     max_angle_deg: float = 45.0
     """Views from directions further apart neither agree nor disagree."""
     grey_levels: float = 10.0
@@ -103,28 +103,28 @@ def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...], limits
 
     What is seen beside its edge does not count: of the background nothing may be kept.
     """
-    reach = limits.support_px // 2
+    radius = limits.support_px // 2
     rows, columns = pixels
     level, slope_x, slope_y = (
         part[pixels] for part in (surface.inverse_depth, surface.slope_x, surface.slope_y)
     )
     # What lies beyond the picture is on no surface.
     around = cv2.copyMakeBorder(
-        surface.inverse_depth, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=(-1e6,)
+        surface.inverse_depth, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=(-1e6,)
     )
-    beyond = np.pad(kept, reach)
+    beyond = np.pad(kept, radius)
     places, there = (np.zeros(len(rows), np.float32) for _ in range(2))
-    for dy in range(-reach, reach + 1, 2):
-        for dx in range(-reach, reach + 1, 2):
-            at = rows + (reach + dy), columns + (reach + dx)
+    for dy in range(-radius, radius + 1, 2):
+        for dx in range(-radius, radius + 1, 2):
+            at = rows + (radius + dy), columns + (radius + dx)
             near = np.abs(around[at] - level - slope_x * dx - slope_y * dy) < limits.relative_depth * level
             places += near
             there += near & beyond[at]
     return np.asarray(there / np.maximum(places, SUPPORT_PLACES))
 
 
-def _between(evidence: Array, reach: int) -> Array:
-    """Pixels (bool) with evidence on both sides along their row or their column, at most `reach` px away.
+def _between(evidence: Array, radius: int) -> Array:
+    """Pixels (bool) with evidence on both sides along their row or their column, at most `radius` px away.
 
     From one side alone smoothness would carry a thing beyond its edge, into the dark beside it.
     """
@@ -132,7 +132,7 @@ def _between(evidence: Array, reach: int) -> Array:
     for axis in (0, 1):
         ahead = _distance_since(evidence, axis)
         back = np.flip(_distance_since(np.flip(evidence, axis), axis), axis)
-        found |= np.maximum(ahead, back) <= reach
+        found |= np.maximum(ahead, back) <= radius
     return found
 
 

@@ -16,7 +16,7 @@ NEIGHBOURS = 16
 MAX_POISSON_DEPTH = 9
 """Halvings of the cloud's box: 2^9 cells along its longest side."""
 SHOWN_POISSON_DEPTH = 8
-"""Of a mesh that is only drawn, small."""
+"""Halvings for a mesh that is only drawn, small."""
 MAX_DISTANCE_SPACINGS = 4.0
 """The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
 MAX_MESH_POINTS = 400_000

@@ -13,17 +13,17 @@ def fit_planes(
     tolerance: float,
     *,
     slopes: tuple[Array, Array] | None = None,
-    reach: int = 2,
+    radius: int = 2,
     stride: int = 1,
     rounds: int = 2,
 ) -> tuple[Array, Array, Array]:
     """Inverse depth and its slope per pixel in x and y (float32 height x width) of each pixel's own plane.
 
-    Fitted by least squares to the neighbours within `reach * stride` px that lie within `tolerance` of the
+    Fitted by least squares to the neighbours within `radius * stride` px that lie within `tolerance` of the
     plane found before, so that no plane bridges an edge of depth; the first plane goes through the
     pixel's own depth and has these `slopes`, or none.
     """
-    border = reach * stride
+    border = radius * stride
     # What lies beyond the picture is on no plane.
     padded = cv2.copyMakeBorder(
         inverse_depth, border, border, border, border, cv2.BORDER_CONSTANT, value=(-1e6,)
@@ -32,7 +32,7 @@ def fit_planes(
     flat = np.zeros_like(inverse_depth)
     slopes = (slopes[0] / unit, slopes[1] / unit) if slopes else (flat, flat)
     found = tuple(np.empty_like(inverse_depth) for _ in range(3))
-    steps = np.arange(-reach, reach + 1, dtype=int) * stride
+    steps = np.arange(-radius, radius + 1, dtype=int) * stride
     # A band of rows at a time stays in the processor's cache.
     for top in range(0, len(inverse_depth), BAND):
         band = slice(top, top + BAND)

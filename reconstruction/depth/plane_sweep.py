@@ -1,7 +1,4 @@
-"""One view's depth: plane sweep, semi-global smoothing, then sweeps along the surface found.
-
-Edges of a surface moved to where the pictures match: planes continued over their neighbours.
-"""
+"""One view's depth: plane sweep, semi-global smoothing, then sweeps along the surface found."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +68,7 @@ class Refinement(NamedTuple):
     """A sweep along the surface: its step, in steps of the first sweep, and how many of them on each side."""
 
     step_share: float
-    reach: int
+    steps: int
     edges_share: float = 0.0
     """By which share of the picture's width edges may move before."""
 
@@ -85,14 +82,15 @@ class SweepOptions:
     window: int = 5
     """Side of the window that is matched, px."""
     fine_window: int = 7
-    """The same in sweeps along the surface."""
+    """Side of the window in sweeps along the surface, px."""
     small_step: int = 20
     """Penalty of a step by one depth between neighbours, where 255 is the cost of no likeness."""
     large_step: int = 800
     """Penalty of any larger step."""
     fine_small_step: int = 10
+    """Penalty of a step by one depth in sweeps along the surface."""
     fine_large_step: int = 300
-    """The same in sweeps along the surface."""
+    """Penalty of any larger step there."""
     refinements: tuple[Refinement, ...] = (Refinement(0.5, 4, 0.0125), Refinement(0.25, 4, 0.005))
     max_proposed_cost: float = 0.8
     """A depth that others confirmed must match as well as this, or better than what was found before; one
@@ -150,7 +148,7 @@ def adopt_proposals(
     proposals: Proposals,
     reference: CalibratedImage,
     sources: Sequence[CalibratedImage],
-    reach: tuple[float, float],
+    depth_range: tuple[float, float],
     options: SweepOptions,
     engine: SweepEngine = CPU,
 ) -> Surface:
@@ -158,15 +156,15 @@ def adopt_proposals(
 
     Sure ones must match at all, others better than what was found before.
 
-    `reach`: the nearest and the farthest depth, as in the first sweep.
+    `depth_range`: the nearest and the farthest depth, as in the first sweep.
     """
-    span = (1 / reach[1], 1 / reach[0])
+    span = (1 / depth_range[1], 1 / depth_range[0])
     scale, count = _plan_first_sweep(reference, sources, span, options)
     step = scale * (span[1] - span[0]) / (count - 1)
     new = proposals.inverse_depth > 0
     level = np.where(new, proposals.inverse_depth, surface.inverse_depth).astype(np.float32)
     slopes = surface.slope_x, surface.slope_y
-    planes = fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, reach=2, rounds=3)
+    planes = fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, radius=2, rounds=3)
     fine = replace(reference, window=options.fine_window)
     source_views = [SourceView(fine, source) for source in sources]
     plan = (Refinement(0.25, 3),)
@@ -197,7 +195,7 @@ def sweep_planes(
     volume = engine.cost_volume(source_views, None, levels)
     place, cost = engine.find_cheapest(volume, reference.grey, options.small_step, options.large_step)
     found = (levels[0] + place * step).astype(np.float32)
-    planes = fit_planes(found, 2 * TOLERANCE * step, reach=2, stride=2, rounds=3)
+    planes = fit_planes(found, 2 * TOLERANCE * step, radius=2, stride=2, rounds=3)
     return Surface(*planes, cost / WORST_COST)
 
 
@@ -211,18 +209,18 @@ def _refine_surface(
     engine: SweepEngine,
 ) -> Surface:
     """The surface after sweeps along itself: windows bend with it, so that slanted surfaces match."""
-    for share, reach, edges_share in plan:
+    for share, steps, edges_share in plan:
         planes = surface.inverse_depth, surface.slope_x, surface.slope_y
         if edges_share:
             edges_px = max(1, round(edges_share * reference.view.width))
             planes = move_edges(planes, source_views, edges_px, engine)
         level, slope_x, slope_y = planes
-        offsets = np.arange(-reach, reach + 1) * (step * share)
+        offsets = np.arange(-steps, steps + 1) * (step * share)
         volume = engine.cost_volume(source_views, level, offsets)
-        steps = options.fine_small_step, options.fine_large_step
-        place, cost = engine.find_cheapest(volume, reference.grey, *steps)
-        found = level + (place - reach) * np.float32(step * share)
-        planes = fit_planes(found, TOLERANCE * step, slopes=(slope_x, slope_y), reach=2, stride=2)
+        penalties = options.fine_small_step, options.fine_large_step
+        place, cost = engine.find_cheapest(volume, reference.grey, *penalties)
+        found = level + (place - steps) * np.float32(step * share)
+        planes = fit_planes(found, TOLERANCE * step, slopes=(slope_x, slope_y), radius=2, stride=2)
         surface = Surface(*planes, cost / WORST_COST)
     return surface
 

@@ -1,7 +1,4 @@
-"""Depth of all cameras of an instant: each by itself, then only what other cameras confirm.
-
-What neighbours have confirmed, proposed to a view where it found nothing that they confirm.
-"""
+"""Depth of all cameras of an instant: each by itself, then what others confirm, or propose in its place."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -56,7 +53,7 @@ NORMAL_TOLERANCE = 0.03
 """Neighbours on one plane differ from it by less than this share of the median inverse depth."""
 
 CELLS_SHARE = 0.4
-"""Of the memory budget, for the matching costs of all sweeps that run at once."""
+"""Share of the memory budget for the matching costs of all sweeps that run at once."""
 BYTES_PER_CELL = 5
 
 
@@ -73,14 +70,14 @@ class ViewDepth:
 def match_all_views(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
-    reach: Mapping[str, tuple[float, float]],
+    depth_ranges: Mapping[str, tuple[float, float]],
     *,
     engine: SweepEngine = CPU,
     done: Callable[[str], None] = lambda name: None,
 ) -> dict[str, ViewDepth]:
-    """Depth and normals of every camera that has sources, between its nearest and farthest depth in `reach`.
+    """Depth and normals of every camera that has sources.
 
-    `done` is called after each.
+    `depth_ranges`: between which two depths each camera's scene is. `done` is called after each.
     """
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
@@ -89,7 +86,7 @@ def match_all_views(
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
-        found = sweep_view(images[name], others, *reach[name], options, engine)
+        found = sweep_view(images[name], others, *depth_ranges[name], options, engine)
         done(name)
         return found
 
@@ -109,11 +106,13 @@ def match_all_views(
             matched = {o: _matched_depth(surfaces[o], kept[o], options) for o in sources[name]}
             proposed = np.where(sure > 0, sure, from_others(matched))
         proposals = Proposals(np.where(kept[name] > 0, 0, proposed), sure > 0)
-        return adopt_proposals(surfaces[name], proposals, images[name], others, reach[name], options, engine)
+        return adopt_proposals(
+            surfaces[name], proposals, images[name], others, depth_ranges[name], options, engine
+        )
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        surfaces = settle_blank_walls(images, sources, reach, surfaces, pool)
+        surfaces = settle_blank_walls(images, sources, depth_ranges, surfaces, pool)
         kept = _kept_depths(pool, images, sources, surfaces)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
         kept = _kept_depths(pool, images, sources, surfaces)
@@ -167,5 +166,5 @@ def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     slopes = surface.slope_x, surface.slope_y
-    _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, reach=3, stride=3)
+    _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)
     return surface_normals(surface.inverse_depth, right, down, image.rays)

@@ -1,9 +1,4 @@
-"""Which views suit each other for depth.
-
-How well two views suit each other for depth: what both see, and from how different directions.
-
-The choice of each camera's source views: those that see the same points from fit directions.
-"""
+"""Which views suit each other for depth: those that see the same points from fit directions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

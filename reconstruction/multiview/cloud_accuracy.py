@@ -1,7 +1,4 @@
-"""Which points of a fused cloud lie on what moves, and how the cloud compares with the true surfaces.
-
-How right and how complete the movers of a fused cloud are, where a session knows the truth.
-"""
+"""Which points of a fused cloud lie on what moves, and how right and complete they are by the truth."""
 
 import math
 from collections.abc import Mapping
@@ -23,7 +20,7 @@ from reconstruction.session.dataset import Dataset
 TOLERANCE_M = 0.01
 """A point within this of a true surface is right, and a surface within this of a point is found."""
 MAX_SAMPLED = 20_000
-"""Of more points, a random sample of this size is taken."""
+"""Size of the random sample that is taken of more points."""
 MAX_WIDTH_PX = 960
 VISIBLE_SHARE = 0.01
 """A view sees a point whose depth differs from its true depth there by less than this share."""

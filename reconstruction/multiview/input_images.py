@@ -21,7 +21,7 @@ MIN_CONTRAST = 2.0
 MAP_BYTES_PER_PIXEL = 60
 """Memory for each pixel of every camera: its picture, rays, surface, depth and normals."""
 SWEEP_BYTES_PER_PIXEL = 300
-"""And for each that a worker is at: sources, voters and what is between."""
+"""Memory for each pixel of a picture that a worker is at: sources, voters and what is between."""
 NOISE_FACTOR = 3.0
 NOISE_LIMITS = (2.0, 100.0)
 

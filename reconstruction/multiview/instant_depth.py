@@ -49,17 +49,17 @@ class InstantDepth:
 def compute_instant_depth(
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
-    reach: Mapping[str, tuple[float, float]],
+    depth_ranges: Mapping[str, tuple[float, float]],
     reference: str,
     matcher: ChosenMatcher = SWEEP,
 ) -> InstantDepth:
     """Match all cameras' pictures, check them against each other, and fuse the maps.
 
-    `reach`: between which two depths each camera's scene is.
+    `depth_ranges`: between which two depths each camera's scene is.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        found = match_cameras(matcher, Path(scratch), images, sources, reach)
+        found = match_cameras(matcher, Path(scratch), images, sources, depth_ranges)
     surfaces = {camera: _surface(view) for camera, view in found.items()}
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]

@@ -1,7 +1,4 @@
-"""One instant's depth maps, their cloud and mesh, made into a folder.
-
-Depth of every camera of an instant, one cloud of points of them all, and a mesh.
-"""
+"""`reconstruct multiview`: depth of every camera of an instant, a cloud of points of them all, and a mesh."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -111,7 +108,7 @@ def model_instant(
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
     stopwatch.end_stage("range")
     workspace = part / "workspace"
-    found = match_cameras(matcher, workspace, images, sources, scene.reach, announce)
+    found = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, announce)
     if matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), found)
     stopwatch.end_stage("matching")
@@ -145,8 +142,8 @@ def model_instant(
         static_within_2pct=main.static_within_2pct,
         median_error_pct=main.median_error_pct,
         movers_1cm=movers,
-        nearest=min(scene.reach[camera][0] for camera in images),
-        farthest=max(scene.reach[camera][1] for camera in images),
+        nearest=min(scene.depth_ranges[camera][0] for camera in images),
+        farthest=max(scene.depth_ranges[camera][1] for camera in images),
         views=views,
         left_out=left_out,
         fused_points=fused,

@@ -61,7 +61,7 @@ def match_cameras(
     workspace: Path,
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
-    reach: Mapping[str, tuple[float, float]],
+    depth_ranges: Mapping[str, tuple[float, float]],
     announce: Callable[[str], None] = lambda text: None,
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there."""
@@ -70,13 +70,13 @@ def match_cameras(
         return match_all_views(
             calibrated,
             sources,
-            reach,
+            depth_ranges,
             engine=matcher.engine,
             done=lambda name: announce(f"depth of {name}"),
         )
     announce(f"PatchMatch on {matcher.gpu.name}")
-    whole = min(reach[c][0] for c in images), max(reach[c][1] for c in images)
-    write_workspace(workspace, image_views(images), image_colours(images), reach=whole)
+    whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
+    write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)
     return read_maps(workspace, images)
 

@@ -113,7 +113,7 @@ class SequenceResult(Struct, frozen=True, kw_only=True, omit_defaults=True):
     masks: bool = False
     files: tuple[str, ...]
     seconds: float
-    """Of this run."""
+    """Wall seconds of this run."""
     memory_notes: tuple[str, ...] = ()
     changed_pictures: tuple[str, ...] = ()
     versions: dict[str, str] = {}

@@ -1,10 +1,7 @@
 """`reconstruct multiview --instants`: a cloud of every instant, masks of what moves, a recording.
 
-The clouds of a sequence as one recording that Rerun plays, with the cameras and their pictures.
-
-The folder of a sequence, which grows cloud by cloud: a run that was stopped goes on where it was.
-
-`plan.json` is what it is made of and how, `instants/<instant>.json` says that an instant is done.
+The folder grows cloud by cloud, and a run that was stopped goes on where it was: `plan.json` is what it is
+made of and how, `instants/<instant>.json` says that an instant is done.
 """
 
 import os

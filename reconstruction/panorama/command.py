@@ -26,7 +26,7 @@ from reconstruction.session.picture_checksums import picture_checks
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
 KEPT_BYTES_PER_PIXEL = 12
-"""Of a session's picture: it is kept in both conditions with its movers, and cached."""
+"""Memory for each pixel of a session's picture: it is kept in both conditions with its movers, and cached."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
     misfit: Misfit
     """Before blending, at the points of all overlaps, or of those between a late camera and another."""
     mover_misfit: Misfit | None
-    """The same on what moves; None for single pictures, of which nobody knows what does."""
+    """Misfit on what moves; None for single pictures, of which nobody knows what does."""
     overlaps: tuple[OverlapScore, ...]
 
 

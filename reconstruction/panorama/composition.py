@@ -1,9 +1,4 @@
-"""One picture of a panorama's layers: exposures matched, seams cut where layers agree, blended in bands.
-
-Gains of blocks, graph cut and multi-band blending are OpenCV's, put together as its own stitcher does.
-
-Registered pictures laid on one surface around the cameras: a cylinder, or a sphere for steep ones.
-"""
+"""A panorama's layers on a cylinder or a sphere: exposures matched, seams cut where they agree, blended."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

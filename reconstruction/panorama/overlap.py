@@ -1,7 +1,4 @@
-"""How well two layers of a panorama fit where they overlap, before blending: at points that can tell.
-
-Where a panorama would show a thing twice: its layers differ where they overlap.
-"""
+"""How well two layers of a panorama fit where they overlap, before blending, and where things show twice."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -25,7 +22,7 @@ WINDOW_PX = 21
 SPACING_PX = 9
 """There is at most one point in a square so wide."""
 REACH_PX = 48
-"""So far around a point that tracking has lost its window is compared with every other."""
+"""How far around a point that tracking has lost its window is compared with every other."""
 PATCH_PX = 11
 MOST_ROWS = 1 << 14
 LEAST_LIKENESS = 0.8

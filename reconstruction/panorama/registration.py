@@ -1,11 +1,8 @@
 """Where the pictures of a panorama belong: cameras that only turn, found by what stands still.
 
-Brown and Lowe, Automatic Panoramic Image Stitching using Invariant Features, 2007, by OpenCV.
-
-Cameras that only turn, estimated from the points that their pictures share, and adjusted together.
-
-The estimators are OpenCV's (`cv2.detail`); what surrounds them leaves out points that do not fit all pictures
-together: clouds, ice or people fit a homography between two of them.
+Brown and Lowe, Automatic Panoramic Image Stitching using Invariant Features, 2007, by OpenCV's estimators
+(`cv2.detail`); what surrounds them leaves out points that do not fit all pictures together: clouds, ice or
+people fit a homography between two of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,9 +21,9 @@ ROUNDS = 3
 OUTLIER = 2.0
 """Such points are off by more than so many medians, and by more than a pixel."""
 FOCAL_LIMITS = (0.25, 30.0)
-"""Of the picture's longer side; a focal length beyond is a failed estimate."""
+"""Least and greatest share of the picture's longer side; a focal length beyond is a failed estimate."""
 HELD_FOCALS = (1.0, 4.0, 20.0)
-"""The same, tried where it cannot be estimated: pictures only shifted look as if taken with a long lens."""
+"""Focal lengths, in longer sides, to try where none can be estimated: pictures only shifted look tele."""
 GOOD_PX = 2.0
 """An estimate whose points are off by less needs no other to be tried."""
 LEVEL_DEG = 3.0

@@ -14,7 +14,7 @@ from reconstruction.panorama.registration import register_pictures
 MAX_SIDE_PX = 2000
 """Larger pictures are made smaller: panoramas of full camera pictures take minutes."""
 BYTES_PER_PIXEL = 70
-"""Of a picture: its maps, its layer, both once more while they are blended, and its part of the canvas."""
+"""Memory for each pixel of a picture: maps and layer, both again while they are blended, and the canvas."""
 
 
 class PanoramaStitcher:

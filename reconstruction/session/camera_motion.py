@@ -19,7 +19,7 @@ MIN_CELLS = 8
 PAIRS = 4
 """Pairs of images that are looked at."""
 APART_NS = 500_000_000
-"""They are about so far apart, or half the burst where that is less."""
+"""How far apart the images of a pair are at least, or half the burst where that is less."""
 LEAST_STILL = 0.25
 """Where less of the picture stays in its place, the camera moves, or what moves fills its view."""
 SIDE_PX = 640

@@ -1,7 +1,4 @@
-"""A session's images and ground truth, by camera and instant.
-
-Corrected times of cameras: which of their images then belong to which instant.
-"""
+"""A session's images and ground truth, by camera and instant, with corrected times where asked for."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -68,7 +65,7 @@ def shift_times(
 
 
 KEPT_SHARE = 0.12
-"""Of the memory budget, for decoded images that may be asked for again."""
+"""Share of the memory budget for decoded images that may be asked for again."""
 WORK_SHARE = 0.3
 WORK_BYTES_PER_PIXEL = 60
 """What a command takes at least for each pixel of the images it works on at once."""

@@ -1,7 +1,4 @@
-"""Which instants the cameras show in a condition.
-
-Which instants of a burst are measured: those at which something moves.
-"""
+"""Which instants the cameras show in a condition, and which of them are measured: those with motion."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -163,9 +160,9 @@ def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str
 
 
 CANDIDATES = 4
-"""So many times as many instants as are wanted are looked at,"""
+"""Instants that are looked at for each that is wanted."""
 LEAST_CANDIDATES = 16
-"""and no fewer than these."""
+"""Fewest instants that are looked at."""
 LEAST_MOVING = 0.0001
 """Share of the picture that must move before every one of the cameras."""
 FEWEST = 3

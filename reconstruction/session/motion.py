@@ -1,9 +1,4 @@
-"""Movers: found, and their masks as files.
-
-Detection of movers: pixels that differ over time in the pictures of a camera that stands still.
-
-Masks of movers as files, for programs that leave out or keep what moves.
-"""
+"""Movers: pixels that differ over time in the pictures of a camera that stands still, and mask files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -90,7 +85,7 @@ def _fill_spots(mask: Array) -> Array:
 
 MARGIN_PX = 5
 MOVERS_SHARE = 0.05
-"""Of the memory budget, for masks and for backgrounds that may be asked for again."""
+"""Share of the memory budget for masks and for backgrounds that may be asked for again."""
 
 
 class SceneMotion:

@@ -68,4 +68,4 @@ def checked_pictures(*, required: bool) -> Iterator[PictureChecks]:
 
 
 _running: list[PictureChecks] = []
-"""Of this process, the innermost last, whichever thread reads."""
+"""Checks of this process, the innermost last, whichever thread reads."""

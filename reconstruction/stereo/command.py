@@ -58,9 +58,9 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     farthest: float
     coverage: float
     within_2pct: float | None
-    """Of the pixels that have a true depth, empty ones counted as wrong."""
+    """Share of the pixels with a true depth whose depth is right; empty ones count as wrong."""
     filled_within_2pct: float | None
-    """The same of the filled depth."""
+    """Share of these pixels whose filled depth is right."""
     calibration: str
     time_shifts_ms: dict[str, float] = {}
     """What was added to the times of these cameras."""

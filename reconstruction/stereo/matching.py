@@ -1,8 +1,7 @@
-"""Disparities of a rectified pair by OpenCV's semi-global block matching (SGBM), and checks of them.
+"""Disparities of a rectified pair by OpenCV's semi-global block matching (SGBM), checked and refined.
 
-Disparities to a fraction of a pixel: the shift that is left between the pictures, and smooth surfaces.
-
-SGBM's own parabola pulls disparities towards whole pixels (Szeliski and Scharstein 2004).
+SGBM's own parabola pulls disparities towards whole pixels (Szeliski and Scharstein 2004): the shift that is
+left between the pictures is measured, and surfaces are smoothed.
 """
 
 from dataclasses import dataclass

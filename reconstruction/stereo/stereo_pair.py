@@ -1,10 +1,7 @@
-"""Dense depth of a pair, the range of its disparities, and how far matches lie from their epipolar line.
+"""Dense depth of a rectified pair, the range of its disparities, and how far matches lie from their row.
 
-Depth is by semi-global matching, then checks keep only what both views agree on.
-
-A disparity for every pixel: what only one view sees is taken from the surface behind it.
-
-Rectification of a pair: both views rotated so that a point lies in the same row of both.
+Checks keep only what both views agree on; filled, what one view alone sees is taken from the surface behind
+it.
 """
 
 from collections.abc import Sequence
@@ -202,7 +199,7 @@ def rectify(
 SAME_GAIN, SAME_BIAS = 0.05, 4.0
 """Pictures that differ by more (factor, grey levels) are made equally bright and matched again."""
 VOLUME_SHARE = 0.6
-"""Of the memory budget, for matching; the rest is for pictures and maps."""
+"""Share of the memory budget for matching; the rest is for pictures and maps."""
 
 
 @dataclass(frozen=True)
@@ -253,12 +250,12 @@ class StereoPair:
             lambda scale: matching_bytes(bare.width * scale, bare.height * scale, (high - low) * scale),
             share=VOLUME_SHARE,
         )
-        """Of the rectified pictures, against the reference's own resolution."""
+        """Size of the rectified pictures against the reference's own resolution."""
         self.min_disparity = int(low * self.scale)
         self.num_disparities = int(np.ceil((high * self.scale - self.min_disparity + 1) / 16)) * 16
         end = self.min_disparity + self.num_disparities
-        reach = self.min_disparity / self.scale, end / self.scale
-        self.rectification: Rectification = rectify(reference, other, reach, self.scale)
+        searched = self.min_disparity / self.scale, end / self.scale
+        self.rectification: Rectification = rectify(reference, other, searched, self.scale)
         self.checks = MatchChecks()
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
@@ -349,9 +346,9 @@ def find_disparity_range(
     """
     reference, other = pair
     scale = min(1.0, 320 / max(reference.width, reference.height))
-    reach = 0.5 * max(reference.width, reference.height)
-    canvas = rectify(reference, other, (0.0, reach), scale)
-    count = int(np.ceil(reach * scale / 16)) * 16
+    most = 0.5 * max(reference.width, reference.height)
+    canvas = rectify(reference, other, (0.0, most), scale)
+    count = int(np.ceil(most * scale / 16)) * 16
     votes, moving, asked = [], [], 0
     for image, partner, movers in images:
         a, seen_a = canvas.remap(image)

@@ -29,11 +29,11 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     against: tuple[str, ...] = ()
     """The cameras that what moves was compared with."""
     edges: int | None = None
-    """Of a lamp, by which it was measured."""
+    """Number of a lamp's edges by which it was measured."""
     reason: str = ""
     """Why it cannot be told."""
     rate_ppm: float | None = None
-    """Of a recording without common times: how much faster its times must run to be the reference's."""
+    """How much faster the times of a recording without common times must run to be the reference's."""
     rate_sd_ppm: float | None = None
     at_ms: float | None = None
     """The time of its own at which the offset is this one."""

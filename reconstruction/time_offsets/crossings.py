@@ -1,12 +1,8 @@
-"""Lateness by what moves, from epipolar crossings.
-
-When one camera saw moving points where another had seen them: crossings of epipolar lines.
+"""Time offset of two cameras by what moves: crossings of epipolar lines, and the offset that they agree on.
 
 A point that camera A shows at a time lies on its epipolar line in camera B at that same time only. B's
 images show it before and after; where its path crosses the line, in B's own time, is when A's image was
 taken. Motion along the line tells nothing.
-
-The time offset of two cameras that crossings of epipolar lines agree on, with its error bar.
 """
 
 import math
@@ -119,9 +115,9 @@ BIN_MS = 0.25
 NEAR_PX = 4.0
 """Matches that are further from what most agree on are wrong ones."""
 LEAST_VOTES = 6.0
-"""So many crossings must agree."""
+"""Fewest crossings that must agree."""
 DISTINCT = 1.6
-"""And so many times as many as on any other offset: wrong matches agree on everything a little."""
+"""Ratio of the crossings that agree to those on any other offset: wrong ones agree on everything."""
 MIN_POINTS = 3
 """Fewer points of an instant may all be wrong matches."""
 MIN_INSTANTS = 3

@@ -1,13 +1,7 @@
-"""Lateness by a lamp that blinks.
+"""Time offsets of cameras, and how long their rows take, by a lamp that blinks before them.
 
-A lamp's switching on and off in one camera's images: how far each row was lit while it happened.
-
-When a lamp was switched, by a camera's rows: each tells how much of its exposure was lit.
-
-The rows that were exposing as it happened are lit in part: a ramp as long as the exposure (and as the lamp
-takes), bent by the camera's tone curve. On rising and falling edges it is bent to opposite sides.
-
-How late each camera is against another, and how long its rows take, by a lamp that blinks before them.
+The rows that were exposing as it was switched are lit in part: a ramp as long as the exposure (and as the
+lamp takes), bent by the camera's tone curve. On rising and falling edges it is bent to opposite sides.
 """
 
 import warnings
@@ -24,11 +18,11 @@ from reconstruction.session.dataset import Dataset
 STEP = 2
 """Images so many apart differ fully by a lamp that was switched between them."""
 BESIDE = 2
-"""So many images to either side of a change show what was before, and what after."""
+"""Images to either side of a change that show what was before, and what after."""
 CLEAR = 6.0
-"""A lamp changes brightness by so many times what it otherwise changes by,"""
+"""Ratio of a lamp's change of brightness to what it otherwise changes by."""
 LEAST_SHARE = 0.02
-"""and by at least this share of it."""
+"""Least share of the brightness that a lamp changes it by."""
 LEAST_RISE = 8.0
 """Grey levels by which a pixel must differ to tell anything."""
 WHITE = 250
@@ -140,7 +134,7 @@ MOST_FITTED = 6
 """Edges by which the ramp is found: more tell hardly more."""
 FITTED_ROWS = 100
 COVERED = 0.5
-"""So much of its ramp must lie on rows that were read."""
+"""Least share of an edge's ramp that must lie on rows that were read."""
 LEAST_ROWS = 6
 MISFIT = 0.12
 STEPS = 61
@@ -294,7 +288,7 @@ SLOW_MS = 15.0
 TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
 """How wrong a row time may be, as a share: one that the session tells, and one that is taken for granted."""
 USUAL_READOUT = 0.7
-"""Of the period, where no row time is told."""
+"""Share of the period that a readout takes where no row time is told."""
 BEND_MS = 2.0
 """By how much rising edges may seem later, and falling ones earlier."""
 SYSTEMATIC_MS = 0.02

@@ -1,7 +1,4 @@
-"""About how late one camera is against another, however much: by how much moves before each, and when.
-
-Offsets and rates of the cameras of a recording without common times, by what moves.
-"""
+"""Offsets and rates of a recording without common times: by how much moves, then by points that move."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

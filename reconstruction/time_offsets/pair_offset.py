@@ -1,10 +1,7 @@
 """How late one camera of a session is against another, by all that moves before both.
 
-Points on what moves in one image, and where they are in the images before and after.
-
-The epipolar geometry of two cameras, mended by what stands still before both.
-
-A calibration that is off by a milliradian moves what crosses its lines by a time; what stands still shows it.
+A calibration that is off by a milliradian moves what crosses its lines by a time: what stands still mends
+it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,12 +33,12 @@ MAX_POINTS = 400
 MAX_SIDE_PX = 960
 """Where what moves is larger, points are looked for in a smaller picture of it."""
 MARGIN_PX = 16
-"""Of the picture around what moves, so that points at its edge are described too."""
+"""Picture around what moves that is looked at, so that points at its edge are described too."""
 MAX_DRIFT_PX = 0.5
 """A point followed to the neighbouring image and back must return to within this."""
 WINDOW_PX = 15
 LEVELS = 4
-"""Of the pyramid in which points are followed."""
+"""Levels of the pyramid in which points are followed."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,7 @@ FARTHEST_PERIODS = 2.5
 STILL_INSTANTS = 9
 """At so many, spread over the session, what stands still is looked at."""
 MAX_FRAMES = 20
-"""And no more frames to either side than this."""
+"""Frames to either side that are looked at, at most."""
 
 
 Matched = tuple[int, Array, Array, Path]

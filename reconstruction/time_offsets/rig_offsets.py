@@ -18,7 +18,7 @@ PARTNERS = 3
 WIDEST_DEG = 60.0
 """Cameras that look in directions further apart recognize hardly anything of each other's pictures."""
 MAX_INSTANTS = 24
-"""Of each pair."""
+"""Instants of each pair that are looked at."""
 
 Pair = tuple[str, str]
 

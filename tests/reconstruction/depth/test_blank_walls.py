@@ -65,7 +65,7 @@ def test_most_of_a_room_with_nearly_blank_walls_is_found() -> None:
         images[name] = undistort_image(name, 0, picture, view).calibrated
         truth[name], _, movers[name] = scene.ground_truth(name, 620_000_000, 4_000_000, 0)
     coarse = find_coarse_scene(images)
-    found = match_all_views(images, choose_source_views(views, coarse.points), coarse.reach)
+    found = match_all_views(images, choose_source_views(views, coarse.points), coarse.depth_ranges)
     right = {name: right_depth(view.depth, truth[name]) for name, view in found.items()}
     given = np.concatenate([right[name][view.depth > 0] for name, view in found.items()])
     assert np.mean(list(right.values())) > 0.645

@@ -129,9 +129,9 @@ def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int]) -> None:
 def test_the_whole_sweep_finds_the_same_on_either_way() -> None:
     images = {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}
     sources = choose_by_depth({name: image.view for name, image in images.items()})
-    reach = find_coarse_scene(images).reach
-    cpu = match_all_views(images, sources, reach)
-    gpu = match_all_views(images, sources, reach, engine=GPU)
+    depth_ranges = find_coarse_scene(images).depth_ranges
+    cpu = match_all_views(images, sources, depth_ranges)
+    gpu = match_all_views(images, sources, depth_ranges, engine=GPU)
     for name in images:
         one, other = cpu[name].depth, gpu[name].depth
         assert np.mean((one > 0) == (other > 0)) > 0.99

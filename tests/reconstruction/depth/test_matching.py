@@ -24,7 +24,7 @@ from tests.reconstruction.depth.small_views import (
     view_at,
 )
 
-Reach = dict[str, tuple[float, float]]
+DepthRanges = dict[str, tuple[float, float]]
 
 
 @pytest.fixture(scope="module")
@@ -42,13 +42,13 @@ def sources_of(photos: dict[str, CalibratedImage]) -> dict[str, tuple[str, ...]]
     return choose_by_depth({name: photo.view for name, photo in photos.items()})
 
 
-def between(photos: dict[str, CalibratedImage], nearest: float, farthest: float) -> Reach:
+def between(photos: dict[str, CalibratedImage], nearest: float, farthest: float) -> DepthRanges:
     return dict.fromkeys(photos, (nearest, farthest))
 
 
 @pytest.fixture(scope="module")
 def matched(photos: dict[str, CalibratedImage]) -> dict[str, ViewDepth]:
-    return match_all_views(photos, sources_of(photos), find_coarse_scene(photos).reach)
+    return match_all_views(photos, sources_of(photos), find_coarse_scene(photos).depth_ranges)
 
 
 def test_slanted_plane_is_found_to_a_fraction_of_a_percent(
@@ -103,11 +103,11 @@ def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage
 def test_two_views_are_enough_and_the_range_is_found(photos: dict[str, CalibratedImage]) -> None:
     pair = {name: photos[name] for name in ("left", "right")}
     sources = sources_of(pair)
-    reach = find_coarse_scene(pair).reach
-    nearest, farthest = reach["left"]
+    depth_ranges = find_coarse_scene(pair).depth_ranges
+    nearest, farthest = depth_ranges["left"]
     truth = photo_of(view_at(*PLACES["left"]))[1]
     assert nearest < np.percentile(truth, 10) < np.percentile(truth, 80) < farthest
-    found = match_all_views(pair, sources, reach)["left"].depth
+    found = match_all_views(pair, sources, depth_ranges)["left"].depth
     there = found > 0
     assert there.mean() > 0.55
     assert np.mean(np.abs(found - truth)[there] < 0.02 * truth[there]) > 0.95

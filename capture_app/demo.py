@@ -12,12 +12,15 @@ import msgspec
 from msgspec import Struct
 
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.node.burst.instant_choice import usual_spare
 from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.news import News
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.news import News, NewsLog
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.reading.reader import Session
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.text import UNREADABLE, ProgressStep
 
 FRAMES = 5
@@ -77,15 +80,18 @@ async def run_demo(out: Path, cameras: int, talk: Talk, *, scene: str = "studio"
 
 async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> Session:
     """Start a leader and simulated nodes, take one burst when all are ready, and return its session."""
-    shown = 0
 
-    def on_news(news: News) -> None:
-        nonlocal shown
-        if isinstance(news, BurstStatus) and news.received > shown:
-            shown = news.received
-            talk(str(ProgressStep(shown, news.expected, "images saved")))
+    class Progress(NewsLog):
+        shown = 0
 
-    async with LeaderNode(sessions=out, host="127.0.0.1", port=0, on_news=on_news) as leader:
+        def note(self, news: News) -> None:
+            super().note(news)
+            if isinstance(news, BurstStatus) and news.received > self.shown:
+                self.shown = news.received
+                talk(str(ProgressStep(self.shown, news.expected, "images saved")))
+
+    options = LeaderOptions(sessions=out, host="127.0.0.1", port=0, news=Progress())
+    async with await LeaderNode.start(options) as leader:
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
         async with simulated_nodes(leader, cameras, scene=scene, tolerance_us=TOLERANCE_US) as nodes:
             watch = asyncio.create_task(nodes.wait_for_failure())
@@ -135,8 +141,9 @@ async def _take_burst(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStat
     finally:
         waiting.cancel()
     talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
-    burst = await leader.trigger(frames=FRAMES)
-    return await leader.wait_until_saved(burst.burst)
+    order = BurstOrder(frames=FRAMES, spare=usual_spare(FRAMES))
+    burst = await leader.bursts.order(order)
+    return await leader.bursts.wait_until_saved(burst.burst.number)
 
 
 async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstAccepted
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import ClientKeys, Grant
@@ -77,7 +78,7 @@ async def lead(port: int, trials: int, *, sealed: bool) -> list[float]:
         reports = [view.report for view in engine.clients(now_ns)]
         if any(report.uncertainty_ns is not None and report.state != "lost" for report in reports):
             asked_ns.clear()
-            burst = engine.trigger(now_ns, frames=1)
+            burst = engine.trigger(now_ns, BurstOrder(frames=1))
             asked_ns[burst.number] = now_ns
             pump.turn()
         await asyncio.sleep(TRIGGER_EVERY_S)

@@ -18,15 +18,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import cast
 
 from benchmarks.report import Report, new_parser, print_report, print_table, talk
 from benchmarks.screen.screen_process import ScreenProcess, processor_s
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port
-from capture_app.node.leader.news import NewsLog
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import Watchers
+from capture_app.node.leader.watchers import RigState, Watchers
+from capture_app.node.news import NewsLog
 from capture_app.node.requests import ask_burst, ask_status, give_order
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest, StatusAnswer, StatusRequest, ToLeader
@@ -171,10 +172,21 @@ def _drops(status: RigStatus) -> int:
     return sum(node.drops for node in status.nodes)
 
 
+@dataclass(frozen=True)
+class Unchanged:
+    """A rig in which nothing changes."""
+
+    rig: RigStatus
+
+    def status(self) -> RigStatus:
+        """The same for ever."""
+        return self.rig
+
+
 async def _measure_idle(status: RigStatus, options: Namespace, environment: dict[str, str]) -> Condition:
     """A screen on a rig in which nothing changes."""
     idle = Condition("unchanged")
-    watchers = Watchers(lambda: status, NewsLog(), Viewfinders())
+    watchers = Watchers(cast(RigState, Unchanged(status)), NewsLog(), Viewfinders())
 
     async def serve(channel: Channel[ToLeader]) -> None:
         if isinstance(await channel.receive_header(), StatusRequest):

@@ -13,7 +13,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import Any, cast
 
 from benchmarks.sessions.slow_disk import SlowDisk
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
@@ -27,6 +27,7 @@ from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.leader.service import LeaderService
+from capture_app.node.news import Log, NewsLog
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace, ToLeader
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
@@ -61,10 +62,16 @@ def instants_ns(instants: int) -> tuple[int, ...]:
 
 
 class OneBurst:
-    """The bursts of a leader that has ordered one."""
+    """The bursts of a leader that has ordered one; its engine, and its options, too."""
 
     def __init__(self, session: BurstSession) -> None:
         self._session = session
+        self.engine = self.options = self
+        self.members = {name: Joined(name) for name in session.burst.clients}
+        self.news = NewsLog()
+
+    async def answer_finished(self, report: CameraReport) -> None:
+        """No session is finished."""
 
     def now_ns(self) -> int:
         """The host's clock."""
@@ -81,9 +88,13 @@ class OneBurst:
         """Nobody listens."""
 
 
-def nobody_asks(*_: object) -> NoReturn:
-    """Neither for the status nor for a burst."""
-    raise NotImplementedError
+@dataclass(frozen=True)
+class Joined:
+    """A node as its leader knows it, by a run that is 1."""
+
+    name: str
+    instance: int = 1
+    speaker: None = None
 
 
 async def lead(root: Path, cameras: int, instants: int) -> None:
@@ -99,12 +110,8 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     await session.write_plan(1)
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
-    service = LeaderService(
-        cast(Any, OneBurst(session)),
-        *[cast(Any, nobody_asks)] * 5,
-        lambda *_: True,
-        *[cast(Any, nobody_asks)] * 2,
-    )
+    nobody: Any = None
+    service = LeaderService(nobody, cast(Any, OneBurst(session)), nobody, nobody, nobody, nobody)
     server: TransferServer[ToLeader] = TransferServer(ToLeader, service.serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)
@@ -154,7 +161,7 @@ async def send(source: Path, port: int, cameras: int, instants: int) -> None:
         plan = CameraPlan(camera=camera, reported=True, instants=tuple(range(instants)))
         report = CameraReport(leader=1, burst=1, plan=plan)
         spool = Spool(Path(os.environ["SPOOL"]), name) if "SPOOL" in os.environ else None
-        uploader = Uploader(name, 1, lambda line: print(line, file=sys.stderr), spool)
+        uploader = Uploader(name, 1, Log(lambda line: print(line, file=sys.stderr)), spool)
         uploader.load_spool()
         uploader.add_burst(BurstUpload(report, picks))
         uploader.set_leader(Address("127.0.0.1", port))

@@ -19,12 +19,13 @@ from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_
 from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.rig import Timer, VirtualTime
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
 
 _S = 1_000_000_000
 PERIOD_NS = 33_333_333
+RIG = RigConfig(period_ns=PERIOD_NS)
 ROOT: Address = ("root", 0)
 
 
@@ -110,7 +111,7 @@ class Tree:
         clients = range(shard, spec.clients, shards)
         below = len(relays) or len(clients)
         pace_s = spec.relay_pace_s if relays else spec.client_pace_s
-        self.root = Leader(LeaderConfig(1, 0, PERIOD_NS, exchanges_per_s=below / pace_s), self._rng("root"))
+        self.root = Leader(LeaderConfig(1, 0, RIG, exchanges_per_s=below / pace_s), self._rng("root"))
         rng, clock = self._rng("root's link"), WanderingClock(0, 0.0, ())
         self._start(_Node(ROOT, self.root, clock, rng, Channel(spec.link)), 0)
         for i in relays:
@@ -191,7 +192,7 @@ class Tree:
         name = f"relay{number}"
         rng = self._rng(name)
         config = FollowerConfig(name, rng.getrandbits(32), (ROOT,))
-        limits = LeaderConfig(0, 0, PERIOD_NS, exchanges_per_s=clients / self.spec.client_pace_s)
+        limits = LeaderConfig(0, 0, RIG, exchanges_per_s=clients / self.spec.client_pace_s)
         relay = Relay(config, limits, rng)
         self.add(name, relay, rng, config.parents, relay.follower)
 

@@ -89,7 +89,7 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
     if pin is not None:
         trust.known.add(pin, Role.LEADER)
     if code is None and not sys.stdin.isatty():
-        # Nobody is here to ask: the node says what to do, and knocks by itself.
+        # Nobody is here to ask: the node says what to do, and asks by itself.
         return
     for leader in leaders:
         if asyncio.run(find_obstacle(leader, trust=Trust.open())) is not None:
@@ -192,13 +192,13 @@ def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
 
 
 async def _is_known(leader: Address, trust: Trust) -> bool:
-    from capture_app.node.pairing import is_known, knock
+    from capture_app.node.pairing import ask_to_enrol, is_known
 
     if await is_known(leader, trust):
         return True
     try:
         # Its pin may have been added there.
-        await knock(leader, trust)
+        await ask_to_enrol(leader, trust)
     except UnknownMachineError:
         return False
     return await is_known(leader, trust)

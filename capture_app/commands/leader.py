@@ -33,7 +33,8 @@ from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.leader.news import News
+    from capture_app.node.leader.options import LeaderOptions
+    from capture_app.node.news import News
 
 APP_NOTE = (
     "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose hotspot is"
@@ -128,41 +129,44 @@ def leader(
     from capture_app.interop.app_phones import AppPhones
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
     from capture_app.net.multicast import BEACONS, BeaconSender
-    from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.leader.news import news_line
+    from capture_app.node.leader.options import LeaderOptions
+    from capture_app.node.news import News, NewsLog
+    from capture_app.sync.rig.leader import RigConfig
 
-    def on_news(news: "News") -> None:
-        if line := news_line(news):
-            log_line(line)
-        if as_json:
-            print_json_line(_event_record(news))
+    class PrintedNews(NewsLog):
+        def note(self, news: News) -> None:
+            super().note(news)
+            if as_json:
+                print_json_line(_event_record(news))
 
     is_apps_grid = android_app and fps is None
-    node = LeaderNode(
+    rig = RigConfig(
+        period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
+        grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
+        align_row=align_row if align == "mid-exposure" else None,
+        max_delay_ns=round(max_delay_ms * 1e6),
+    )
+    options = LeaderOptions(
         host=host,
         port=port,
         or_free_port=or_free_port,
         sessions=sessions,
-        period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
-        grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
+        rig=rig,
         followers=(
             *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
             *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         ),
-        align_row=align_row if align == "mid-exposure" else None,
-        max_delay_ns=round(max_delay_ms * 1e6),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
-        on_news=on_news,
+        news=PrintedNews(log_line),
         spool=spool,
     )
     if android_app:
         talk(APP_NOTE)
-    run_until_stopped(_run_leader(node, host, cameras, with_phones, log, as_json))
+    run_until_stopped(_run_leader(options, cameras, with_phones, log, as_json))
 
 
 async def _run_leader(
-    node: "LeaderNode",
-    host: str,
+    options: "LeaderOptions",
     cameras: tuple[str, ...],
     with_phones: bool,
     log: Path | None,
@@ -170,12 +174,17 @@ async def _run_leader(
 ) -> None:
     from capture_app.doctor import warnings_for_leader
     from capture_app.net.discovery import announced, announced_hosts
+    from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.requests import ask_phone_invitation
     from capture_app.rig_process import recorded_rig
 
+    host, sessions = options.host, options.sessions
     with contextlib.ExitStack() as record:
-        async with node, announced(host, node.address.port, "leader"):
-            talk(f"leader at {node.address}, sessions in {node.sessions}")
+        async with (
+            await LeaderNode.start(options) as node,
+            announced(host, node.address.port, "leader"),
+        ):
+            talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())
             if announced_hosts(host):
@@ -184,10 +193,10 @@ async def _run_leader(
                     node.news.add(warning, level="warning")
             if as_json:
                 address = {"leader": str(node.address), "port": node.address.port}
-                print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})
+                print_json_line({"event": "listening", **address, "sessions": str(sessions)})
             for spec in cameras:
                 await node.add_camera(spec)
-            record.enter_context(recorded_rig(node.own_address, node.sessions, log))
+            record.enter_context(recorded_rig(node.own_address, sessions, log))
             async with contextlib.AsyncExitStack() as phones:
                 if with_phones:
                     ask = functools.partial(ask_phone_invitation, node.own_address)
@@ -198,7 +207,7 @@ async def _run_leader(
 
 def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
     """Say how other machines become known; at a terminal Enter shows a code for the next one."""
-    if node.is_open:
+    if node.options.trust.is_open:
         talk("OPEN: whoever reaches this port may see, order and replace everything (--open)")
         return
     if host in LOOPBACK_HOSTS:

@@ -3,9 +3,8 @@
 import itertools
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -113,12 +112,22 @@ def node(
     leaders = leaders or (find_leader(),)
     make_known(leaders, pin, code)
     from capture_app.node.camera.node_group import NodeGroup
+    from capture_app.node.news import Log
 
-    makers = {
-        one: partial(camera_node, one, spec, leaders, clock, spool, tolerance_us, ring_s, ring_mb)
+    nodes = {
+        one: camera_node(
+            one,
+            spec,
+            leaders=leaders,
+            clock=clock,
+            tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
+            ring_ns=round(ring_s * 1e9),
+            ring_bytes=round(ring_mb * 1e6),
+            spool=spool,
+        )
         for one, spec in named.items()
     }
-    run_until_stopped(NodeGroup(makers, log_line).run(), until_eof=until_eof)
+    run_until_stopped(NodeGroup(nodes, Log(log_line)).run(), until_eof=until_eof)
 
 
 def _named(name: str, specs: Sequence[str]) -> dict[str, str]:
@@ -175,31 +184,21 @@ def _typed_options(*but: str) -> list[str]:
     return words
 
 
-def camera_node(
-    name: str,
-    spec: str,
-    leaders: Sequence[Address],
-    clock: NodeClock,
-    spool: Path,
-    tolerance_us: float | None,
-    ring_s: float,
-    ring_mb: float,
-) -> "CameraNode":
+def camera_node(name: str, spec: str, *, clock: NodeClock, **options: Any) -> "CameraNode":
     """Make the node of one camera, which talks on stderr; the camera is opened when it runs."""
     from capture_app.cameras.specs import open_camera
     from capture_app.node.camera.camera_node import CameraNode
     from capture_app.node.camera.device_profiles import DeviceProfiles
+    from capture_app.node.camera.supervisor import NodeOptions
+    from capture_app.node.news import Log
 
     return CameraNode(
-        name=name,
-        open_camera=lambda: open_camera(spec, clock=clock, name=name),
-        leader=leaders[0],
-        others=tuple(leaders[1:]),
-        clock=clock,
-        tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
-        talk=lambda line: log_line(f"{name}: {line}"),
-        spool=spool,
-        ring_ns=round(ring_s * 1e9),
-        ring_bytes=round(ring_mb * 1e6),
-        profiles=DeviceProfiles(),
+        NodeOptions(
+            name=name,
+            open_camera=lambda: open_camera(spec, clock=clock, name=name),
+            clock=clock,
+            log=Log(lambda line: log_line(f"{name}: {line}"), name=name),
+            profiles=DeviceProfiles(),
+            **options,
+        )
     )

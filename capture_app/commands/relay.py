@@ -24,7 +24,7 @@ from capture_app.terminal import json_option, log_line, print_json_line, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.relay import RelayNode
+    from capture_app.node.relay import RelayOptions
 
 
 @click.command(epilog=examples("capture-app relay 192.168.1.20 --name gate"))
@@ -58,10 +58,11 @@ def relay(
     leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
     """
     from capture_app.net.multicast import BEACONS, BeaconSender
-    from capture_app.node.relay import RelayNode
+    from capture_app.node.news import NewsLog
+    from capture_app.node.relay import RelayOptions
 
     make_known(parents, pin, code)
-    node = RelayNode(
+    options = RelayOptions(
         name=name,
         parents=parents,
         host=host,
@@ -69,20 +70,24 @@ def relay(
         clock=parse_clock(clock_text, node=name),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
         followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
-        talk=lambda line: log_line(f"{name}: {line}"),
+        news=NewsLog(lambda line: log_line(f"{name}: {line}")),
     )
-    run_until_stopped(_run_relay(node, host, parents, as_json))
+    run_until_stopped(_run_relay(options, as_json))
 
 
-async def _run_relay(node: "RelayNode", host: str, parents: tuple[Address, ...], as_json: bool) -> None:
+async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
     from capture_app.net.discovery import announced
+    from capture_app.node.relay import RelayNode
 
-    async with node, announced(host, node.address.port, "relay", name=node.name):
-        talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")
+    async with (
+        await RelayNode.start(options) as node,
+        announced(options.host, node.address.port, "relay", name=options.name),
+    ):
+        talk(f"relay at {node.address}, below {', or '.join(map(str, options.parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
         if node.also:
             talk(f"or at {', '.join(map(str, node.also))}, whichever the nodes can reach")
         if as_json:
             address = {"relay": str(node.address), "port": node.address.port}
-            print_json_line({"event": "listening", "name": node.name, **address})
+            print_json_line({"event": "listening", "name": options.name, **address})
         await asyncio.Event().wait()

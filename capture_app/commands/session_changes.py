@@ -175,17 +175,11 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     Saved images are never changed; damaged ones are moved to the folder set_aside of the session. What a
     killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
     """
-    from capture_app.node.leader.news import News, news_line
     from capture_app.node.leader.repair import repair as repair_sessions
-
-    def on_news(news: News) -> None:
-        if line := news_line(news):
-            talk(line)
+    from capture_app.node.news import NewsLog
 
     clear_leftovers(path)
-    repaired = asyncio.run(
-        repair_sessions(path, wait_s=wait_s, host=listen.host, port=listen.port, on_news=on_news)
-    )
+    repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=NewsLog(talk)))
     if as_json:
         print_json({"ok": all(one.ok for one in repaired), "sessions": repaired})
     else:

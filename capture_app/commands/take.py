@@ -66,7 +66,7 @@ async def take_burst(
 
     Raises NetworkError, and the leader's own errors.
     """
-    from capture_app.node.leader.news import burst_line
+    from capture_app.node.news import burst_line
     from capture_app.node.requests import ask_burst
 
     last, said, counted_s = None, "", 0.0

@@ -21,7 +21,7 @@ from capture_app.interop.app_protocol import (
     read_heartbeat,
 )
 from capture_app.names import name_like
-from capture_app.node.leader.followers import FollowerNews
+from capture_app.node.news import FollowerNews
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.text import duration
 

@@ -11,7 +11,8 @@ from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS, PERIOD_NS, TIME_PORT
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
-from capture_app.node.leader.followers import FollowedRig, FollowerNews, RigFollower, Take
+from capture_app.node.leader.followers import FollowedRig, RigFollower, Take
+from capture_app.node.news import FollowerNews
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.rig.frame_picks import MAX_FRAMES, Burst

@@ -1,8 +1,6 @@
 """Beacons over IPv4 multicast: sent on every interface that clients are reached by, heard on the leader's.
 
 Failures here are not reported: without beacons clients estimate the time from their own exchanges alone.
-
-The beacons of a leader or a relay, sent where its nodes are.
 """
 
 import contextlib
@@ -14,6 +12,7 @@ from capture_app.net.interfaces import source_address
 from capture_app.net.udp import Pump
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import Group, NodeState
+from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
 
 BEACONS = Group("239.255.47.10", 47011)
 """The same for all rigs: a beacon says which leader sent it."""
@@ -126,18 +125,15 @@ def open_group_socket(group: Group, leader_host: str) -> socket.socket | None:
 
 
 def send_due_beacon(
-    sender: BeaconSender | None,
-    engine: Leader,
-    now_ns: int,
-    seal: Callable[[bytes], bytes] | None = None,
+    sender: BeaconSender | None, engine: Leader, now_ns: int, sealed: SealedLeader | SealedRelay | None
 ) -> None:
     """Send the beacon that is due, if any, to where an engine's own nodes are, at `now_ns` of its time.
 
-    `seal` returns the datagram of a message to all; None in a rig without seals.
+    `sealed` is what seals the engine's datagrams; None in a rig without seals.
     """
     beacon = engine.beacon_to_send()
     if beacon is None or sender is None:
         return
     own = [view for view in engine.clients(now_ns) if view.via is None]
     sender.set_destinations(view.address[0] for view in own if view.report.state is not NodeState.LOST)
-    sender.send(beacon if seal is None else seal(beacon))
+    sender.send(beacon if sealed is None else sealed.keys.seal_for_all(beacon))

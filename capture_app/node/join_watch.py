@@ -1,11 +1,12 @@
 """Says by itself why the leaders of a node or a relay do not answer, and what makes the way to them slow."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from capture_app.net.address import Address
 from capture_app.net.reach import Obstacle, find_obstacle
 from capture_app.net.wifi import power_saving, power_saving_remedy, power_saving_towards
+from capture_app.node.news import Log
 from capture_app.sync.rig.time_client import TimeClient
 
 LOOK_EVERY_S = 0.25
@@ -17,9 +18,8 @@ UNANSWERED = 2
 class JoinWatch:
     """Looks into the way to all leaders while none of them says anything to a node that asks to join."""
 
-    def __init__(self, leaders: Sequence[Address], tell: Callable[[str], None]) -> None:
-        """`tell` gets a sentence when there is a new one."""
-        self._leaders, self._tell = tuple(leaders), tell
+    def __init__(self, leaders: Sequence[Address], log: Log) -> None:
+        self._leaders, self._log = tuple(leaders), log
         self._look_ahead: asyncio.Task[list[Obstacle | None]] | None = None
 
     def look_ahead(self) -> None:
@@ -45,7 +45,7 @@ class JoinWatch:
             sentence = "; ".join(map(str, news))
             if _is_unanswered(time):
                 if sentence and sentence != said:
-                    self._tell(sentence)
+                    self._log.say(sentence)
                     said = sentence
                 await asyncio.sleep(AGAIN_S if said else LOOK_EVERY_S)
 
@@ -55,7 +55,7 @@ class JoinWatch:
     async def _look_at_wifi(self) -> None:
         for leader in self._leaders:
             if interface := await asyncio.to_thread(power_saving_towards, leader.host):
-                self._tell(f"{power_saving(interface)}; {power_saving_remedy(interface)}")
+                self._log.say(f"{power_saving(interface)}; {power_saving_remedy(interface)}")
                 return
 
 

@@ -2,19 +2,19 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable
 
 from capture_app.errors import BadInputError, NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import Address
 from capture_app.net.channel import connect
-from capture_app.node.pairing import knock
+from capture_app.net.udp import Pump
+from capture_app.node.news import NewsLog
+from capture_app.node.pairing import ask_to_enrol
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
-from capture_app.trust.sealing import DatagramsRefused
 from capture_app.trust.trust import Peer, Trust
 
 LOOK_EVERY_NS = 1_000_000_000
@@ -22,19 +22,12 @@ AGAIN_S = 1.0
 """Between two requests to one leader, whatever came of the first."""
 
 
-class KeyDesk:
+class KeyIssuer:
     """A leader's or a relay's keys: hands them out, takes them back, and tells what was refused."""
 
-    def __init__(
-        self,
-        trust: Trust,
-        sealed: SealedLeader | SealedRelay | None,
-        tell: Callable[[DatagramsRefused], None],
-    ) -> None:
+    def __init__(self, trust: Trust, sealed: SealedLeader | SealedRelay | None, news: NewsLog) -> None:
         """`sealed` is None where datagrams are not sealed."""
-        self._trust, self._sealed, self._tell = trust, sealed, tell
-        self.seal_for_all = None if sealed is None else sealed.keys.seal_for_all
-        """Returns the datagram of a message to all nodes; None where there are no seals."""
+        self._trust, self._sealed, self._news = trust, sealed, news
         self._seen_version: int | None = None
         self._due_ns: int | None = None
 
@@ -58,7 +51,7 @@ class KeyDesk:
             return
         self._due_ns = now_ns + LOOK_EVERY_NS
         for refused in self._sealed.refusals.take_news(now_ns):
-            self._tell(refused)
+            self._news.note(refused)
         try:
             machines, version = self._trust.known.all(), self._trust.known.version
         except SimulshotError:
@@ -79,11 +72,11 @@ class KeyRequester:
         request: KeyRequest,
         time: TimeClient,
         trust: Trust,
-        after_key: Callable[[], None],
+        pump: Pump,
     ) -> None:
         """`time` is the node's membership, which is told where it is not let in."""
         self._keys, self._request, self._time, self._trust = keys, request, time, trust
-        self._after_key = after_key
+        self._pump = pump
         self._wanted = asyncio.Event()
         self._asked: set[tuple[str, int]] = set()
 
@@ -107,12 +100,12 @@ class KeyRequester:
     async def _ask(self, leader: tuple[str, int]) -> None:
         try:
             self._keys.hold(leader, (await self._answer(Address(*leader))).grant)
-            self._after_key()
+            self._pump.turn()
         except UnknownMachineError as error:
             self._time.note_refusal(str(error))
             with contextlib.suppress(SimulshotError):
                 # Its pin may have been added there; a leader whose disk is full, say, cannot keep it yet.
-                await knock(Address(*leader), self._trust)
+                await ask_to_enrol(Address(*leader), self._trust)
         except NetworkError:
             # Whether there is a way to a leader at all is looked into elsewhere.
             pass

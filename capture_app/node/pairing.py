@@ -1,31 +1,26 @@
-"""Becoming known: the leader's part and the machine's.
-
-A leader's or a relay's part of becoming known, and what each machine may ask for.
-
-A machine's part of becoming known to a leader.
-"""
+"""Becoming known: a leader's or a relay's part, the machine's, and what each machine may ask for."""
 
 import asyncio
 import socket
 import time
-from collections.abc import Callable
 from typing import Any, TypeVar
 
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.names import name_like
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
+from capture_app.node.news import Log
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
 from capture_app.sync.rig.roster import Member
 from capture_app.trust.identity import pin_of
 from capture_app.trust.known_machines import Role
-from capture_app.trust.pairing import GOOD_FOR_S, Candidate, InvitationDesk
+from capture_app.trust.pairing import GOOD_FOR_S, Candidate, Invitations
 from capture_app.trust.trust import ANYBODY, Peer, Trust
 
 OPEN_NEEDS_NO_CODE = "this rig is open to anybody and needs no code"
 SAID_AGAIN_S = 30.0
-"""Strangers that knock are told of so often at most: they shall not fill a screen."""
+"""Strangers are told of so often at most: they shall not fill a screen."""
 OF_CAMERAS = (
     messages.NodeStream
     | messages.CameraReport
@@ -56,13 +51,12 @@ def check_allowed(who: Peer, message: Message) -> None:
         )
 
 
-class PairingDesk:
+class Enrolment:
     """Makes machines known that have a code, or whose pin was added here."""
 
-    def __init__(self, trust: Trust, tell: Callable[[str], None]) -> None:
-        """`tell` gets what a person should see."""
-        self._trust, self._tell = trust, tell
-        self._invitations = InvitationDesk(time.monotonic)
+    def __init__(self, trust: Trust, log: Log) -> None:
+        self._trust, self._log = trust, log
+        self._invitations = Invitations(time.monotonic)
         self._said_s = -SAID_AGAIN_S
         self._name = name_like(socket.gethostname().split(".")[0], "leader")
 
@@ -79,25 +73,25 @@ class PairingDesk:
         Raises UnknownMachineError, BadInputError, DiskError, and NetworkError where the stream breaks off.
         """
         match message:
-            case pairing.Knock():
-                await self._answer_knock(channel, message)
+            case pairing.EnrolRequest():
+                await self._answer_enrolment(channel, message)
             case pairing.PairingWord():
                 await self._answer_word(channel, message)
             case pairing.PairingProof():
                 raise UnknownMachineError("a proof comes after a word")
 
-    async def _answer_knock(self, channel: Channel[Any], message: pairing.Knock) -> None:
+    async def _answer_enrolment(self, channel: Channel[Any], message: pairing.EnrolRequest) -> None:
         machine = None if self._trust.is_open else self._trust.known.note_certificate(message.certificate)
         if machine is None:
             now_s = time.monotonic()
             if now_s - self._said_s >= SAID_AGAIN_S:
                 self._said_s = now_s
-                self._tell(
+                self._log.say(
                     f"a machine at {channel.host} wants to join and is not known here;"
                     " if it is yours, show it a code: capture-app trust invite"
                 )
             raise UnknownMachineError("the leader does not know this machine")
-        self._tell(f"{machine.name} is known from now on")
+        self._log.say(f"{machine.name} is known from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
 
     async def _answer_word(self, channel: Channel[Any], message: pairing.PairingWord) -> None:
@@ -113,11 +107,11 @@ class PairingDesk:
         try:
             proof = self._invitations.accept(attempt, said.proof)
         except UnknownMachineError:
-            self._tell(f"a machine at {channel.host} tried a wrong code")
+            self._log.say(f"a machine at {channel.host} tried a wrong code")
             raise
         role = attempt.invitation.role
         machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
-        self._tell(f"{machine.name} at {channel.host} is known as {role} from now on")
+        self._log.say(f"{machine.name} at {channel.host} is known as {role} from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))
 
 
@@ -160,7 +154,7 @@ async def is_known(leader: Address, trust: Trust) -> bool:
         return False
 
 
-async def knock(leader: Address, trust: Trust) -> None:
+async def ask_to_enrol(leader: Address, trust: Trust) -> None:
     """Show this machine to a leader that is known here, which may have been given its pin.
 
     Raises UnknownMachineError where it was not, or is not known here, NetworkError.
@@ -168,7 +162,7 @@ async def knock(leader: Address, trust: Trust) -> None:
     async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
         if not channel.who.may(Role.LEADER):
             raise UnknownMachineError(f"this machine does not know the leader at {leader}")
-        await _ask(channel, pairing.Knock(certificate=trust.identity.certificate), pairing.Known)
+        await _ask(channel, pairing.EnrolRequest(certificate=trust.identity.certificate), pairing.Known)
 
 
 async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:

@@ -3,7 +3,9 @@
 import asyncio
 import random
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from socket import socket
 from typing import Any, Self
 
 from capture_app.clock import HostClock, HostRate, NodeClock
@@ -16,12 +18,12 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import refusal_of
 from capture_app.node.join_watch import JoinWatch
-from capture_app.node.keys import KeyDesk, KeyRequester
-from capture_app.node.leader.followers import FollowerNews, RigFollower, SharedGrid
-from capture_app.node.leader.news import follower_line, news_line
+from capture_app.node.keys import KeyIssuer, KeyRequester
+from capture_app.node.leader.followers import RigFollower, SharedGrid
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses
-from capture_app.node.pairing import PairingDesk, check_allowed, is_node, peer_of, speaks_for
+from capture_app.node.news import FollowerNews, NewsLog, follower_line
+from capture_app.node.pairing import Enrolment, check_allowed, is_node, peer_of, speaks_for
 from capture_app.node.wire import pairing
 from capture_app.node.wire.messages import (
     FromLeader,
@@ -46,123 +48,125 @@ from capture_app.trust.trust import Peer, Trust
 UPSTREAM_TIMEOUT_S = 2.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelayOptions:
+    """What a relay is given by whoever starts it."""
+
+    name: str
+    parents: tuple[Address, ...]
+    """Leaders or relays of one rig, asked in turn, the best one first."""
+    host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
+    port: int = DEFAULT_PORT
+    beacons: BeaconSender | None = None
+    """Sends beacons, so that nodes which hear this relay's packets together agree with each other."""
+    followers: Sequence[RigFollower] = ()
+    """Other programs that are told the rig's grid."""
+    trust: Trust = field(default_factory=Trust.of_user)
+    """Whom it lets in and follows."""
+    clock: NodeClock = field(default_factory=HostClock)
+    news: NewsLog = field(default_factory=NewsLog)
+    """Takes what happens."""
+
+
 class RelayNode:
-    """A running relay; `async with RelayNode(...)` binds its port and serves until the block ends.
+    """A running relay: `async with await RelayNode.start(options)` serves until the block ends.
 
     Streams of its nodes go on to the leader byte by byte, through as many relays as there are: an image is
     safe when the root says so, and whatever breaks off is taken up again between the node and the root.
     """
 
-    def __init__(
-        self,
-        *,
-        name: str,
-        parents: tuple[Address, ...],
-        host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
-        port: int = DEFAULT_PORT,
-        clock: NodeClock | None = None,
-        beacons: BeaconSender | None = None,
-        talk: Callable[[str], None] | None = None,
-        trust: Trust | None = None,
-        followers: Sequence[RigFollower] = (),
-    ) -> None:
-        """`parents` are leaders or relays of one rig, asked in turn, the best one first.
-
-        `trust` is whom it lets in and follows, else its user's. `followers` are other programs that are told
-        the rig's grid.
-
-        With `beacons` nodes that hear this relay's packets together agree with each other.
-        """
-        self.name = name
-        self.address = Address(host, port)
-        self.also: tuple[Address, ...] = ()
+    def __init__(self, options: RelayOptions, engine: Relay, bound: socket) -> None:
+        """Put the parts together, for a port that is bound; `start` does it all."""
+        self.options, self._engine, self._clock = options, engine, options.clock
+        port = engine.leader.config.transfer_port
+        self.address = Address(reachable_host(options.host, bound.family), port)
+        # Which side its nodes are on, the relay cannot know.
+        hosts = own_hosts(bound.family) if options.host in ANY_HOST else []
+        self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
         """Further addresses of this machine that nodes may join it at."""
-        self._parents = parents
-        self._clock: NodeClock = clock or HostClock()
-        self._beacons, self._followers = beacons, followers
-        self._trust = trust or Trust.of_user()
-        self._talk = talk or (lambda _: None)
-        self._desk = PairingDesk(self._trust, lambda line: self._talk(line))
+        self._sealed = None if options.trust.is_open else SealedRelay(engine)
+        self._enrolment = Enrolment(options.trust, options.news)
+        self._keys = KeyIssuer(options.trust, self._sealed, options.news)
+        self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
+        self._pump = Pump(self._sealed or engine, options.clock, self._drain)
+        self._requester: KeyRequester | None = None
+        if self._sealed is not None:
+            request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)
+            self._requester = KeyRequester(
+                self._sealed.parent_keys, request, engine.follower.time, options.trust, self._pump
+            )
         self._upstream: Address | None = None
         self._upstream_channels: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
         self._host_rate = HostRate()
-        self.instance = secrets.randbits(32)
-        """This run of the relay, by which its nodes tell it from the next."""
-        self._engine: Relay
-        self._keys: KeyDesk
-        self._requester: KeyRequester | None = None
+        self._is_leaving = False
         self._tasks: list[asyncio.Task[None]] = []
-        self._pump: Pump
-        self._server: TransferServer[ToLeader]
 
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.stop()
-
-    async def start(self) -> None:
+    @classmethod
+    async def start(cls, options: RelayOptions) -> Self:
         """Bind, and ask the parents.
 
         Raises NetworkError where the port is in use, or a parent's host has no address or none that can be
         reached from the host to listen on; DiskError or BadInputError where this machine's key cannot be had.
         """
-        self._trust.server_context()
-        found = [await resolve(parent) for parent in self._parents]
-        datagrams, listening = bind_port(self.address.host, self.address.port)
-        port = listening.getsockname()[1]
-        if any(family != datagrams.family for family, _ in found):
+        options.trust.server_context()
+        found = [await resolve(parent) for parent in options.parents]
+        datagrams, listening = bind_port(options.host, options.port)
+        try:
+            if any(family != datagrams.family for family, _ in found):
+                address = Address(options.host, options.port)
+                raise NetworkError(
+                    f"{address} and a leader's address are not of one kind (IPv4 and IPv6)",
+                    hint="listen on a fitting address with --host",
+                )
+            peers = tuple((peer.host, peer.port) for _, peer in found)
+            instance = secrets.randbits(32)
+            group = None if options.beacons is None else options.beacons.group
+            engine = Relay(
+                FollowerConfig(options.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS),
+                LeaderConfig(instance, transfer_port=listening.getsockname()[1], beacons=group),
+                random.Random(secrets.randbits(64)),
+            )
+            relay = cls(options, engine, listening)
+            await relay._server.start(listening)
+            for follower in options.followers:
+                follower.start(options.clock, relay)
+        except BaseException:
             datagrams.close()
             listening.close()
-            raise NetworkError(
-                f"{self.address} and a leader's address are not of one kind (IPv4 and IPv6)",
-                hint="listen on a fitting address with --host",
-            )
-        host = self.address.host
-        self.address = Address(reachable_host(host, listening.family), port)
-        if host in ANY_HOST:
-            # Which side its nodes are on, the relay cannot know.
-            hosts = own_hosts(listening.family)
-            self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
-        peers = tuple((peer.host, peer.port) for _, peer in found)
-        config = FollowerConfig(self.name, self.instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS)
-        rng = random.Random(secrets.randbits(64))
-        limits = LeaderConfig(
-            self.instance, transfer_port=port, beacons=None if self._beacons is None else self._beacons.group
-        )
-        self._engine = Relay(config, limits, rng)
-        sealed = None if self._trust.is_open else SealedRelay(self._engine)
-        self._keys = KeyDesk(self._trust, sealed, lambda refused: self._talk(str(refused)))
-        self._server = TransferServer(ToLeader, self._serve, trust=self._trust)
-        self._pump = Pump(sealed or self._engine, self._clock, self._drain)
-        await self._server.start(listening)
-        self._pump.start(datagrams)
-        for follower in self._followers:
-            follower.start(self._clock, self)
-        watch = JoinWatch(self._parents, self._talk)
-        self._tasks.append(asyncio.create_task(watch.run(self._engine.follower.time)))
-        if sealed is not None:
-            request = KeyRequest(name=self.name, instance=self.instance, is_relay=True)
-            time = self._engine.follower.time
-            self._requester = KeyRequester(sealed.parent_keys, request, time, self._trust, self._pump.turn)
-            self._tasks.append(asyncio.create_task(self._requester.run()))
+            raise
+        relay._pump.start(datagrams)
+        watch = JoinWatch(options.parents, options.news)
+        relay._tasks.append(asyncio.create_task(watch.run(engine.follower.time)))
+        if relay._requester is not None:
+            relay._tasks.append(asyncio.create_task(relay._requester.run()))
+        return relay
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
 
     async def stop(self) -> None:
         """Say goodbye to the leader, send the nodes on to others, and close the port."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        for follower in self._followers:
+        for follower in self.options.followers:
             await follower.close()
-        self._talk = lambda _: None
+        self._is_leaving = True
         self._engine.leave()
         self._pump.turn()
         self._pump.close()
-        if self._beacons is not None:
-            self._beacons.close()
+        if self.options.beacons is not None:
+            self.options.beacons.close()
         await self._server.stop()
+
+    @property
+    def instance(self) -> int:
+        """This run of the relay, by which its nodes tell it from the next."""
+        return self._engine.leader.config.instance
 
     def status(self) -> RigStatus:
         """What this relay knows by itself: its own nodes, and how its time stands."""
@@ -172,8 +176,8 @@ class RelayNode:
         message = self._holdover_message(now_ns)
         return RigStatus(
             leader=str(self.address),
-            is_open=self._trust.is_open,
-            relay=self.name,
+            is_open=self.options.trust.is_open,
+            relay=self.options.name,
             message=message,
             advice=message or rig_advice(views, str(self.address)),
             now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
@@ -188,7 +192,7 @@ class RelayNode:
 
     def note_follower(self, news: FollowerNews) -> None:
         """Tell what happened to another program that follows."""
-        self._talk(news.line)
+        self.options.news.note(news)
 
     # Streams
 
@@ -197,10 +201,10 @@ class RelayNode:
             try:
                 check_allowed(below.who, message)
                 match message:
-                    case pairing.Knock() | pairing.PairingWord() | pairing.PairingProof():
-                        await self._desk.answer(below, message)
+                    case pairing.EnrolRequest() | pairing.PairingWord() | pairing.PairingProof():
+                        await self._enrolment.answer(below, message)
                     case pairing.Invite():
-                        await below.send(self._desk.invite(message.role))
+                        await below.send(self._enrolment.invite(message.role))
                     case pairing.SpeaksFor():
                         below.who = peer_of(message, below.who)
                     case KeyRequest():
@@ -223,7 +227,9 @@ class RelayNode:
         try:
             if self._upstream is None:
                 raise NetworkError(self._holdover_message(self._clock.now_ns()))
-            above = await connect(self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S, trust=self._trust)
+            above = await connect(
+                self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S, trust=self.options.trust
+            )
         except NetworkError as error:
             # Who is here can be said without a leader; all else has to wait.
             known = isinstance(message, StatusRequest)
@@ -248,19 +254,17 @@ class RelayNode:
         rate = self._engine.follower.time.timekeeper.rate
         rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         now_ns = self._clock.now_ns()
-        send_due_beacon(self._beacons, self._engine.leader, now_ns, self._keys.seal_for_all)
+        send_due_beacon(self.options.beacons, self._engine.leader, now_ns, self._sealed)
         self._keys.look(now_ns)
         if self._requester is not None:
             self._requester.look()
-        while (event := self._engine.next_event()) is not None:
+        while (event := self._engine.next_event()) is not None and not self._is_leaving:
             if isinstance(event, Joined | LeaderLost):
                 self._change_upstream(event)
-            if isinstance(event, TimeClientEvent):
-                line = follower_line(event, Address(*self._engine.follower.parent))
-            else:
-                line = news_line(event)
-            if line:
-                self._talk(line)
+            if not isinstance(event, TimeClientEvent):
+                self.options.news.note(event)
+            elif line := follower_line(event, Address(*self._engine.follower.parent)):
+                self.options.news.say(line)
 
     def _change_upstream(self, event: Joined | LeaderLost) -> None:
         """Another parent, or none: break streams to the one before off, for nodes to take up again."""
@@ -279,9 +283,9 @@ class RelayNode:
             return ""
         time_map = self._engine.follower.time_map
         if time_map is None or self._lost_ns is None:
-            return f"relay {self.name} has not found a leader yet"
+            return f"relay {self.options.name} has not found a leader yet"
         seconds = (now_ns - self._lost_ns) / 1e9
         return (
-            f"relay {self.name} lost its leader {seconds:.0f} s ago and is in holdover, accurate to"
+            f"relay {self.options.name} lost its leader {seconds:.0f} s ago and is in holdover, accurate to"
             f" {duration(time_map.uncertainty_at(now_ns))}"
         )

@@ -17,6 +17,8 @@ from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.supervisor import NodeOptions
+from capture_app.node.news import Log
 from capture_app.phones import wire
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import PATIENCE_S, Phone
@@ -168,15 +170,15 @@ class PhoneNodes:
     async def _look_after(self, phone: Phone) -> None:
         while True:
             await phone.came.wait()
-            node = CameraNode(
+            options = NodeOptions(
                 name=phone.name,
                 open_camera=lambda: PhoneCamera(phone),
-                leader=self._leaders[0],
-                others=self._leaders[1:],
-                talk=lambda line: self._talk(f"{phone.name}: {line}"),
+                leaders=self._leaders,
+                log=Log(lambda line: self._talk(f"{phone.name}: {line}"), name=phone.name),
                 spool=self._spool,
                 profiles=DeviceProfiles(),
             )
+            node = CameraNode(options)
             tasks = [
                 asyncio.create_task(node.run()),
                 asyncio.create_task(_until_gone(phone)),

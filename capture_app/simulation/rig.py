@@ -20,7 +20,8 @@ from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_picks import Burst
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping.poll_schedule import AccuracyGoal, PollSchedule, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
@@ -137,7 +138,8 @@ class VirtualRig:
         self._time = VirtualTime()
         self._media: dict[SharedMedium, MediumQueue] = {}
         self._leader_timer = Timer(self._time, self._pump_leader)
-        self._config = LeaderConfig(0, 0, period_ns, align_row, max_delay_ns, beacons=beacons)
+        rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns)
+        self._config = LeaderConfig(0, 0, rig, beacons=beacons)
         self.leader = self._new_leader()
         for spec in specs:
             self._time.schedule(spec.start_true_ns, self.start, spec)
@@ -182,24 +184,9 @@ class VirtualRig:
         """Let the leader fall silent; another takes its place at the same address."""
         self.leader = self._new_leader()
 
-    def trigger(
-        self,
-        *,
-        frames: int,
-        spacing: int = 1,
-        spare: int = 0,
-        at_leader_ns: int | None = None,
-        streamed: bool = False,
-    ) -> Burst:
-        """Order a burst as `Leader.trigger` does."""
-        burst = self.leader.trigger(
-            self.now_true_ns,
-            frames=frames,
-            spacing=spacing,
-            spare=spare,
-            at_leader_ns=at_leader_ns,
-            streamed=streamed,
-        )
+    def trigger(self, **order: Any) -> Burst:
+        """Order a burst of these fields of a `BurstOrder`."""
+        burst = self.leader.trigger(self.now_true_ns, BurstOrder(**order))
         self._pump_leader()
         return burst
 

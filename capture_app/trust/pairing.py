@@ -29,7 +29,7 @@ class Invitation:
     code: str
     role: Role
     ends_s: float
-    """By the clock that the desk was given."""
+    """By the clock that the invitations were given."""
     tries_left: int = TRIES
 
 
@@ -42,7 +42,7 @@ class Attempt:
     pin: str
 
 
-class InvitationDesk:
+class Invitations:
     """A leader's codes: one at a time, for one machine, a few tries and some minutes."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from screen_drawing import draw_screen
 
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink
 from capture_app.sync.wire.messages import NodeState
 from capture_app.terminal import talk
@@ -74,7 +75,9 @@ async def until(holds: Callable[[], bool], meanwhile: Callable[[], object] = lam
 
 async def play(folder: Path) -> None:
     """Drive the screen as a photographer does."""
-    async with LeaderNode(sessions=folder, host="127.0.0.1", port=0, spool=folder / "spool") as leader:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=folder, host="127.0.0.1", port=0, spool=folder / "spool")
+    ) as leader:
         link = RigLink(leader.own_address)
         await link.add_simulated(CAMERAS)
         app = SimulshotApp(link, settings=Settings(choices=PLAN), sessions=folder)

@@ -11,6 +11,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import OPEN_VARIABLE, Trust
 
@@ -71,7 +72,9 @@ def test_what_cannot_be_read_is_a_mistake_of_usage(on: Machine, arguments: tuple
 async def test_an_invitation_makes_another_machine_an_operator(
     on: Machine, trust: Trust, tmp_path: Path
 ) -> None:
-    async with LeaderNode(sessions=tmp_path / "s", host="127.0.0.1", port=0, trust=trust) as leader:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "s", host="127.0.0.1", port=0, trust=trust)
+    ) as leader:
         address = str(leader.own_address)
 
         async def there(*arguments: str) -> tuple[int, str, str]:
@@ -95,7 +98,9 @@ async def test_an_invitation_makes_another_machine_an_operator(
 
 
 async def test_an_open_rig_asks_nobody_and_has_no_codes(on: Machine, tmp_path: Path) -> None:
-    async with LeaderNode(sessions=tmp_path / "s", host="127.0.0.1", port=0, trust=Trust.open()) as leader:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "s", host="127.0.0.1", port=0, trust=Trust.open())
+    ) as leader:
         address = str(leader.own_address)
         code, _, _ = await asyncio.to_thread(on, THERE, "status", "--leader", address, "--open")
         assert code == ExitCode.OK

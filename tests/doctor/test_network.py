@@ -9,6 +9,7 @@ from capture_app.net.address import Address
 from capture_app.net.firewall import Firewall, active_firewalls
 from capture_app.net.wifi import told_power_save, wifi_interfaces
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.trust.trust import Trust
 from tests.net.ports import closed_port
 
@@ -91,7 +92,7 @@ def test_wifi_interfaces_are_told_from_others(tmp_path: Path) -> None:
 
 
 async def test_a_leader_in_reach_is_good_and_one_that_is_not_is_a_problem(tmp_path: Path) -> None:
-    async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as running:
+    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as running:
         assert (await doctor.leader(running.address)).grade == "good"
         own = await doctor.own_rig(running.address)
     assert own.grade == "warning"

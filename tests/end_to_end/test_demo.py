@@ -19,9 +19,11 @@ import asyncio, signal
 from pathlib import Path
 from capture_app.demo import simulated_nodes
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 
 async def main():
-    async with LeaderNode(sessions=Path("unused"), host="127.0.0.1", port=0) as leader:
+    options = LeaderOptions(sessions=Path("unused"), host="127.0.0.1", port=0)
+    async with await LeaderNode.start(options) as leader:
         async with simulated_nodes(leader, 2, scene="bars"):
             await leader.wait_until_ready(240, nodes=2)
             print("ready", flush=True)

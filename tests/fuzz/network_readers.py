@@ -15,11 +15,11 @@ from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.phones import wire
 from capture_app.phones.phone import Phone
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.known_machines import Role
-from capture_app.trust.pairing import InvitationDesk
+from capture_app.trust.pairing import Invitations
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.sealing import SealError
 from tests.fuzz.folders import Reader
@@ -61,7 +61,7 @@ class _NoWriter:
 def read_sealed(data: bytes, folder: Path) -> None:
     """Whatever comes to a leader's port, which answers it by no more bytes; and to a client's."""
     here, there = Address("192.0.2.1", 1), Address("192.0.2.2", 2)
-    leader = SealedLeader(Leader(LeaderConfig(1, 0, period_ns=10**7), random.Random(1)))
+    leader = SealedLeader(Leader(LeaderConfig(1, 0, RigConfig(period_ns=10**7)), random.Random(1)))
     leader.receive_datagram(data, here, 1)
     assert sum(len(answer) for answer, _ in leader.datagrams_to_send(1)) <= len(data)
     keys = LeaderKeys()
@@ -72,7 +72,7 @@ def read_sealed(data: bytes, folder: Path) -> None:
 
 def read_pairing_word(data: bytes, folder: Path) -> None:
     """What comes in place of a word or a proof of a pairing: it proves nothing."""
-    desk = InvitationDesk(lambda: 0.0)
+    desk = Invitations(lambda: 0.0)
     desk.invite(Role.CAMERA)
     with suppress(SimulshotError):
         _, attempt = desk.answer("a" * 32, data, "b" * 32)

@@ -13,6 +13,7 @@ from capture_app.camera_facts import EXACT_STAMPS, CameraControls, Control
 from capture_app.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating, pairing
 from capture_app.node.wire.messages import FromLeader, ToLeader
@@ -62,7 +63,7 @@ def every_message(node: SealedNode) -> list[Any]:
         operating.StampKept(camera="cam", kept=True),
         operating.PreviewFrame(camera="cam", leader_ns=0, width=1, height=1),
         operating.DetailAnswer(detail=NodeDetail(camera="cam")),
-        pairing.Knock(certificate=b"none"),
+        pairing.EnrolRequest(certificate=b"none"),
         pairing.PairingWord(certificate=b"none", name="x", share=b""),
         pairing.PairingProof(proof=b""),
         pairing.Invite(role=Role.OPERATOR),
@@ -79,8 +80,10 @@ def trust(tmp_path: Path) -> Trust:
 
 @pytest.fixture
 async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
-    async with LeaderNode(
-        sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust, spool=tmp_path / "spool"
+    async with await LeaderNode.start(
+        LeaderOptions(
+            sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust, spool=tmp_path / "spool"
+        )
     ) as node:
         yield node
 

@@ -12,8 +12,10 @@ from capture_app.clock import HostClock
 from capture_app.net.address import Address
 from capture_app.net.multicast import BEACONS, BeaconSender, open_group_socket
 from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.relay import RelayNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.sync.rig.client import Client
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Beacon
@@ -52,9 +54,11 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> BeaconArrivals:
 async def cameras(leader: Address) -> AsyncIterator[None]:
     nodes = [
         CameraNode(
-            name=f"cam{k}",
-            open_camera=lambda k=k: open_camera("sim:perfect", clock=HostClock(), name=f"cam{k}"),
-            leader=leader,
+            NodeOptions(
+                name=f"cam{k}",
+                open_camera=lambda k=k: open_camera("sim:perfect", clock=HostClock(), name=f"cam{k}"),
+                leaders=(leader,),
+            )
         )
         for k in range(2)
     ]
@@ -79,23 +83,27 @@ async def both_heard(heard: BeaconArrivals) -> set[int]:
 
 
 async def test_the_cameras_of_a_leader_hear_its_beacons(heard: BeaconArrivals, tmp_path: Path) -> None:
-    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0, beacons=NearSender(BEACONS))
+    leader = await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0, beacons=NearSender(BEACONS))
+    )
     async with leader, cameras(leader.address):
         assert leader.instance in await both_heard(heard)
 
 
 async def test_the_cameras_of_a_relay_hear_the_relays(heard: BeaconArrivals, tmp_path: Path) -> None:
-    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0)
+    leader = await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0))
     async with leader:
-        relay = RelayNode(
-            name="relay", parents=(leader.address,), host="127.0.0.1", port=0, beacons=NearSender(BEACONS)
+        relay = await RelayNode.start(
+            RelayOptions(
+                name="relay", parents=(leader.address,), host="127.0.0.1", port=0, beacons=NearSender(BEACONS)
+            )
         )
         async with relay, cameras(relay.address):
             assert await both_heard(heard) == {relay.instance}
 
 
 async def test_a_leader_that_is_not_asked_sends_none(heard: BeaconArrivals, tmp_path: Path) -> None:
-    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0)
+    leader = await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0))
     async with leader, cameras(leader.address):
         async with asyncio.timeout(60):
             while len(leader.status().nodes) < 2:  # noqa: ASYNC110

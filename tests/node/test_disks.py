@@ -18,6 +18,7 @@ from capture_app.node.burst.answers import refusal_of
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.wire.messages import (
     BurstRequest,
     FromLeader,
@@ -93,10 +94,10 @@ async def test_a_leader_whose_disk_is_full_before_the_first_image_says_so_and_go
     small_disk: Path,
 ) -> None:
     async with (
-        LeaderNode(sessions=small_disk, host="127.0.0.1", port=0) as leader,
+        await LeaderNode.start(LeaderOptions(sessions=small_disk, host="127.0.0.1", port=0)) as leader,
         joined(leader.own_address, ("cam0", CAM0)),
     ):
-        taking = leader.take_burst(BurstRequest(frames=1, spare=2))
+        taking = leader.bursts.take(BurstRequest(frames=1, spare=2))
         status = await anext(taking)
         filling = await asyncio.to_thread(fill, small_disk)
         report = replace(bursts.report("cam0", 0, 1, 2), leader=leader.instance, burst=status.burst)

@@ -5,6 +5,7 @@ import socket
 
 from capture_app.net.address import Address
 from capture_app.node.join_watch import UNANSWERED, JoinWatch
+from capture_app.node.news import Log
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from tests.waiting import until
@@ -26,7 +27,7 @@ def closed_port() -> Address:
 async def test_it_says_what_is_in_the_way_to_each_leader() -> None:
     said: list[str] = []
     leaders = closed_port(), Address("nobody.invalid", 47010)
-    watching = asyncio.create_task(JoinWatch(leaders, said.append).run(asking_in_vain()))
+    watching = asyncio.create_task(JoinWatch(leaders, Log(said.append)).run(asking_in_vain()))
     await until(lambda: said)
     watching.cancel()
     (sentence,) = said
@@ -37,7 +38,7 @@ async def test_it_says_what_is_in_the_way_to_each_leader() -> None:
 async def test_it_says_nothing_before_an_answer_is_missing() -> None:
     said: list[str] = []
     client = asking_in_vain(UNANSWERED - 1)
-    watching = asyncio.create_task(JoinWatch([closed_port()], said.append).run(client))
+    watching = asyncio.create_task(JoinWatch([closed_port()], Log(said.append)).run(client))
     await asyncio.sleep(0.6)
     assert said == []
     client.handle_timer(client.next_timer())
@@ -52,7 +53,7 @@ async def test_what_the_leader_said_itself_is_not_said_again() -> None:
     for _ in range(UNANSWERED):
         client.handle_timer(client.next_timer())
     others = leader, Address("nobody.invalid", 47010)
-    watch = JoinWatch(others, said.append)
+    watch = JoinWatch(others, Log(said.append))
     watch.look_ahead()
     watching = asyncio.create_task(watch.run(client))
     await until(lambda: said)

@@ -1,12 +1,13 @@
 """What a node tells of itself in detail."""
 
 from capture_app.node.camera.camera_node import NodeJournal
+from capture_app.node.news import Log
 from capture_app.node.wire.operating import Vitals
 from capture_app.sync.clock.clock_filter import ClockSample
 
 
 def test_the_drift_of_a_clock_is_taken_off_its_samples() -> None:
-    journal = NodeJournal("cam00")
+    journal = NodeJournal(Log(name="cam00"))
     for second in range(5):
         local_ns = second * 1_000_000_000
         leader_ns = local_ns + 7_000_000_000 + second * 30_000  # it gains 30 ppm

@@ -8,7 +8,9 @@ import pytest
 
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.relay import RelayNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.news import NewsLog
+from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal, NodeState
@@ -27,7 +29,9 @@ def trust(tmp_path: Path) -> Trust:
 
 @pytest.fixture
 async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
-    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust) as node:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
+    ) as node:
         yield node
 
 
@@ -79,13 +83,16 @@ async def test_datagrams_of_strangers_change_nothing_and_are_told(
 
 async def test_a_leader_that_was_started_anew_gives_new_keys(tmp_path: Path, trust: Trust) -> None:
     machine = introduced(tmp_path, trust, "machine")
-    first = LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    await first.start()
+    first = await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
+    )
     async with sealed_node(first.own_address, machine) as node:
         await until(lambda: node.time.is_member)
         await first.stop()
         port = first.own_address.port
-        async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=port, trust=trust) as second:
+        async with await LeaderNode.start(
+            LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=port, trust=trust)
+        ) as second:
             await until(lambda: here(second) == ["cam"] and node.time.is_member)
 
 
@@ -115,7 +122,9 @@ async def test_who_is_removed_gets_no_key_over_a_stream_that_it_has_kept(
 
 async def test_below_a_relay_keys_are_the_relays(tmp_path: Path, leader: LeaderNode, trust: Trust) -> None:
     relays = introduced(tmp_path, trust, "relay", Role.RELAY)
-    one = RelayNode(name="relay", parents=(leader.own_address,), host="127.0.0.1", port=0, trust=relays)
+    one = await RelayNode.start(
+        RelayOptions(name="relay", parents=(leader.own_address,), host="127.0.0.1", port=0, trust=relays)
+    )
     async with one:
         camera = introduced(tmp_path, relays, "camera")
         async with sealed_node(one.address, camera, "below") as node:
@@ -126,13 +135,15 @@ async def test_below_a_relay_keys_are_the_relays(tmp_path: Path, leader: LeaderN
 async def test_a_camera_is_not_taken_for_a_relay(tmp_path: Path, leader: LeaderNode, trust: Trust) -> None:
     camera = introduced(tmp_path, trust, "camera")
     said: list[str] = []
-    relay = RelayNode(
-        name="relay",
-        parents=(leader.own_address,),
-        host="127.0.0.1",
-        port=0,
-        trust=camera,
-        talk=said.append,
+    relay = await RelayNode.start(
+        RelayOptions(
+            name="relay",
+            parents=(leader.own_address,),
+            host="127.0.0.1",
+            port=0,
+            trust=camera,
+            news=NewsLog(said.append),
+        )
     )
     async with relay:
         await until(lambda: any("not as relay" in line for line in said))
@@ -142,7 +153,7 @@ async def test_a_camera_is_not_taken_for_a_relay(tmp_path: Path, leader: LeaderN
 async def test_a_leader_that_cannot_keep_a_certificate_ends_no_node(
     tmp_path: Path, leader: LeaderNode, trust: Trust
 ) -> None:
-    """Its pin was added there, and its knock meets a disk that takes nothing."""
+    """Its pin was added there, and its request meets a disk that takes nothing."""
     machine = Trust(tmp_path / "machine")
     machine.known.add(trust.identity.pin, Role.LEADER)
     trust.known.add(machine.identity.pin, Role.CAMERA)

@@ -1,12 +1,15 @@
 """Several cameras in one process: none waits for another, and what ends them all."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import cast
 
 import pytest
 
 from capture_app.errors import BadInputError, CameraError, SimulshotError
+from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.node_group import NodeGroup
+from capture_app.node.news import Log
 from tests.waiting import until
 
 
@@ -17,14 +20,15 @@ class ScriptedNode:
         self.errors = list(errors)
         self.runs = 0
 
-    def __call__(self) -> "ScriptedNode":
-        return self
-
     async def run(self) -> None:
         if self.errors:
             raise self.errors.pop(0)
         self.runs += 1
         await asyncio.Event().wait()
+
+
+def group_of(nodes: Mapping[str, ScriptedNode], said: list[str], retry_s: float = 60.0) -> NodeGroup:
+    return NodeGroup(cast(Mapping[str, CameraNode], nodes), Log(said.append), retry_s=retry_s)
 
 
 async def run_until(group: NodeGroup, holds: Callable[[], object]) -> None:
@@ -38,7 +42,7 @@ async def run_until(group: NodeGroup, holds: Callable[[], object]) -> None:
 
 async def test_a_missing_camera_is_tried_again_while_others_run() -> None:
     here, late, said = ScriptedNode(), ScriptedNode(*[CameraError("no camera")] * 2), list[str]()
-    group = NodeGroup({"here": here, "late": late}, said.append, retry_s=0.01)
+    group = group_of({"here": here, "late": late}, said, retry_s=0.01)
     await run_until(group, lambda: late.runs)
     assert (here.runs, late.runs) == (1, 1)
     assert said == ["late: no camera; tried again while the others run"] * 2
@@ -47,12 +51,12 @@ async def test_a_missing_camera_is_tried_again_while_others_run() -> None:
 async def test_without_any_camera_it_ends_with_the_error() -> None:
     missing = {name: ScriptedNode(CameraError(f"no {name}")) for name in ("a", "b")}
     with pytest.raises(CameraError, match="no b"):
-        await NodeGroup(missing, lambda line: None, retry_s=60.0).run()
+        await group_of(missing, []).run()
     with pytest.raises(CameraError, match="no c"):
-        await NodeGroup({"c": ScriptedNode(CameraError("no c"))}, lambda line: None).run()
+        await group_of({"c": ScriptedNode(CameraError("no c"))}, []).run()
 
 
 async def test_another_error_ends_all_of_them() -> None:
     nodes = {"a": ScriptedNode(), "b": ScriptedNode(BadInputError("fps=0"))}
     with pytest.raises(BadInputError, match="fps=0"):
-        await NodeGroup(nodes, lambda line: None).run()
+        await group_of(nodes, []).run()

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import CameraError
-from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.cameras.fake_camera import FACTS, PERIOD_NS, FakeCamera, frame
@@ -36,7 +36,9 @@ class Bench:
         self.starts_ns: list[int] = []
         self.failures: list[str] = []
         self.wanted: list[CameraCommand] = []
-        self.camera = CameraSupervisor(self._open, self.clock, lambda _: None, retry_s=0.0)
+        self.camera = CameraSupervisor(
+            NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock), retry_s=0.0
+        )
 
     async def next_camera(self) -> FakeCamera:
         return await asyncio.wait_for(self.opened.get(), 30)
@@ -45,6 +47,11 @@ class Bench:
         camera = FakeCamera(self.next_facts)
         self.opened.put_nowait(camera)
         return camera
+
+    # As the pump
+
+    def turn(self) -> None:
+        self.camera.collect_commands()
 
     # As the engine
 
@@ -70,7 +77,7 @@ class Bench:
 async def bench() -> AsyncIterator[Bench]:
     bench = Bench()
     await bench.camera.start()
-    bench.camera.attach(bench, bench.camera.collect_commands)
+    bench.camera.attach(bench, bench)
     running = asyncio.gather(bench.camera.keep_open(), bench.camera.carry_out_commands())
     yield bench
     running.cancel()

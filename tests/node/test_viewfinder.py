@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.supervisor import ControlKeeper
-from capture_app.node.camera.viewfinder import Viewfinder, small_jpeg
+from capture_app.node.camera.viewfinder import small_jpeg
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink, Update
 from capture_app.node.wire.messages import FromLeader
 from capture_app.node.wire.operating import (
@@ -29,7 +29,7 @@ from capture_app.node.wire.operating import (
     Vitals,
 )
 from capture_app.node.wire.status import NodeDetail, Preview
-from tests.node.camera.controlled_camera import ControlledCamera
+from tests.node.camera.controlled_camera import ControlledCamera, ShownNode
 from tests.node.joining import joined
 from tests.waiting import patience
 
@@ -42,7 +42,9 @@ NODE = 5
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
     async with (
-        LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as node,
+        await LeaderNode.start(
+            LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0)
+        ) as node,
         joined(node.own_address, ("a", NODE)),
     ):
         yield node
@@ -63,24 +65,12 @@ class Picture:
         return np.full((60, 80, 3), self.level, np.uint8)
 
 
-@dataclass
-class Node:
-    """A viewfinder, and what a node around it would be."""
+class Node(ShownNode):
+    """A node whose camera sees grey levels."""
 
-    busy: bool = False
-    camera: ControlledCamera = field(default_factory=ControlledCamera)
-    viewfinder: Viewfinder = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.viewfinder = Viewfinder(
-            "a",
-            NODE,
-            now_ns=lambda: 1_000_000_000,
-            leader_ns=lambda local_ns: local_ns + 7,
-            is_busy=lambda: self.busy,
-            detail=lambda: NodeDetail(camera="a", samples=((5, 6),)),
-            controls=ControlKeeper(lambda: self.camera, lambda: None),
-        )
+    def __init__(self, *, is_busy: bool = False) -> None:
+        super().__init__("a", NODE, ControlledCamera())
+        self.is_busy = is_busy
 
     def see(self, number: int, level: int = 128) -> Picture:
         picture = Picture(level)
@@ -133,7 +123,7 @@ async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: Lead
 
 
 async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: LeaderNode) -> None:
-    node = Node(busy=True)
+    node = Node(is_busy=True)
     running = asyncio.create_task(node.viewfinder.run())
     try:
         node.viewfinder.set_leader(leader.own_address)
@@ -146,7 +136,7 @@ async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: Le
             seen.append(node.see(number))
         assert not coming.done()
         assert [picture.asked for picture in seen] == [[]] * 6, "no picture is made while it is busy"
-        node.busy = False
+        node.is_busy = False
         async with patience("the updates that follow"):
             await coming
     finally:

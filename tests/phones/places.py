@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.phones.admission import Admission
 from capture_app.phones.camera import PhoneNodes
@@ -49,7 +50,9 @@ class Place:
 async def serving(folder: Path, size: tuple[int, int] = (320, 240)) -> AsyncGenerator[Place, None]:
     """A leader and a gateway on the loopback, until the block ends."""
     said: list[str] = []
-    async with LeaderNode(sessions=folder / "sessions", host="127.0.0.1", port=0) as leader:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=folder / "sessions", host="127.0.0.1", port=0)
+    ) as leader:
         admission = Admission(time.monotonic)
         nodes = PhoneNodes((leader.own_address,), folder / "spool", said.append)
         gateway = PhoneGateway(admission, nodes.add, size)
@@ -84,7 +87,7 @@ async def burst(place: Place, frames: int, *, wait_ready_s: float = SLOW_PATIENC
     request = BurstRequest(frames=frames, wait_ready_s=wait_ready_s)
     async with patience(f"a whole burst of {frames} frames", SLOW_PATIENCE_S):
         while True:
-            told = [status async for status in place.leader.take_burst(request)]
+            told = [status async for status in place.leader.bursts.take(request)]
             assert told[-1].session, told[-1].message
             if told[-1].received == told[-1].expected:
                 return Session.open(Path(told[-1].session))

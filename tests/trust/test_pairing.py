@@ -4,7 +4,7 @@ import pytest
 
 from capture_app.errors import BadInputError, UnknownMachineError
 from capture_app.trust.known_machines import Role
-from capture_app.trust.pairing import GOOD_FOR_S, TRIES, Candidate, InvitationDesk, parse_code, show_code
+from capture_app.trust.pairing import GOOD_FOR_S, TRIES, Candidate, Invitations, parse_code, show_code
 
 NODE, LEADER, OTHER = "node-pin", "leader-pin", "other-pin"
 
@@ -22,24 +22,22 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def desk(clock: Clock) -> InvitationDesk:
-    return InvitationDesk(clock)
+def desk(clock: Clock) -> Invitations:
+    return Invitations(clock)
 
 
 def another(code: str) -> str:
     return f"{(int(code) + 1) % 10**8:08d}"
 
 
-def attempt(
-    desk: InvitationDesk, code: str, *, pin: str = NODE, seen: str = LEADER, said: str = NODE
-) -> None:
+def attempt(desk: Invitations, code: str, *, pin: str = NODE, seen: str = LEADER, said: str = NODE) -> None:
     """A machine of that pin tries a code at a leader that shows a pin, and hears that machine say one."""
     candidate = Candidate(code, pin, seen)
     share, begun = desk.answer(said, candidate.share, LEADER)
     candidate.check(desk.accept(begun, candidate.prove(share)))
 
 
-def test_the_code_makes_both_known_to_each_other_once(desk: InvitationDesk) -> None:
+def test_the_code_makes_both_known_to_each_other_once(desk: Invitations) -> None:
     invitation = desk.invite(Role.CAMERA)
     attempt(desk, invitation.code)
     assert desk.invitation is None
@@ -47,7 +45,7 @@ def test_the_code_makes_both_known_to_each_other_once(desk: InvitationDesk) -> N
         attempt(desk, invitation.code)
 
 
-def test_a_code_is_good_for_a_few_tries(desk: InvitationDesk) -> None:
+def test_a_code_is_good_for_a_few_tries(desk: Invitations) -> None:
     code = desk.invite(Role.CAMERA).code
     for _ in range(TRIES):
         with pytest.raises(UnknownMachineError, match="not the code"):
@@ -56,14 +54,14 @@ def test_a_code_is_good_for_a_few_tries(desk: InvitationDesk) -> None:
         attempt(desk, code)
 
 
-def test_who_leaves_before_proving_anything_has_spent_a_try(desk: InvitationDesk) -> None:
+def test_who_leaves_before_proving_anything_has_spent_a_try(desk: Invitations) -> None:
     code = desk.invite(Role.CAMERA).code
     for _ in range(TRIES):
         desk.answer(NODE, Candidate(another(code), NODE, LEADER).share, LEADER)
     assert desk.invitation is None
 
 
-def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: InvitationDesk, clock: Clock) -> None:
+def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: Invitations, clock: Clock) -> None:
     code = desk.invite(Role.CAMERA).code
     candidate = Candidate(code, NODE, LEADER)
     share, begun = desk.answer(NODE, candidate.share, LEADER)
@@ -74,7 +72,7 @@ def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: InvitationD
         attempt(desk, code)
 
 
-def test_a_newer_code_takes_the_place_of_an_older_one(desk: InvitationDesk) -> None:
+def test_a_newer_code_takes_the_place_of_an_older_one(desk: Invitations) -> None:
     old = desk.invite(Role.CAMERA)
     candidate = Candidate(old.code, NODE, LEADER)
     share, begun = desk.answer(NODE, candidate.share, LEADER)
@@ -86,7 +84,7 @@ def test_a_newer_code_takes_the_place_of_an_older_one(desk: InvitationDesk) -> N
 
 @pytest.mark.parametrize("changed", [{"seen": OTHER}, {"said": OTHER}, {"pin": OTHER}])
 def test_who_shows_another_certificate_to_one_of_them_is_found_out(
-    desk: InvitationDesk, changed: dict[str, str]
+    desk: Invitations, changed: dict[str, str]
 ) -> None:
     """Somebody in between passes on all words, and shows a certificate of its own to one end or to both."""
     code = desk.invite(Role.CAMERA).code
@@ -94,9 +92,9 @@ def test_who_shows_another_certificate_to_one_of_them_is_found_out(
         attempt(desk, code, **changed)
 
 
-def test_a_false_leader_cannot_prove_itself(desk: InvitationDesk) -> None:
+def test_a_false_leader_cannot_prove_itself(desk: Invitations) -> None:
     candidate = Candidate("12345678", NODE, LEADER)
-    false = InvitationDesk(lambda: 0.0)
+    false = Invitations(lambda: 0.0)
     false.invite(Role.CAMERA)
     share, _ = false.answer(NODE, candidate.share, LEADER)
     proof = candidate.prove(share)
@@ -108,7 +106,7 @@ def test_a_false_leader_cannot_prove_itself(desk: InvitationDesk) -> None:
 @pytest.mark.parametrize(
     "share", [b"", b"A", b"A" + bytes(32), b"A" + b"\xff" * 32, b"B" + bytes(32), b"\0" * 99]
 )
-def test_what_is_no_share_is_refused(desk: InvitationDesk, share: bytes) -> None:
+def test_what_is_no_share_is_refused(desk: Invitations, share: bytes) -> None:
     desk.invite(Role.CAMERA)
     with pytest.raises(BadInputError):
         desk.answer(NODE, share, LEADER)
@@ -116,7 +114,7 @@ def test_what_is_no_share_is_refused(desk: InvitationDesk, share: bytes) -> None
         Candidate("12345678", NODE, LEADER).prove(share)
 
 
-def test_a_word_that_is_sent_back_is_refused(desk: InvitationDesk) -> None:
+def test_a_word_that_is_sent_back_is_refused(desk: Invitations) -> None:
     candidate = Candidate("12345678", NODE, LEADER)
     with pytest.raises(BadInputError):
         candidate.prove(candidate.share)
@@ -131,7 +129,7 @@ def test_codes_are_read_as_people_type_them() -> None:
             parse_code(text)
 
 
-def test_codes_have_eight_digits_and_differ(desk: InvitationDesk) -> None:
+def test_codes_have_eight_digits_and_differ(desk: Invitations) -> None:
     codes = {desk.invite(Role.CAMERA).code for _ in range(50)}
     assert len(codes) > 45
     assert all(parse_code(code) == code for code in codes)

@@ -7,6 +7,7 @@ import pytest
 from msgspec import structs
 
 from capture_app.sync.rig.events import BurstAccepted, StrangeTrigger
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
 from capture_app.sync.wire.messages import (
     AgreedArrival,
@@ -79,7 +80,7 @@ def numbers(rig: SealedRig, name: str) -> tuple[int, int, str]:
 
 def test_a_sealed_rig_joins_keeps_time_and_takes_bursts() -> None:
     rig = running("a", "b")
-    burst = rig.engine.trigger(rig.now_ns, frames=2)
+    burst = rig.engine.trigger(rig.now_ns, BurstOrder(frames=2))
     rig.run(300)
     events = [event for event in iter(rig.engine.next_event, None) if getattr(event, "burst", 0)]
     assert sorted(event.name for event in events) == ["a", "b"]
@@ -225,7 +226,7 @@ def test_altering_any_field_of_any_message_on_the_path_is_refused_and_counted() 
     rig.tamper = alter
     rig.nodes["b"].client.change_leader("for a second hello", rig.now_ns)
     rig.run(600)
-    rig.engine.trigger(rig.now_ns, frames=2)
+    rig.engine.trigger(rig.now_ns, BurstOrder(frames=2))
     rig.run(60)
     rig.nodes["b"].client.leave()
     rig.run(5)
@@ -267,7 +268,7 @@ def test_a_trigger_of_a_leader_that_does_not_exist_is_refused_counted_and_told_o
 def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None:
     rig = running("a")
     rig.tamper = lambda *_: []
-    rig.engine.trigger(rig.now_ns, frames=1)
+    rig.engine.trigger(rig.now_ns, BurstOrder(frames=1))
     number, _, _ = numbers(rig, "a")
     list(iter(rig.engine.next_event, None))
     node = rig.nodes["a"]

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from capture_app.errors import DiskError, NetworkError, SimulshotError
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import BurstUpload
+from capture_app.node.news import Log
 from capture_app.node.wire import messages
 
 ANSWER_TIMEOUT_S = 30.0
@@ -34,17 +35,10 @@ class BurstSender:
     """Sends bursts over one stream; `news` is set whenever there is more to send."""
 
     def __init__(
-        self,
-        channel: Channel[Any],
-        news: asyncio.Event,
-        talk: Callable[[str], None],
-        others_wait: Callable[[], bool] = lambda: False,
+        self, channel: Channel[Any], news: asyncio.Event, log: Log, waiting: Collection[BurstUpload]
     ) -> None:
-        """`others_wait` tells whether other bursts have something to send."""
-        self._others_wait = others_wait
-        self._channel = channel
-        self._news = news
-        self._talk = talk
+        """`waiting` are all bursts that are to be sent, over one such stream after the other."""
+        self._channel, self._news, self._log, self._waiting = channel, news, log, waiting
         self._in_flight: deque[messages.ImageUpload] = deque()
         self._answer: asyncio.Task[Answer] | None = None
 
@@ -60,6 +54,9 @@ class BurstSender:
             if self._answer is not None:
                 self._answer.cancel()
                 await asyncio.gather(self._answer, return_exceptions=True)
+
+    def _others_wait(self, burst: BurstUpload) -> bool:
+        return any(other.has_work for other in self._waiting if other is not burst)
 
     async def introduce(self, opening: messages.NodeStream) -> None:
         """Say whose stream this is. Raises NetworkError where the leader does not know that node."""
@@ -103,7 +100,7 @@ class BurstSender:
                 await self._send_image(burst, burst.images[len(self._in_flight)], receipts)
             elif self._in_flight:
                 refusal = await self._take_answer(burst)
-            elif burst.is_picking and not burst.frames and self._others_wait():
+            elif burst.is_picking and not burst.frames and self._others_wait(burst):
                 raise PausedError("others have something to send")
             elif burst.frames or burst.is_picking:
                 await self._news.wait()
@@ -211,7 +208,7 @@ class BurstSender:
     async def _report_lost(self, burst: BurstUpload, instants: Collection[int], reason: str) -> None:
         burst.report_lost(instants, reason)
         numbers = ", ".join(map(str, instants))
-        self._talk(f"burst {burst.report.burst}: instants {numbers} are lost: {reason}")
+        self._log.say(f"burst {burst.report.burst}: instants {numbers} are lost: {reason}")
         if burst.spooled is not None:
             with contextlib.suppress(SimulshotError):
                 await asyncio.to_thread(burst.spooled.write_report, burst.report)

@@ -1,58 +1,50 @@
-"""One camera node: the camera, the engine on a socket, and the way of its images to the leader.
-
-What a node keeps of its latest exchanges and lines, for whoever asks for its details.
-"""
+"""One camera node: the camera, the engine on a socket, and the way of its images to the leader."""
 
 import asyncio
 import contextlib
 import random
 import secrets
 import socket
-import time
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl, StampAccuracy
-from capture_app.cameras.base import Camera, CapturedFrame
-from capture_app.clock import HostClock, HostRate, NodeClock
+from capture_app.cameras.base import CapturedFrame
+from capture_app.clock import HostRate
 from capture_app.errors import NetworkError, ungrouped_errors
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
-from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.records import event_line, event_words
 from capture_app.node.camera.spool import Spool
-from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import PickedBursts, Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import KeyRequest
 from capture_app.node.wire.operating import Vitals
-from capture_app.node.wire.status import NewsLine, NodeDetail
+from capture_app.node.wire.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
-from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
-from capture_app.trust.trust import Trust
 
 SAMPLES_KEPT = 300
 LINES_KEPT = 100
 
 
 class NodeJournal:
-    """One node's."""
+    """What a node can tell of itself: its latest exchanges with the leader, and what it has said."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, log: Log) -> None:
+        self._log = log
         self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
-        self._lines: deque[NewsLine] = deque(maxlen=LINES_KEPT)
 
     def add_sample(self, sample: ClockSample) -> None:
         """Keep an exchange with the leader."""
@@ -61,10 +53,6 @@ class NodeJournal:
     def forget_samples(self) -> None:
         """Another leader has another clock."""
         self._samples.clear()
-
-    def add_line(self, text: str) -> None:
-        """Keep what the node has said."""
-        self._lines.append(NewsLine(unix_ns=time.time_ns(), text=text, camera=self._name))
 
     def detail(
         self,
@@ -90,10 +78,10 @@ class NodeJournal:
             for sample in self._samples
         )
         return NodeDetail(
-            camera=self._name,
+            camera=self._log.name or "",
             samples=samples,
             phase_errors_ns=phase_errors_ns,
-            log=tuple(self._lines),
+            log=self._log.after(0)[-LINES_KEPT:],
             fps=vitals.fps,
             exposure_ns=vitals.exposure_ns,
             gain=vitals.gain,
@@ -111,77 +99,9 @@ RESET_TOLERANCE_NS = 2_000_000
 class CameraNode:
     """A camera that joins a leader, stays in step, and never gives up when the leader goes away."""
 
-    def __init__(
-        self,
-        *,
-        name: str,
-        open_camera: Callable[[], Camera],
-        leader: Address,
-        others: tuple[Address, ...] = (),
-        clock: NodeClock | None = None,
-        tolerance_ns: int | None = None,
-        ring_ns: int = RING_NS,
-        ring_bytes: int = RING_BYTES,
-        talk: Callable[[str], None] | None = None,
-        spool: Path | None = None,
-        profiles: DeviceProfiles | None = None,
-        trust: Trust | None = None,
-    ) -> None:
-        """`open_camera` is called again after each failure of the device; `talk` gets what a user may see.
-
-        `others` are asked in turn where the leader, or relay, is gone; they must be of the same rig.
-        `ring_ns` and `ring_bytes` bound the frames that are kept for bursts in the past.
-        `spool` is the folder that bursts are kept in until the leader has them; without one, memory is.
-        `profiles` tell how devices like this one were moved before, and are told.
-        `trust` is whom it follows, else its user's.
-        """
-        self.name = name
-        self._leaders = (leader, *others)
-        self._clock: NodeClock = clock or HostClock()
-        self._tolerance_ns = tolerance_ns
-        self._ring_ns, self._ring_bytes = ring_ns, ring_bytes
-        self._profiles = profiles
-        self._trust = trust or Trust.of_user()
-        self._tell = talk or (lambda _: None)
-        self._journal = NodeJournal(name)
-        self._camera = CameraSupervisor(
-            open_camera,
-            self._clock,
-            self._talk,
-            measured_stamp=lambda facts: None if profiles is None else profiles.stamp(name, facts),
-        )
-        self._engine: Client[CapturedFrame]
-        self._failover: Failover[CapturedFrame]
-        self._sealed: SealedClient | None = None
-        self._keys: KeyRequester | None = None
-        self._pump: Pump
-        self._beacons: BeaconReceiver
-        # Whoever knows it speaks for this camera: too many to be guessed.
-        self._instance = secrets.randbits(62)
-        self._uploader = Uploader(
-            name,
-            self._instance,
-            self._talk,
-            None if spool is None else Spool(spool, name),
-            trust=self._trust,
-        )
-        self._viewfinder = Viewfinder(
-            name,
-            self._instance,
-            now_ns=self._clock.now_ns,
-            leader_ns=lambda local_ns: (
-                None if self._engine.time_map is None else self._engine.time_map.leader_from_local(local_ns)
-            ),
-            is_busy=lambda: self._engine.has_burst_pending or self._uploader.is_busy,
-            detail=self._detail,
-            controls=self._camera.controls,
-            keep_stamp=self._keep_stamp,
-            trust=self._trust,
-        )
-        self._picked = PickedBursts(name, self._camera, self._clock, self._uploader, ring_bytes)
-        self._host_rate = HostRate()
-        self._last_state: NodeState | None = None
-        self._watch = JoinWatch(self._leaders, self._talk)
+    def __init__(self, options: NodeOptions) -> None:
+        self.options = options
+        self._member: RigMember | None = None
 
     async def run(self) -> None:
         """Open the camera, join, and take pictures until cancelled.
@@ -190,69 +110,106 @@ class CameraNode:
         opened at the start, BadInputError for a spool or a key of this machine's that cannot be used; later
         failures are waited out.
         """
-        with contextlib.closing(self._uploader):
-            self._uploader.load_spool()
-            self._trust.client_context()
-            found = [await resolve(leader) for leader in self._leaders]
+        options, self._member = self.options, None
+        # Whoever knows it speaks for this camera: too many to be guessed.
+        instance = secrets.randbits(62)
+        spool = None if options.spool is None else Spool(options.spool, options.name)
+        uploader = Uploader(options.name, instance, options.log, spool, trust=options.trust)
+        with contextlib.closing(uploader):
+            uploader.load_spool()
+            options.trust.client_context()
+            found = [await resolve(leader) for leader in options.leaders]
             family = found[0][0]
             if any(other != family for other, _ in found):
                 raise NetworkError(
-                    f"{' and '.join(map(str, self._leaders))} are not of one kind (IPv4 and IPv6)",
+                    f"{' and '.join(map(str, options.leaders))} are not of one kind (IPv4 and IPv6)",
                     hint="give all of them as IPv4, or all as IPv6",
                 )
-            self._watch.look_ahead()
-            await self._camera.start()
+            watch, camera = JoinWatch(options.leaders, options.log), CameraSupervisor(options)
+            watch.look_ahead()
+            await camera.start()
             try:
-                await self._run_with_camera(client_socket(family), tuple(peer for _, peer in found))
+                peers = tuple(peer for _, peer in found)
+                self._member = RigMember(options, instance, camera, uploader, peers)
+                await self._member.run(client_socket(family), watch)
             finally:
-                await self._camera.stop()
+                await camera.stop()
 
-    async def _run_with_camera(self, sock: socket.socket, peers: tuple[Address, ...]) -> None:
-        facts = self._camera.facts
-        if self._tolerance_ns is None:
+    @property
+    def standing(self) -> tuple[NodeState | None, str]:
+        """How far it is, None before it has begun, and why it is not further in plain words."""
+        return (None, "") if self._member is None else self._member.standing
+
+
+class RigMember:
+    """The engine of a camera that is open, and what it is tied to."""
+
+    def __init__(
+        self,
+        options: NodeOptions,
+        instance: int,
+        camera: CameraSupervisor,
+        uploader: Uploader,
+        peers: tuple[Address, ...],
+    ) -> None:
+        """`instance` is the run of the node, `peers` are where its leaders are."""
+        self.options, self.instance, self.controls = options, instance, camera.controls
+        self._log, self._clock, self._profiles = options.log, options.clock, options.profiles
+        self._camera, self._uploader = camera, uploader
+        self._journal = NodeJournal(options.log)
+        facts, tolerance_ns = camera.facts, options.tolerance_ns
+        if tolerance_ns is None:
             only_restarts = facts.phase_control is PhaseControl.RESET
-            self._tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
+            tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
         config = ClientConfig(
-            name=self.name,
-            instance=self._instance,
+            name=options.name,
+            instance=instance,
             camera=facts,
-            tolerance_ns=self._tolerance_ns,
-            ring_ns=self._ring_ns,
-            ring_bytes=self._ring_bytes,
+            tolerance_ns=tolerance_ns,
+            ring_ns=options.ring_ns,
+            ring_bytes=options.ring_bytes,
             injection_profile=self._profiles.injection_profile(facts) if self._profiles else None,
             start_latencies_ns=self._profiles.start_latencies_ns(facts) if self._profiles else (),
         )
-        rng = random.Random(secrets.randbits(64))
-        self._engine = Client(
+        self._engine: Client[CapturedFrame] = Client(
             config,
-            rng,
+            random.Random(secrets.randbits(64)),
             on_sample=self._journal.add_sample,
             size_of=lambda frame: frame.picture.held_bytes,
         )
         self._failover = Failover(self._engine, peers)
-        if not self._trust.is_open:
-            self._sealed = SealedClient(self._failover)
+        self._sealed = None if options.trust.is_open else SealedClient(self._failover)
         self._pump = Pump(self._sealed or self._failover, self._clock, self._drain)
+        self._keys: KeyRequester | None = None
+        if self._sealed is not None:
+            request = KeyRequest(name=options.name, instance=instance)
+            self._keys = KeyRequester(
+                self._sealed.keys, request, self._engine.time, options.trust, self._pump
+            )
         self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
-        self._camera.attach(self._engine, self._pump.turn, self._viewfinder.add_frame)
+        self._viewfinder = Viewfinder(self)
+        self._picked = PickedBursts(options, camera, uploader)
+        self._host_rate = HostRate()
+        self._last_state: NodeState | None = None
+        self._is_leaving = False
+
+    async def run(self, sock: socket.socket, watch: JoinWatch) -> None:
+        """Take part over a UDP socket until cancelled."""
+        self._camera.attach(self._engine, self._pump, self._viewfinder)
         self._pump.start(sock)
         try:
             with ungrouped_errors():
                 async with asyncio.TaskGroup() as tasks:
-                    if self._sealed is not None:
-                        request = KeyRequest(name=self.name, instance=self._instance)
-                        self._keys = KeyRequester(
-                            self._sealed.keys, request, self._engine.time, self._trust, self._pump.turn
-                        )
+                    if self._keys is not None:
                         tasks.create_task(self._keys.run())
                     tasks.create_task(self._camera.keep_open())
                     tasks.create_task(self._camera.carry_out_commands())
-                    tasks.create_task(self._camera.controls.run())
+                    tasks.create_task(self.controls.run())
                     tasks.create_task(self._uploader.run())
                     tasks.create_task(self._viewfinder.run())
-                    tasks.create_task(self._watch.run(self._engine.time))
+                    tasks.create_task(watch.run(self._engine.time))
         finally:
-            self._tell = lambda _: None
+            self._is_leaving = True
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
@@ -265,16 +222,27 @@ class CameraNode:
             return None, ""
         return self._last_state, self._engine.report(self._clock.now_ns()).message
 
-    def _receive_broadcast(self, data: bytes, now_ns: int) -> None:
-        message = data if self._sealed is None else self._sealed.open_broadcast(data)
-        if message is not None:
-            self._engine.receive_broadcast(message, now_ns)
+    # What the viewfinder shows and asks
 
-    def _talk(self, line: str) -> None:
-        self._journal.add_line(line)
-        self._tell(line)
+    def leader_ns(self, local_ns: int) -> int | None:
+        """The leader's time of a local one; None while it is not known."""
+        time_map = self._engine.time_map
+        return None if time_map is None else time_map.leader_from_local(local_ns)
 
-    def _detail(self) -> NodeDetail:
+    @property
+    def is_busy(self) -> bool:
+        """Whether a burst is picked or sent: pictures must wait."""
+        return self._engine.has_burst_pending or self._uploader.is_busy
+
+    def keep_stamp(self, stamp: StampAccuracy) -> bool:
+        """Go by a measured stamp from now on; whether it is kept for the next time, too."""
+        facts = self._camera.facts
+        self._camera.set_stamp(stamp)
+        self._pump.turn()
+        return self._profiles is not None and self._profiles.save_stamp(self.options.name, facts, stamp)
+
+    def detail(self) -> NodeDetail:
+        """All that the node knows of itself."""
         errors_ns = (self._engine.phase_error_ns(stamp) for stamp in self._viewfinder.stamps_ns)
         spool = self._uploader.spool
         return self._journal.detail(
@@ -285,7 +253,16 @@ class CameraNode:
             spool=None if spool is None else spool.folder,
         )
 
+    # What the engine tells
+
+    def _receive_broadcast(self, data: bytes, now_ns: int) -> None:
+        message = data if self._sealed is None else self._sealed.open_broadcast(data)
+        if message is not None:
+            self._engine.receive_broadcast(message, now_ns)
+
     def _drain(self) -> None:
+        if self._is_leaving:
+            return
         self._camera.collect_commands()
         self._engine.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         if self._keys is not None:
@@ -293,21 +270,14 @@ class CameraNode:
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
         for refused in () if self._sealed is None else self._sealed.refusals.take_news(self._clock.now_ns()):
-            self._talk(str(refused))
+            self._log.say(str(refused))
         state = self._engine.state
         if state != self._last_state:
             self._last_state = state
             message = self._engine.report(self._clock.now_ns()).message
-            self._talk(f"{state}: {message}" if message else str(state))
+            self._log.say(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:
                 self._keep_profile()
-
-    def _keep_stamp(self, stamp: StampAccuracy) -> bool:
-        """Go by a measured stamp from now on; whether it is kept for the next time, too."""
-        facts = self._camera.facts
-        self._camera.set_stamp(stamp)
-        self._pump.turn()
-        return self._profiles is not None and self._profiles.save_stamp(self.name, facts, stamp)
 
     def _keep_profile(self) -> None:
         """Keep what brought the camera into phase: it is proven."""
@@ -320,8 +290,7 @@ class CameraNode:
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
         if isinstance(event, events.BurstPicked):
-            assert self._tolerance_ns is not None
-            self._picked.upload(event, self._engine, self._tolerance_ns)
+            self._picked.upload(event, self._engine)
             return
         if isinstance(event, events.BurstCancelled):
             self._uploader.cancel_burst(event.leader, event.burst)
@@ -332,8 +301,8 @@ class CameraNode:
             self._viewfinder.set_leader(leader)
             self._journal.forget_samples()
             self._beacons.follow(event.beacons, leader.host)
-            if len(self._leaders) > 1:
-                self._talk(f"joined {leader}")
+            if len(self.options.leaders) > 1:
+                self._log.say(f"joined {leader}")
         self._picked.note({"local_ns": now_ns, **event_line(event)})
         if words := event_words(event):
-            self._talk(words)
+            self._log.say(words)

@@ -5,13 +5,13 @@ import contextlib
 import hashlib
 import os
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import SimulshotError
 from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.spool import Spool
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import ImageRecord, image_path
 from capture_app.sync.rig.frame_picks import Pick
@@ -70,8 +70,8 @@ def encode_frame(
 class FrameEncoder:
     """One thread that turns frames into image files; without a spool they stay in memory."""
 
-    def __init__(self, talk: Callable[[str], None], spool: Spool | None) -> None:
-        self._talk = talk
+    def __init__(self, log: Log, spool: Spool | None) -> None:
+        self._log = log
         self._spool = spool
         self._thread = ThreadPoolExecutor(1, "encode", initializer=lower_priority)
 
@@ -83,7 +83,7 @@ class FrameEncoder:
             image = await loop.run_in_executor(self._thread, self._encode, burst, picked)
         except EncodingError as error:
             burst.report_lost([picked.instant], str(error))
-            self._talk(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
+            self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
             image = None
         # While it was encoded, the leader may have refused the burst.
         if burst.frames and burst.frames[0] is picked:
@@ -109,16 +109,16 @@ class FrameEncoder:
                 burst.spooled = self._spool.create_burst(burst.report_to_keep())
             burst.spooled.add_image(image, data)
         except SimulshotError as error:
-            note_useless_spool(burst, error, self._talk)
+            note_useless_spool(burst, error, self._log)
         else:
             burst.unsynced[picked.instant] = image
         return image
 
 
-def note_useless_spool(burst: BurstUpload, error: SimulshotError, talk: Callable[[str], None]) -> None:
+def note_useless_spool(burst: BurstUpload, error: SimulshotError, log: Log) -> None:
     """Keep a burst in memory from now on, as the spool cannot take it; the next one tries again."""
     burst.spooling = False
-    talk(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
+    log.say(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
 
 
 def lower_priority() -> None:

@@ -1,34 +1,20 @@
 """Several cameras of one machine in one process: a node for each, none of which waits for another."""
 
 import asyncio
-from collections.abc import Callable, Mapping
-from typing import Protocol
+from collections.abc import Mapping
 
 from capture_app.errors import CameraError, ungrouped_errors
+from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.news import Log
 
 RETRY_S = 5.0
-
-
-class RunningNode(Protocol):
-    """A node, as `camera_node.CameraNode`."""
-
-    async def run(self) -> None:
-        """Take part until cancelled. Raises CameraError where its camera cannot be opened at the start."""
 
 
 class NodeGroup:
     """Runs nodes side by side; one whose camera is missing at the start is tried again while others run."""
 
-    def __init__(
-        self,
-        nodes: Mapping[str, Callable[[], RunningNode]],
-        talk: Callable[[str], None],
-        *,
-        retry_s: float = RETRY_S,
-    ) -> None:
-        """`nodes` make a node anew by its name, for each try; `talk` gets what a user may see."""
-        self._nodes = nodes
-        self._talk = talk
+    def __init__(self, nodes: Mapping[str, CameraNode], log: Log, *, retry_s: float = RETRY_S) -> None:
+        self._nodes, self._log = nodes, log
         self._retry_s = retry_s
         self._failed: set[str] = set()
         """Those that wait for their next try."""
@@ -47,11 +33,11 @@ class NodeGroup:
         while True:
             self._failed.discard(name)
             try:
-                await self._nodes[name]().run()
+                await self._nodes[name].run()
                 return
             except CameraError as error:
                 self._failed.add(name)
                 if len(self._failed) == len(self._nodes):
                     raise
-                self._talk(f"{name}: {error}; tried again while the others run")
+                self._log.say(f"{name}: {error}; tried again while the others run")
             await asyncio.sleep(self._retry_s)

@@ -1,6 +1,4 @@
-"""A node's camera kept streaming into its engine: opened again when it fails, its commands carried out.
-
-Keeps the controls of a node's camera: sets what is asked for, again after a failure, and locks for bursts.
+"""A node's camera kept streaming into its engine: opened again when it fails, told what it is asked for.
 
 What a camera chooses by itself is locked while a burst is picked, so that its frames look alike. That is done
 where its driver is seen to tell what it chooses: a control that reads the same for ever may tell nothing, and
@@ -10,6 +8,9 @@ to hold it would change the picture.
 import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
@@ -22,12 +23,21 @@ from capture_app.camera_facts import (
     StampAccuracy,
 )
 from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock
-from capture_app.clock import NodeClock
+from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import CameraError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.net.udp import Pump
+from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.news import Log
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+from capture_app.trust.trust import Trust
+
+if TYPE_CHECKING:
+    from capture_app.node.camera.viewfinder import Viewfinder
 
 REFUSALS = (SimulshotError, OSError)
 """What a camera may raise that is asked for its controls."""
@@ -38,11 +48,10 @@ LOOK_EVERY_S = 2.0
 class ControlKeeper:
     """One camera's."""
 
-    def __init__(self, camera: Callable[[], Camera], after_change: Callable[[], None]) -> None:
-        """`camera` returns the one that is open; `after_change` is called when it may expose otherwise."""
+    def __init__(self, camera: "CameraSupervisor") -> None:
         self.latest: tuple[ControlState, ...] = ()
         """All controls, as they were when they were looked at last."""
-        self._camera, self._after_change = camera, after_change
+        self._supervisor = camera
         self._busy = asyncio.Lock()
         self._wanted: dict[Control, float] = {}
         """What is held because somebody asked for it."""
@@ -94,7 +103,7 @@ class ControlKeeper:
                         problems[control] = problem
                 except REFUSALS as error:
                     problems[control] = str(error)
-            self._after_change()
+            self._supervisor.note_exposure()
             return CameraControls(controls=await self._look(), problems=problems)
 
     async def restore(self) -> None:
@@ -103,15 +112,15 @@ class ControlKeeper:
             await self._let_go()
             for control, value in self._wanted.items():
                 with suppress(*REFUSALS):
-                    await self._camera().set_control(control, value)
+                    await self._supervisor.camera.set_control(control, value)
             if self._wanted:
-                self._after_change()
+                self._supervisor.note_exposure()
 
     async def _look(self) -> tuple[ControlState, ...]:
         self.latest = ()
         # A camera that has failed is opened again by others, and none of its controls ends the node.
         with suppress(*REFUSALS):
-            self.latest = await self._camera().controls()
+            self.latest = await self._supervisor.camera.controls()
         return self.latest
 
     async def _set(self, state: ControlState, value: ControlValue) -> str:
@@ -124,7 +133,7 @@ class ControlKeeper:
         if asked is None:
             return f"it does not tell its {control}, which is not held"
         nearest = state.clamped(asked)
-        await self._camera().set_control(control, nearest)
+        await self._supervisor.camera.set_control(control, nearest)
         self._wanted[control] = nearest
         self._locked.discard(control)
         if value == "hold" and state.automatic and control not in self._live:
@@ -138,7 +147,7 @@ class ControlKeeper:
             return f"it does not choose its {state.control} itself"
         self._wanted.pop(state.control, None)
         self._locked.discard(state.control)
-        await self._camera().set_control(state.control, None)
+        await self._supervisor.camera.set_control(state.control, None)
         return ""
 
     # What is locked for a burst is not told to the engine: an exposure that becomes known moves the moment of
@@ -148,7 +157,7 @@ class ControlKeeper:
         for state in await self._look():
             if state.automatic and state.control in self._live and state.value is not None:
                 self._locked.add(state.control)
-                await self._camera().set_control(state.control, state.value)
+                await self._supervisor.camera.set_control(state.control, state.value)
 
     async def _unlock(self) -> None:
         await self._let_go()
@@ -161,46 +170,58 @@ class ControlKeeper:
         """Have the camera choose again what is locked; what it refuses stays locked, until the next time."""
         for control in tuple(self._locked):
             with suppress(*REFUSALS):
-                await self._camera().set_control(control, None)
+                await self._supervisor.camera.set_control(control, None)
                 self._locked.discard(control)
 
 
 RETRY_S = 2.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeOptions:
+    """What a node is given by whoever starts it."""
+
+    name: str
+    open_camera: Callable[[], Camera]
+    """Called at the start, and again after each failure of the device."""
+    leaders: tuple[Address, ...]
+    """Leaders or relays of one rig, asked in turn."""
+    clock: NodeClock = field(default_factory=HostClock)
+    tolerance_ns: int | None = None
+    """The largest phase error that is not corrected; None for the usual one of the camera's kind."""
+    ring_ns: int = RING_NS
+    """How long frames are kept for bursts in the past, at most."""
+    ring_bytes: int = RING_BYTES
+    """How much memory they take at most, and as much those that are not on a disk yet."""
+    spool: Path | None = None
+    """A folder for the images that the leader does not have yet; memory holds them without one."""
+    profiles: DeviceProfiles | None = None
+    """How devices like this one were moved before; they are told, too."""
+    trust: Trust = field(default_factory=Trust.of_user)
+    """Whom it follows."""
+    log: Log = field(default_factory=Log)
+    """Takes what a user may see."""
+
+
 class CameraSupervisor:
     """Streams one camera into an engine, over as many failures of the device as there are."""
 
-    def __init__(
-        self,
-        open_camera: Callable[[], Camera],
-        clock: NodeClock,
-        talk: Callable[[str], None],
-        *,
-        retry_s: float = RETRY_S,
-        measured_stamp: Callable[[CameraFacts], StampAccuracy | None] = lambda _: None,
-    ) -> None:
-        """`open_camera` is called again after each failure, each `retry_s`.
-
-        `measured_stamp` tells how late the stamps of the camera were measured to be, None where nobody has.
-        """
-        self._measured_stamp = measured_stamp
+    def __init__(self, options: NodeOptions, *, retry_s: float = RETRY_S) -> None:
+        """A camera that has failed is opened again each `retry_s`."""
+        self._options, self._retry_s = options, retry_s
         self._set_stamp: StampAccuracy | None = None
-        self._open_camera = open_camera
-        self._clock = clock
-        self._talk = talk
-        self._retry_s = retry_s
-        self._camera: Camera
+        self.camera: Camera
+        """The one that is open, once it was."""
         self._facts: CameraFacts
         self._failed: asyncio.Future[Exception]
         self._started_ns = 0
         self._engine: Client[CapturedFrame] | None = None
-        self._after_turn: Callable[[], None] = lambda: None
-        self._on_frame: Callable[[CapturedFrame], None] = lambda _: None
+        self._pump: Pump | None = None
+        self._viewfinder: Viewfinder | None = None
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
         self._engine_ns = 0
-        self.controls = ControlKeeper(lambda: self._camera, self._note_exposure)
+        self.controls = ControlKeeper(self)
         """Exposure, gain, white balance and focus."""
         self._streams_before = self._last_stream = 0
 
@@ -212,17 +233,17 @@ class CameraSupervisor:
     @property
     def calibration(self) -> CameraCalibration | None:
         """The camera's own calibration, where it is known."""
-        return self._camera.calibration
+        return self.camera.calibration
 
     @property
     def device_clock(self) -> DeviceClock | None:
         """The clock that the camera stamps by, where that is one of its own."""
-        return self._camera.device_clock
+        return self.camera.device_clock
 
     async def start(self) -> None:
         """Open the camera and start its stream. Raises what the camera raises."""
-        self._camera = self._open_camera()
-        self._started_ns = self._clock.now_ns()
+        self.camera = self._options.open_camera()
+        self._started_ns = self._options.clock.now_ns()
         self._failed = asyncio.get_running_loop().create_future()
         failed = self._failed
 
@@ -232,29 +253,23 @@ class CameraSupervisor:
 
         # A camera that was opened again counts its streams from the start; the engine's count goes on.
         self._streams_before = self._last_stream + 1
-        await self._camera.start(self._deliver, on_failure)
+        await self.camera.start(self._deliver, on_failure)
         self._facts = self._said_facts()
 
     def set_stamp(self, stamp: StampAccuracy) -> None:
         """Go by what was measured just now of how late the camera's stamps are."""
         self._set_stamp = stamp
-        self._note_exposure()
+        self.note_exposure()
 
     async def stop(self) -> None:
         """Stop the stream and let go of the camera."""
-        await self._camera.stop()
+        await self.camera.stop()
 
     def attach(
-        self,
-        engine: Client[CapturedFrame],
-        after_turn: Callable[[], None],
-        on_frame: Callable[[CapturedFrame], None] = lambda _: None,
+        self, engine: Client[CapturedFrame], pump: Pump, viewfinder: "Viewfinder | None" = None
     ) -> None:
-        """Give the engine all frames from now on, and then `on_frame`.
-
-        `after_turn` is called whenever the engine may have news.
-        """
-        self._engine, self._after_turn, self._on_frame = engine, after_turn, on_frame
+        """Give an engine all frames from now on, and then the viewfinder; `pump` runs that engine."""
+        self._engine, self._pump, self._viewfinder = engine, pump, viewfinder
         engine.stream_started(self._started_ns)
 
     def collect_commands(self) -> None:
@@ -271,27 +286,27 @@ class CameraSupervisor:
         """
         while True:
             error = await self._failed
-            self._talk(f"camera failed: {error}")
+            self._options.log.say(f"camera failed: {error}")
             self._tell_engine(str(error))
-            await self._camera.stop()
+            await self.camera.stop()
             await self._reopen()
             await self.controls.restore()
-            self._talk("camera is back")
+            self._options.log.say("camera is back")
             self._tell_engine("")
 
     async def carry_out_commands(self) -> None:
         """Apply the queued commands in their order, for ever."""
         while True:
             command, reckoned_ns = await self._commands.get()
-            given_ns = self._clock.now_ns()
+            given_ns = self._options.clock.now_ns()
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
                 # Too late for the start aimed at: the same place in a later period is as good.
                 command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self._facts.period_ns)
             try:
-                await self._camera.apply(command)
+                await self.camera.apply(command)
             except CameraError as error:
-                self._talk(f"camera refused a command: {error}")
+                self._options.log.say(f"camera refused a command: {error}")
                 continue
             if isinstance(command, RestartStream) and self._engine is not None:
                 # Cameras keep to this moment, or to whole periods after it, however late this loop is.
@@ -305,7 +320,7 @@ class CameraSupervisor:
                 await self.start()
                 break
             except SimulshotError as reason:
-                await self._camera.stop()
+                await self.camera.stop()
                 self._tell_engine(str(reason))
         # A camera that was unplugged forgets its exposure; that makes it no other camera.
         if replace(self._facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
@@ -317,14 +332,17 @@ class CameraSupervisor:
 
     def _said_facts(self) -> CameraFacts:
         """What the camera is, and what is known of its stamps, as the leader and sessions are told."""
-        facts = self._camera.facts
+        facts = self.camera.facts
         told, just_set = facts.stamp_accuracy, self._set_stamp
         if just_set is not None and just_set.exposure_ns == facts.exposure_ns:
             return replace(facts, stamp=just_set)
-        measured = None if told.is_exact else self._measured_stamp(facts)
+        profiles, measured = self._options.profiles, None
+        if profiles is not None and not told.is_exact:
+            measured = profiles.stamp(self._options.name, facts)
         return replace(facts, stamp=measured or told)
 
-    def _note_exposure(self) -> None:
+    def note_exposure(self) -> None:
+        """Look whether the camera exposes otherwise now, and tell the engine."""
         if (facts := self._said_facts()) != self._facts and self._engine is not None:
             self._facts = facts
             self._engine.update_camera(facts)
@@ -332,14 +350,19 @@ class CameraSupervisor:
     def _tell_engine(self, failure: str) -> None:
         if self._engine is not None:
             self._engine.fail(failure)
-            self._after_turn()
+            self._turn()
 
     def _deliver(self, frame: CapturedFrame) -> None:
         if self._engine is None:
             return
         self._last_stream = self._streams_before + frame.stream
         stamp = FrameStamp(frame.sequence, self._last_stream, frame.timestamp_ns)
-        self._engine_ns = self._clock.now_ns()
+        self._engine_ns = self._options.clock.now_ns()
         self._engine.frame_arrived(stamp, frame, self._engine_ns)
-        self._after_turn()
-        self._on_frame(frame)
+        self._turn()
+        if self._viewfinder is not None:
+            self._viewfinder.add_frame(frame)
+
+    def _turn(self) -> None:
+        if self._pump is not None:
+            self._pump.turn()

@@ -7,11 +7,10 @@ import asyncio
 import contextlib
 import functools
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from capture_app.cameras.base import CapturedFrame
-from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
@@ -26,7 +25,8 @@ from capture_app.node.camera.records import (
     with_device_clock,
 )
 from capture_app.node.camera.spool import Spool
-from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, JsonValue, NodeStream
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig import events
@@ -39,8 +39,6 @@ RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
 
-Talk = Callable[[str], None]
-
 
 class Uploader:
     """Encodes bursts into the spool, and sends them in their order over a stream that it reopens."""
@@ -49,7 +47,7 @@ class Uploader:
         self,
         camera: str,
         instance: int,
-        talk: Talk,
+        log: Log,
         spool: Spool | None = None,
         *,
         retry_s: Sequence[float] = RETRY_S,
@@ -59,7 +57,7 @@ class Uploader:
 
         `retry_s` are the waits after the first failed stream, the second and so on; the last one stays.
         """
-        self.talk = talk
+        self._log = log
         self._trust = trust
         self._opening = NodeStream(camera=camera, instance=instance)
         self.spool = spool
@@ -72,7 +70,7 @@ class Uploader:
         self._to_encode = asyncio.Event()
         self._to_sync = asyncio.Event()
         self._space_is_due = False
-        self._encoder = FrameEncoder(talk, spool)
+        self._encoder = FrameEncoder(log, spool)
         self._stream: Channel[Any] | None = None
 
     @property
@@ -86,13 +84,13 @@ class Uploader:
             try:
                 report, images = spooled.read_report(), deque(spooled.read_images())
             except SimulshotError as error:
-                self.talk(f"left in the spool: {error}")
+                self._log.say(f"left in the spool: {error}")
                 continue
             if not images:
                 spooled.remove()
                 continue
             waiting = count(len(images), "image")
-            self.talk(f"burst {report.burst}: {waiting} still in {spooled.folder}")
+            self._log.say(f"burst {report.burst}: {waiting} still in {spooled.folder}")
             report = _with_images(report, images)
             self._waiting.append(BurstUpload(report, deque(), images, spooled=spooled))
 
@@ -102,7 +100,7 @@ class Uploader:
         if len(self._waiting) > MAX_WAITING_BURSTS:
             given_up = self._waiting.popleft()
             where = f"; what it has is in {given_up.spooled.folder}" if given_up.spooled else ""
-            self.talk(f"burst {given_up.report.burst} given up: the leader is away for too long{where}")
+            self._log.say(f"burst {given_up.report.burst} given up: the leader is away for too long{where}")
         self._news.set()
         self._to_encode.set()
 
@@ -129,7 +127,7 @@ class Uploader:
         """Let go of a burst: its leader wants nothing of it any more."""
         for upload in self._uploads_of(leader, burst):
             upload.end()
-            self.talk(f"burst {burst} was cancelled")
+            self._log.say(f"burst {burst} was cancelled")
         self._news.set()
 
     async def run(self) -> None:
@@ -203,7 +201,7 @@ class Uploader:
                         await asyncio.to_thread(spooled.sync, images.values())
                 except SimulshotError as error:
                     burst.unsynced.clear()
-                    note_useless_spool(burst, error, self.talk)
+                    note_useless_spool(burst, error, self._log)
                     continue
                 for instant in images:
                     if burst.unsynced.pop(instant, None) is not None:
@@ -218,7 +216,7 @@ class Uploader:
             try:
                 async with await connect(self.leader, FromLeader, trust=self._trust) as channel:
                     self._stream = channel
-                    sender = BurstSender(channel, self._news, self.talk, self._others_wait)
+                    sender = BurstSender(channel, self._news, self._log, self._waiting)
                     await sender.introduce(self._opening)
                     while self._waiting or self._space_is_due:
                         if self._space_is_due:
@@ -230,7 +228,7 @@ class Uploader:
                 if isinstance(error, PostponedError):
                     self._waiting.rotate(-1)
                 if not failures:
-                    self.talk(f"images wait: {error}")
+                    self._log.say(f"images wait: {error}")
                 await asyncio.sleep(self._retry_s[min(failures, len(self._retry_s) - 1)])
                 failures += 1
             finally:
@@ -257,12 +255,9 @@ class Uploader:
             elif burst.spooled is not None:
                 self._refused.append(burst)
                 kept = f"; its images stay in {burst.spooled.folder}"
-            self.talk(f"burst {burst.report.burst} given up: {refusal.what}{kept}")
+            self._log.say(f"burst {burst.report.burst} given up: {refusal.what}{kept}")
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
-
-    def _others_wait(self) -> bool:
-        return any(burst.has_work for burst in tuple(self._waiting)[1:])
 
     def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
         of = leader, burst
@@ -298,13 +293,8 @@ EVENTS_KEPT = 200
 class PickedBursts:
     """Hands each burst over, with the record of its camera and what has happened since the last one."""
 
-    def __init__(
-        self, name: str, camera: CameraSupervisor, clock: NodeClock, uploader: Uploader, ring_bytes: int
-    ) -> None:
-        """`ring_bytes` bound what waits of a burst that is sent as it comes."""
-        self._name = name
-        self._camera, self._clock, self._uploader = camera, clock, uploader
-        self._ring_bytes = ring_bytes
+    def __init__(self, options: NodeOptions, camera: CameraSupervisor, uploader: Uploader) -> None:
+        self._options, self._camera, self._uploader = options, camera, uploader
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
 
     def note(self, line: dict[str, JsonValue]) -> None:
@@ -315,25 +305,25 @@ class PickedBursts:
         self,
         picked: events.BurstPicked[CapturedFrame],
         engine: Client[CapturedFrame],
-        tolerance_ns: int,
     ) -> None:
-        """Begin the upload of a burst, or go on with it; the phase was to be held to `tolerance_ns`."""
+        """Begin the upload of a burst, or go on with it."""
         ready = with_device_clock(picked)
         if ready.further:
-            missing = missing_images(self._name, ready.gaps)
+            missing = missing_images(self._options.name, ready.gaps)
             self._uploader.extend_burst(
                 ready.leader, ready.burst, ready.picks, missing, over=ready.over, ended=ready.ended
             )
             return
         camera, corrections = self._camera, engine.aligner.corrections
+        tolerance_ns = engine.config.tolerance_ns
         record = camera_record(
-            self._name, camera.facts, ready, corrections, tolerance_ns, camera.device_clock
+            self._options.name, camera.facts, ready, corrections, tolerance_ns, camera.device_clock
         )
-        truth = true_clock(self._clock, camera.facts)
+        truth = true_clock(self._options.clock, camera.facts)
         report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
         self._events.clear()
         if ready.trigger is not None:
-            stream = PickedStream(ready.trigger.video, self._ring_bytes)
+            stream = PickedStream(ready.trigger.video, self._options.ring_bytes)
             begun = report.with_plan(instants=(), missing=(), picking=True)
             upload = BurstUpload(begun, deque(), stream=stream)
             upload.extend(ready.picks, report.plan.missing, over=ready.over, ended=ready.ended)

@@ -6,19 +6,16 @@ of the newest frame only, and none while a burst is picked or sent.
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import StampAccuracy
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.encoding import lower_priority
-from capture_app.node.camera.supervisor import ControlKeeper
 from capture_app.node.wire.messages import FromLeader, Refusal
 from capture_app.node.wire.operating import (
     ControlsAnswer,
@@ -33,8 +30,9 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
-from capture_app.node.wire.status import NodeDetail
-from capture_app.trust.trust import Trust
+
+if TYPE_CHECKING:
+    from capture_app.node.camera.camera_node import RigMember
 
 RETRY_S = 2.0
 VITALS_EVERY_S = 1.0
@@ -47,34 +45,11 @@ JPEG_QUALITY = 75
 class Viewfinder:
     """One camera's; keeps a stream to the leader open, over which this asks for what it wants to see."""
 
-    def __init__(
-        self,
-        name: str,
-        instance: int,
-        *,
-        now_ns: Callable[[], int],
-        leader_ns: Callable[[int], int | None],
-        is_busy: Callable[[], bool],
-        detail: Callable[[], NodeDetail],
-        controls: ControlKeeper,
-        keep_stamp: Callable[[StampAccuracy], bool] = lambda _: False,
-        trust: Trust | None = None,
-    ) -> None:
-        """Speak for a camera, by the run that its node joins with.
-
-        `trust` is what it goes by, else its user's.
-        `leader_ns` gives the leader's time of a local one; `is_busy` says that pictures must wait.
-        `keep_stamp` is given what was measured of the camera's stamps, and says whether it is kept.
-        """
+    def __init__(self, node: "RigMember") -> None:
         self.stamps_ns: deque[int] = deque(maxlen=FRAMES_KEPT)
         """Timestamps of the latest frames, by the node's clock."""
         self.newest: CapturedFrame | None = None
-        self._name, self._instance = name, instance
-        self._now_ns = now_ns
-        self._leader_ns = leader_ns
-        self._is_busy = is_busy
-        self._detail, self._controls, self._keep_stamp = detail, controls, keep_stamp
-        self._trust = trust
+        self._node, self._name, self._trust = node, node.options.name, node.options.trust
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
@@ -132,7 +107,7 @@ class Viewfinder:
         self._channel, self._wanted = channel, None
         self._wish_changed.clear()
         self._may_send.set()
-        await channel.send(ViewfinderOpened(camera=self._name, instance=self._instance))
+        await channel.send(ViewfinderOpened(camera=self._name, instance=self._node.instance))
         parts = (self._listen(channel), self._tell_vitals(channel), self._show(channel))
         tasks = [asyncio.create_task(part) for part in parts]
         try:
@@ -154,13 +129,17 @@ class Viewfinder:
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
-                    detail = replace(self._detail(), controls=self._controls.latest)
+                    detail = replace(self._node.detail(), controls=self._node.controls.latest)
                     await channel.send(DetailAnswer(detail=detail))
                 case ControlsRequest(wanted=wanted):
-                    state = await (self._controls.apply(wanted) if wanted else self._controls.read())
+                    state = await (
+                        self._node.controls.apply(wanted) if wanted else self._node.controls.read()
+                    )
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
                 case KeepStamp() if message.camera == self._name:
-                    await channel.send(StampKept(camera=self._name, kept=self._keep_stamp(message.stamp)))
+                    await channel.send(
+                        StampKept(camera=self._name, kept=self._node.keep_stamp(message.stamp))
+                    )
                 case Refusal():
                     raise NetworkError(message.what)
                 case _:
@@ -188,22 +167,22 @@ class Viewfinder:
             await self._may_send.wait()
             await asyncio.sleep(max(0.0, due_s - loop.time()))
             frame = self.newest
-            if frame is None or frame is shown or self._is_busy():
+            if frame is None or frame is shown or self._node.is_busy:
                 await asyncio.sleep(BUSY_CHECK_S)
                 continue
             due_s, shown = loop.time() + 1 / wanted.fps, frame
             made = await loop.run_in_executor(self._thread, small_jpeg, frame, wanted.width)
-            if made is None or self._is_busy():
+            if made is None or self._node.is_busy:
                 continue
             jpeg, width, height = made
             self._may_send.clear()
-            leader_ns = self._leader_ns(frame.timestamp_ns)
+            leader_ns = self._node.leader_ns(frame.timestamp_ns)
             await channel.send(
                 PreviewFrame(camera=self._name, leader_ns=leader_ns, width=width, height=height), jpeg
             )
 
     def _fps(self) -> float | None:
-        since_ns = self._now_ns() - RATE_WINDOW_NS
+        since_ns = self._node.options.clock.now_ns() - RATE_WINDOW_NS
         recent = [stamp for stamp in self.stamps_ns if stamp >= since_ns]
         if len(recent) < 2:
             return 0.0 if self.stamps_ns else None

@@ -1,35 +1,41 @@
-"""The bursts under way: length, name, order, collection.
-
-How many instants a burst gets, and how far apart, by what was asked for and the rig's frame period.
-
-The sessions of takes, which are numbered by what their names begin with.
-
-The bursts of a leader that are under way: ordered, collected and saved, with those of earlier runs.
-"""
+"""A leader's bursts: asked for, ordered, collected and saved, with those of earlier runs."""
 
 import asyncio
+import contextlib
+import dataclasses
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import AsyncGenerator, Coroutine, Mapping
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
+from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import CancelledBurstError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import new_shares
 from capture_app.node.burst.instant_choice import usual_spare
 from capture_app.node.burst.intake import DiskThreads
-from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
-from capture_app.node.leader.news import DiskNews, News
-from capture_app.node.leader.readiness import check_open_bursts, check_room, expected_image_bytes
+from capture_app.node.burst.resumed_bursts import ResumedBursts
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.readiness import (
+    check_open_bursts,
+    check_room,
+    coarse_nodes,
+    expected_image_bytes,
+    reasons_until_ready,
+)
+from capture_app.node.news import DiskNews
 from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.frame_picks import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader import Leader
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.messages import NodeState
 
 LONG_NS = 2_000_000_000
@@ -62,11 +68,6 @@ def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]
     return min(MAX_STREAMED_FRAMES, MAX_STREAMED_NS // step_ns), spacing
 
 
-def is_streamed(request_spare: int | None, frames: int, step_ns: int) -> bool:
-    """Whether the frames of a burst are sent as they come: it is long, and no spare were asked for."""
-    return not request_spare and (frames - 1) * step_ns > LONG_NS
-
-
 def frames_until(burst: Burst, now_ns: int) -> int:
     """How many frames a burst has that is to end now, and of whose end every node must hear before."""
     return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
@@ -81,6 +82,24 @@ def first_instant(request: BurstRequest, asked_ns: int, step_ns: int) -> int | N
         return request.at_leader_ns
     at_ns = asked_ns if request.at_leader_ns is None else request.at_leader_ns
     return at_ns - request.before * step_ns
+
+
+def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder:
+    """The order of a burst that was asked for at that leader time, in a rig of that frame period.
+
+    The frames of a long one, and those of a video, are sent as they come. Raises BadInputError.
+    """
+    frames, spacing = frames_and_spacing(request, period_ns)
+    step_ns = spacing * period_ns
+    spare = usual_spare(frames) if request.spare is None else request.spare
+    return BurstOrder(
+        frames=frames,
+        spacing=spacing,
+        spare=spare,
+        at_leader_ns=first_instant(request, asked_ns, step_ns),
+        streamed=request.video or (not request.spare and (frames - 1) * step_ns > LONG_NS),
+        video=request.video,
+    )
 
 
 UNNAMED, RECORDING = "burst", "recording"
@@ -116,33 +135,24 @@ SOON_NS = 30_000_000_000
 SURE_FRAMES = 300
 """There must be room for so many frames of each camera before a recording begins."""
 SILENCE_CHECK_S = 0.25
+SNAPSHOT_EVERY_S = 0.25
 TELL_EVERY_NS = 1_000_000_000
 
 
 class ActiveBursts:
-    """Orders bursts of an engine, and collects each into a session; `now_ns` returns the leader's time."""
+    """Orders bursts of an engine, and collects each into a session."""
 
-    def __init__(
-        self,
-        root: Path,
-        engine: Leader,
-        now_ns: Callable[[], int],
-        on_news: Callable[[News], None],
-        *,
-        resume: Sequence[Path] | None = None,
-        return_ns: int = RETURN_NS,
-    ) -> None:
-        """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back."""
-        self.now_ns = now_ns
+    def __init__(self, options: LeaderOptions, engine: Leader, pump: Pump) -> None:
+        self.options, self.engine = options, engine
+        self._pump, self._news = pump, options.news
         self.saved: deque[str] = deque(maxlen=REMEMBERED)
         """Paths of the newest sessions of this run, newest last: every status tells them."""
         self.newest: BurstSession | None = None
         self._disk = DiskThreads()
-        self.resumed = ResumedBursts(root, lambda session: self._spawn(self._follow(session)), self._disk)
+        self.resumed = ResumedBursts(
+            options.sessions, lambda session: self._spawn(self._follow(session)), self._disk
+        )
         """The sessions of earlier runs that are being finished."""
-        self._root = root
-        self._engine = engine
-        self._on_news = on_news
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
         self._finished: dict[int, BurstStatus] = {}
@@ -150,15 +160,21 @@ class ActiveBursts:
         self._last_folders: dict[str, int] = {}
         """The number in the name of the last session, by what is before it."""
         self._image_bytes: dict[str, int] = {}
-        self._spools: dict[str, SpoolSpace] = {}
-        self._told_ns = now_ns() - TELL_EVERY_NS
+        self.spools: dict[str, SpoolSpace] = {}
+        """How much room each node has, as it told last."""
+        self._told_ns = self.now_ns() - TELL_EVERY_NS
         self._silent: set[str] = set()
         """Cameras of this run that left their last burst without a word: one must not hold up all others."""
         self._trouble = ""
         """Why the leader's disk takes nothing at present, as it was told."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._spawn(self._watch_silence())
-        self._spawn(self.resumed.resume_all(now_ns(), folders=resume, wait_ns=return_ns))
+        folders, wait_ns = options.resume, options.return_ns
+        self._spawn(self.resumed.resume_all(self.now_ns(), folders=folders, wait_ns=wait_ns))
+
+    def now_ns(self) -> int:
+        """The leader's time."""
+        return self.options.clock.now_ns()
 
     async def close(self) -> None:
         """Save bursts under way with what has come."""
@@ -173,64 +189,79 @@ class ActiveBursts:
         await self.resumed.suspend_all()
         self._disk.close()
 
-    async def order(
-        self,
-        *,
-        frames: int,
-        spacing: int = 1,
-        spare: int | None = None,
-        at_leader_ns: int | None = None,
-        name: str = "",
-        note: str = "",
-        video: bool = False,
-    ) -> BurstSession:
+    async def take(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
+        """Wait for the nodes as asked, take a burst, and yield its progress until it is done.
+
+        Raises IncompleteError where the nodes are not ready in time, and what `order` raises.
+        """
+        frames, asked_ns, engine = request.frames or 0, self.now_ns(), self.engine
+        if request.before > frames:
+            raise BadInputError(
+                f"{request.before} of {request.frames} frames cannot be before", hint="ask for more frames"
+            )
+        before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
+        if engine.goal is None:
+            told = [follower.take_alone(request) for follower in self.options.followers]
+            if any(told):
+                yield replace(before, done=True, message="; ".join(filter(None, told)))
+                return
+        if request.wait_ready_s:
+            wait_s, nodes = request.wait_ready_s, request.nodes
+            async for reason in reasons_until_ready(engine, self.options.clock, wait_s, nodes):
+                yield replace(before, message=f"waiting for the rig: {reason}")
+            asked_ns = self.now_ns()
+        if coarse := coarse_nodes(engine.clients(self.now_ns())):
+            yield replace(before, message=f"less accurate than asked for: {coarse}")
+        goal = engine.goal
+        # Without a camera there is no goal: that is said when the burst is ordered.
+        order = BurstOrder(frames=1) if goal is None else order_of(request, asked_ns, goal.period_ns)
+        session = await self.order(order, name=request.name, note=request.note)
+        for follower in self.options.followers:
+            follower.take_part(session)
+        while not session.finished.is_set():
+            yield session.status
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(SNAPSHOT_EVERY_S):
+                    await session.finished.wait()
+        yield session.status
+
+    async def order(self, order: BurstOrder, *, name: str = "", note: str = "") -> BurstSession:
         """Order a burst of all nodes that are here, and begin its session, which is named after the take.
 
-        The frames of a long one, and those of a `video`, are sent as they come. Of others up to `spare`
-        further instants make up for those that not every camera has; None for the usual number.
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
         where there is no camera, DiskFullError where it will hardly find room here or on a node.
         """
-        self._check_number(at_leader_ns)
-        prefix = name or (RECORDING if video else UNNAMED)
+        self._check_number(order.at_leader_ns)
+        prefix = name or (RECORDING if order.video else UNNAMED)
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
-        goal = self._engine.goal
-        step_ns = 0 if goal is None else spacing * goal.period_ns
-        streamed = video or is_streamed(spare, frames, step_ns)
-        self._engine.check_burst(frames=frames, spacing=spacing, streamed=streamed)
-        image_bytes = expected_image_bytes(self._engine.clients(self.now_ns()), self._image_bytes)
+        self.engine.check_burst(order)
+        image_bytes = expected_image_bytes(self.engine.clients(self.now_ns()), self._image_bytes)
         # A recording may be stopped at any time.
-        check_room(self._root, image_bytes, min(frames, SURE_FRAMES) if video else frames, self._spools)
+        frames = min(order.frames, SURE_FRAMES) if order.video else order.frames
+        root = self.options.sessions
+        check_room(root, image_bytes, frames, self.spools)
         # A number that was given up is never given again: nodes may still know it.
         after = self._last_folders.get(prefix, 0)
-        writer, folder = await asyncio.to_thread(create_numbered, self._root, prefix, after=after)
+        writer, folder = await asyncio.to_thread(create_numbered, root, prefix, after=after)
         self._last_folders[prefix] = folder
         number = max(self._last_number + 1, folder if prefix == UNNAMED else 0)
         self._last_number = number
         try:
-            burst = self._engine.trigger(
-                self.now_ns(),
-                frames=frames,
-                spacing=spacing,
-                spare=usual_spare(frames) if spare is None else spare,
-                at_leader_ns=at_leader_ns,
-                number=number,
-                streamed=streamed,
-                video=video,
-            )
+            burst = self.engine.trigger(self.now_ns(), dataclasses.replace(order, number=number))
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        facts = {view.name: view.camera for view in self._engine.clients(self.now_ns())}
+        facts = {view.name: view.camera for view in self.engine.clients(self.now_ns())}
         shares = new_shares(burst, facts, short_timeouts=self._silent)
         session = self._bursts[number] = self.newest = BurstSession(burst, shares, writer, self._disk)
-        self._spawn(self._follow(session))
+        self._begin_following(session)
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
-            await session.write_plan(self._engine.config.instance, note)
+            await session.write_plan(self.engine.config.instance, note)
         except SimulshotError as error:
             await session.finish_now(error.what, silent=False)
             raise
+        self._pump.turn()
         return session
 
     @property
@@ -263,7 +294,7 @@ class ActiveBursts:
         if session is None or session.finished.is_set():
             raise BadInputError(f"burst {number} is not under way", hint="a saved one is a session")
         self._cancelled.add(number)
-        self._engine.cancel(session.burst, self.now_ns())
+        self.engine.cancel(session.burst, self.now_ns())
         await session.finish_now(CANCELLED, silent=False)
 
     async def end(self, number: int | None = None) -> None:
@@ -279,7 +310,7 @@ class ActiveBursts:
         """Order no instants of a session beyond those that every node can have heard of."""
         frames = frames_until(session.burst, self.now_ns())
         if frames < session.burst.frames:
-            ended = self._engine.end(session.burst, frames, self.now_ns())
+            ended = self.engine.end(session.burst, frames, self.now_ns())
             if not session.finished.is_set():
                 await session.end(ended)
 
@@ -297,7 +328,7 @@ class ActiveBursts:
         Raises BadInputError where there is no such burst, a CancelledBurstError where it was cancelled,
         TryAgainError where its session is in use.
         """
-        of_this_run = message.leader == self._engine.config.instance
+        of_this_run = message.leader == self.engine.config.instance
         if of_this_run and message.burst in self._cancelled:
             raise CancelledBurstError(f"burst {message.burst} was cancelled")
         session = self._bursts.get(message.burst) if of_this_run else None
@@ -310,28 +341,23 @@ class ActiveBursts:
     async def answer_finished(self, report: CameraReport) -> ReportAck | None:
         """Answer a report of a saved session that has all images of its camera: nothing of it is changed."""
         session = self._bursts.get(report.burst)
-        if session is not None and report.leader == self._engine.config.instance:
+        if session is not None and report.leader == self.engine.config.instance:
             return None
         return await self.resumed.answer_finished(report)
 
-    @property
-    def spools(self) -> Mapping[str, SpoolSpace]:
-        """How much room each node has, as it told last."""
-        return self._spools
-
     def note_spool_space(self, space: SpoolSpace) -> None:
         """Note how much room a node has, for the next burst, and tell where that cannot be used."""
-        before = self._spools.get(space.camera)
-        self._spools[space.camera] = space
+        before = self.spools.get(space.camera)
+        self.spools[space.camera] = space
         if space.problem != ("" if before is None else before.problem):
-            self._on_news(DiskNews(space.camera, space.problem))
+            self._news.note(DiskNews(space.camera, space.problem))
 
     def tell_progress(self, session: BurstSession) -> None:
         """Report how far a burst is, a long one now and then; that it is finished is reported once."""
         wait_ns = TELL_EVERY_NS if session.burst.streamed else 0
         if not session.finished.is_set() and self.now_ns() >= self._told_ns + wait_ns:
             self._told_ns = self.now_ns()
-            self._on_news(session.status)
+            self._news.note(session.status)
 
     def note_refusal(self, refusal: BurstRefused) -> None:
         """A node takes no part in a burst."""
@@ -339,8 +365,11 @@ class ActiveBursts:
             session = self._bursts[refusal.burst]
             self._spawn(session.give_up_camera(refusal.name, refusal.reason))
 
+    def _begin_following(self, session: BurstSession) -> None:
+        self._spawn(self._follow(session))
+
     async def _follow(self, session: BurstSession) -> None:
-        self._on_news(session.status)
+        self._news.note(session.status)
         await session.finished.wait()
         self._note_finished(session)
 
@@ -360,7 +389,7 @@ class ActiveBursts:
             self._finished[number] = status
             if len(self._finished) > REMEMBERED:
                 del self._finished[min(self._finished)]
-        self._on_news(status)
+        self._news.note(status)
 
     async def _watch_silence(self) -> None:
         while True:
@@ -368,7 +397,7 @@ class ActiveBursts:
             now_ns = self.now_ns()
             lost: Mapping[str, str] = {
                 view.name: f"lost: {view.report.message}"
-                for view in self._engine.clients(now_ns)
+                for view in self.engine.clients(now_ns)
                 if view.report.state is NodeState.LOST
             }
             for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):
@@ -377,7 +406,7 @@ class ActiveBursts:
             troubles = (of.trouble for of in (*self._bursts.values(), *self.resumed.sessions()))
             if (trouble := next(filter(None, troubles), "")) != self._trouble:
                 self._trouble = trouble
-                self._on_news(DiskNews(None, trouble))
+                self._news.note(DiskNews(None, trouble))
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.ensure_future(work)

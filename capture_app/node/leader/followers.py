@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from capture_app.clock import NodeClock
+from capture_app.node.news import FollowerNews
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
@@ -21,23 +22,6 @@ class SharedGrid:
 
     goal: Goal
     time_map: TimeMap | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class FollowerNews:
-    """What happened to a follower; each kind has a line of its own for a person."""
-
-    name: str | None
-
-    @property
-    def line(self) -> str:
-        """One line for a person."""
-        raise NotImplementedError
-
-    @property
-    def is_warning(self) -> bool:
-        """Whether a person should look."""
-        return False
 
 
 class FollowedRig(Protocol):

@@ -16,7 +16,7 @@ from capture_app.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.names import check_name
 from capture_app.net.address import Address
 from capture_app.node.child import Child
-from capture_app.node.leader.news import NewsLog
+from capture_app.node.news import NewsLog
 from capture_app.node.wire.operating import PhoneInvited
 
 PHONES_START_TIMEOUT_S = 30.0

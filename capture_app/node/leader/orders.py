@@ -1,13 +1,11 @@
 """What operators ask a leader to do beside taking bursts: to add and remove cameras, to cancel, to end."""
 
 import asyncio
-from collections.abc import Callable, Sequence
 
 from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.net.udp import Pump
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.node.leader.followers import RigFollower
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.news import NewsLog
 from capture_app.node.wire import operating
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import NodeState
@@ -18,29 +16,12 @@ FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 class OperatorOrders:
     """Carries them out, for one leader."""
 
-    def __init__(
-        self,
-        engine: Leader,
-        bursts: ActiveBursts,
-        local: LocalNodes | None,
-        news: NewsLog,
-        now_ns: Callable[[], int],
-        after_turn: Callable[[], None],
-        followers: Sequence[RigFollower],
-    ) -> None:
-        """`local` starts nodes on this machine; None where this leader does not.
-
-        `after_turn` is called when the engine may have news.
-        """
+    def __init__(self, engine: Leader, bursts: ActiveBursts, local: LocalNodes | None, pump: Pump) -> None:
+        """`local` starts nodes on this machine; None where this leader does not."""
         self.stop_wanted = asyncio.Event()
         """Set when an operator wants this leader to end."""
-        self._engine = engine
-        self._bursts = bursts
-        self._local = local
-        self._news = news
-        self._now_ns = now_ns
-        self._after_turn = after_turn
-        self._followers = followers
+        self._engine, self._bursts, self._local, self._pump = engine, bursts, local, pump
+        self._options = bursts.options
 
     async def carry_out(self, order: operating.Order) -> operating.Done:
         """Do what is asked, and return when it is done. Raises the errors of what is asked."""
@@ -56,12 +37,12 @@ class OperatorOrders:
                 await self._bursts.cancel(burst)
             case operating.EndBurst(burst=number):
                 await self._bursts.end(number)
-                self._after_turn()
+                self._pump.turn()
             case operating.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
-                for follower in self._followers:
+                for follower in self._options.followers:
                     follower.expose(exposure_ns, iso)
             case operating.StopRig():
-                self._news.add("stopped by an operator")
+                self._options.news.add("stopped by an operator")
                 self.stop_wanted.set()
         return operating.Done(names=names)
 
@@ -78,7 +59,7 @@ class OperatorOrders:
 
     def _taken(self) -> list[str]:
         """Names of nodes that are here; a lost one may come back under its name."""
-        views = self._engine.clients(self._now_ns())
+        views = self._engine.clients(self._options.clock.now_ns())
         return [view.name for view in views if view.report.state is not NodeState.LOST]
 
     async def _remove(self, name: str) -> None:
@@ -89,13 +70,13 @@ class OperatorOrders:
                 if name not in self._taken():
                     break
                 await asyncio.sleep(FORGET_CHECK_S)
-            if all(view.name != name for view in self._engine.clients(self._now_ns())):
+            if all(view.name != name for view in self._engine.clients(self._options.clock.now_ns())):
                 return
-        for view in self._engine.clients(self._now_ns()):
+        for view in self._engine.clients(self._options.clock.now_ns()):
             if view.name == name and view.report.state is not NodeState.LOST:
                 raise BadInputError(
                     f"{name} runs on {view.address[0]}, not as a process of the leader's",
                     hint="stop its capture-app node there",
                 )
         self._engine.forget(name)
-        self._after_turn()
+        self._pump.turn()

@@ -1,20 +1,18 @@
-"""Whether a rig is ready for a burst: the states of its nodes, and room on the disks.
-
-One sentence for the whole rig: what keeps it from being ready and what to do, or how accurate it is.
-"""
+"""Whether a rig is ready for a burst, and the one sentence that says what keeps it from that."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
-from capture_app.clock import HostRate
+from capture_app.clock import HostRate, NodeClock
 from capture_app.errors import DiskError, DiskFullError, IncompleteError
-from capture_app.node.leader.news import off_rate_line
 from capture_app.node.leader.snapshots import present_cameras
+from capture_app.node.news import off_rate_line
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.node.wire.status import LOST_IS_NEWS_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.reading.stamp_words import unmeasured_stamps
+from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.timekeeping.rates import LEADER, HostAtRate, HostOffRate, RateJury
 from capture_app.sync.wire.messages import NodeState
@@ -73,7 +71,7 @@ def why_not_ready(views: Sequence[ClientView], cameras: int, *, coarse_will_do: 
 
 
 async def reasons_until_ready(
-    get_views: Callable[[], Sequence[ClientView]], timeout_s: float, cameras: int
+    engine: Leader, clock: NodeClock, timeout_s: float, cameras: int
 ) -> AsyncGenerator[str, None]:
     """Yield what keeps the rig from being ready until it is, or as ready as it will be.
 
@@ -83,9 +81,9 @@ async def reasons_until_ready(
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     usable_s: float | None = None
-    while reason := why_not_ready(get_views(), cameras):
+    while reason := why_not_ready(engine.clients(clock.now_ns()), cameras):
         now_s = loop.time()
-        if why_not_ready(get_views(), cameras, coarse_will_do=True):
+        if why_not_ready(engine.clients(clock.now_ns()), cameras, coarse_will_do=True):
             usable_s = None
             if now_s >= deadline_s:
                 raise IncompleteError(
@@ -175,12 +173,12 @@ class RateReview:
         """Those that do, by name."""
         return self._jury.off
 
-    def look(self, views: Callable[[], Sequence[ClientView]], now_ns: int) -> list[HostOffRate | HostAtRate]:
+    def look(self, engine: Leader, now_ns: int) -> list[HostOffRate | HostAtRate]:
         """Look where it is time to; return what is news."""
         if self._due_ns is not None and now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + REVIEW_EVERY_NS
-        return review_rates(self._jury, views(), self._host_rate.slewing_ppm(now_ns))
+        return review_rates(self._jury, engine.clients(now_ns), self._host_rate.slewing_ppm(now_ns))
 
 
 def review_rates(

@@ -1,15 +1,17 @@
 """Finishing interrupted sessions: with what nodes still hold where they can be asked, or as they are."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from msgspec import Struct
 
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
+from capture_app.net.address import Address
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.news import News
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.news import NewsLog
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written
@@ -30,19 +32,17 @@ class RepairResult(Struct, frozen=True, kw_only=True):
     what: str = ""
 
 
-async def repair(
-    path: Path, *, wait_s: float, host: str, port: int, on_news: Callable[[News], None]
-) -> list[RepairResult]:
+async def repair(path: Path, *, wait_s: float, address: Address, news: NewsLog) -> list[RepairResult]:
     """Finish the session at `path`, or all in that folder, and return what became of each.
 
-    For `wait_s` a leader listens on host and port for nodes that bring what they hold; with 0 it does not.
+    For `wait_s` a leader listens on the address for nodes that bring what they hold; with 0 it does not.
     Raises BadInputError where there is no session, NetworkError where the port is taken.
     """
     folders = _sessions(path)
     problems = {folder: _problem(folder) for folder in folders}
     broken = [folder for folder, problem in problems.items() if problem and (folder / PLAN).is_file()]
     if broken and wait_s > 0:
-        await _ask_nodes(broken, wait_s, host, port, on_news)
+        await _ask_nodes(broken, wait_s, address, news)
     for folder in broken:
         if _problem(folder):
             try:
@@ -52,22 +52,22 @@ async def repair(
     return [_result(folder, problems[folder], folder in broken) for folder in folders]
 
 
-async def _ask_nodes(
-    broken: Sequence[Path], wait_s: float, host: str, port: int, on_news: Callable[[News], None]
-) -> None:
-    wait_ns = round(wait_s * 1e9)
-    leader = LeaderNode(
-        sessions=broken[0].parent, host=host, port=port, on_news=on_news, resume=broken, return_ns=wait_ns
+async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, news: NewsLog) -> None:
+    options = LeaderOptions(
+        sessions=broken[0].parent,
+        host=address.host,
+        port=address.port,
+        news=news,
+        resume=broken,
+        return_ns=round(wait_s * 1e9),
     )
     try:
-        await leader.start()
+        leader = await LeaderNode.start(options)
     except NetworkError as error:
         hint = "a leader that runs there takes up its own sessions; --wait-s 0 finishes without asking nodes"
         raise NetworkError(error.what, hint=hint) from error
-    try:
-        await leader.wait_until_resumed()
-    finally:
-        await leader.stop()
+    async with leader:
+        await leader.bursts.resumed.wait_until_finished()
 
 
 async def _finish_as_it_is(folder: Path) -> None:

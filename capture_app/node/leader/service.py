@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, Callable
 
 from capture_app.errors import (
     BadInputError,
@@ -15,15 +14,13 @@ from capture_app.errors import (
 from capture_app.net.channel import Channel
 from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.keys import KeyDesk
+from capture_app.node.keys import KeyIssuer
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import Watchers
-from capture_app.node.pairing import PairingDesk, check_allowed, peer_of
+from capture_app.node.leader.watchers import RigState, Watchers
+from capture_app.node.pairing import Enrolment, check_allowed, is_node, peer_of
 from capture_app.node.wire import messages, operating, pairing
-from capture_app.node.wire.status import BurstStatus, RigStatus
-from capture_app.trust.trust import Peer
 
 UNDECIDED_S = 0.1
 """So long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
@@ -36,30 +33,16 @@ class LeaderService:
 
     def __init__(
         self,
+        rig: RigState,
         bursts: ActiveBursts,
-        get_status: Callable[[], RigStatus],
-        take_burst: Callable[[messages.BurstRequest], AsyncGenerator[BurstStatus, None]],
         orders: OperatorOrders,
         viewfinders: Viewfinders,
-        watchers: Watchers,
-        is_node: Callable[[Peer, str, int], bool],
-        desk: PairingDesk,
-        keys: KeyDesk,
+        enrolment: Enrolment,
+        keys: KeyIssuer,
     ) -> None:
-        """`take_burst` takes a burst and yields its progress.
-
-        `is_node` tells whether a peer is the machine from which a run of a node has joined by a name. `keys`
-        hands out those of datagrams.
-        """
-        self._desk = desk
-        self._is_node = is_node
-        self._keys = keys
-        self._bursts = bursts
-        self._get_status = get_status
-        self._take_burst = take_burst
-        self._orders = orders
-        self._viewfinders = viewfinders
-        self._watchers = watchers
+        self._rig, self._bursts, self._orders, self._viewfinders = rig, bursts, orders, viewfinders
+        self._enrolment, self._keys = enrolment, keys
+        self._watchers = Watchers(rig, bursts.options.news, viewfinders)
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
         """The one stream of each node that brings images."""
 
@@ -117,7 +100,9 @@ class LeaderService:
         """
         match message:
             case messages.NodeStream() | operating.ViewfinderOpened():
-                if not self._is_node(channel.who, message.camera, message.instance):
+                if not is_node(
+                    channel.who, self._bursts.engine.members.get(message.camera), message.instance
+                ):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
             case messages.CameraReport(plan=plan) if plan.camera.name != speaker:
@@ -139,16 +124,16 @@ class LeaderService:
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
     ) -> None:
         match message:
-            case pairing.Knock() | pairing.PairingWord() | pairing.PairingProof():
-                await self._desk.answer(channel, message)
+            case pairing.EnrolRequest() | pairing.PairingWord() | pairing.PairingProof():
+                await self._enrolment.answer(channel, message)
             case pairing.Invite():
-                await channel.send(self._desk.invite(message.role))
+                await channel.send(self._enrolment.invite(message.role))
             case pairing.SpeaksFor():
                 channel.who = peer_of(message, channel.who)
             case messages.StatusRequest():
-                await channel.send(messages.StatusAnswer(rig=self._get_status()))
+                await channel.send(messages.StatusAnswer(rig=self._rig.status()))
             case messages.BurstRequest():
-                async with contextlib.aclosing(self._take_burst(message)) as progress:
+                async with contextlib.aclosing(self._bursts.take(message)) as progress:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
             case messages.CameraReport():

@@ -1,13 +1,17 @@
 """The streams of operators that watch a rig: its status whenever it changes, its news, and previews."""
 
 import asyncio
-from collections.abc import Callable
 
 from msgspec.structs import replace
 
+from capture_app.net.address import Address
 from capture_app.net.channel import Channel
-from capture_app.node.leader.news import NewsLog
+from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.readiness import FolderRoom, RateReview, rig_advice
+from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.viewfinders import Viewfinders
+from capture_app.node.news import NewsLog
 from capture_app.node.wire.messages import StatusAnswer, ToLeader
 from capture_app.node.wire.operating import NewsAnswer, PreviewSeen, PreviewsWanted
 from capture_app.node.wire.status import RigStatus
@@ -18,17 +22,59 @@ KEEPALIVE_S = 3.0
 """And at least once in so long, so that an operator notices a leader that is gone without a word."""
 
 
+class RigState:
+    """The whole rig as its leader knows it."""
+
+    def __init__(
+        self,
+        address: Address,
+        bursts: ActiveBursts,
+        viewfinders: Viewfinders,
+        local: LocalNodes | None,
+        rates: RateReview,
+    ) -> None:
+        """`address` is where nodes join; `local` are those of this machine, None where it runs none."""
+        self._address, self._bursts, self._viewfinders = address, bursts, viewfinders
+        self._local, self._rates = local, rates
+        self._room = FolderRoom(bursts.options.sessions)
+
+    def status(self) -> RigStatus:
+        """All of it at this moment."""
+        options, engine, bursts = self._bursts.options, self._bursts.engine, self._bursts
+        now_ns = options.clock.now_ns()
+        goal, views = engine.goal, engine.clients(now_ns)
+        return RigStatus(
+            leader=str(self._address),
+            is_open=options.trust.is_open,
+            advice=rig_advice(views, str(self._address), self._rates.off),
+            now_ns=now_ns,
+            period_ns=None if goal is None else goal.period_ns,
+            nodes=node_statuses(
+                views,
+                vitals=self._viewfinders.vitals,
+                spools=bursts.spools,
+                local=() if self._local is None else self._local.names,
+            ),
+            burst=None if bursts.newest is None else bursts.newest.status,
+            ahead=bursts.ahead,
+            app_phones=tuple(status for follower in options.followers for status in follower.statuses()),
+            sessions=tuple(bursts.saved),
+            sessions_folder=str(options.sessions.absolute()),
+            disk_free_bytes=self._room.free_bytes(now_ns),
+        )
+
+
 class Watchers:
     """Tells any number of operators what changes; costs nothing while nobody watches."""
 
-    def __init__(self, get_status: Callable[[], RigStatus], news: NewsLog, viewfinders: Viewfinders) -> None:
-        self._get_status = get_status
+    def __init__(self, rig: RigState, news: NewsLog, viewfinders: Viewfinders) -> None:
+        self._rig = rig
         self._news = news
         self._viewfinders = viewfinders
 
     async def serve(self, channel: Channel[ToLeader]) -> None:
         """Tell one operator what changes until it closes its stream."""
-        watcher = _Watcher(channel, self._get_status, self._news, self._viewfinders)
+        watcher = _Watcher(channel, self._rig, self._news, self._viewfinders)
         channel.allow_silence()
         telling = asyncio.create_task(watcher.tell())
         try:
@@ -48,17 +94,13 @@ class _Watcher:
     """One operator's stream."""
 
     def __init__(
-        self,
-        channel: Channel[ToLeader],
-        get_status: Callable[[], RigStatus],
-        news: NewsLog,
-        viewfinders: Viewfinders,
+        self, channel: Channel[ToLeader], rig: RigState, news: NewsLog, viewfinders: Viewfinders
     ) -> None:
         self.wish: PreviewsWanted | None = None
         self.on_their_way: set[str] = set()
         """Cameras whose last preview the operator has not seen yet."""
         self._channel = channel
-        self._get_status = get_status
+        self._rig = rig
         self._news = news
         self._viewfinders = viewfinders
         self._due_s: dict[str, float] = {}
@@ -71,7 +113,7 @@ class _Watcher:
         told_s, news_ns = 0.0, 0
         while True:
             began_s = loop.time()
-            status = self._get_status()
+            status = self._rig.status()
             timeless = without_times(status)
             if timeless != told or began_s - told_s >= KEEPALIVE_S:
                 told, told_s = timeless, began_s

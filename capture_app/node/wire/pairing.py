@@ -13,7 +13,7 @@ Certificate = Annotated[bytes, Meta(max_length=4096)]
 Word = Annotated[bytes, Meta(max_length=64)]
 
 
-class Knock(Message, frozen=True, kw_only=True, tag="knock"):
+class EnrolRequest(Message, frozen=True, kw_only=True, tag="enrol-request"):
     """A machine whose pin was added at the leader shows the certificate that it is of."""
 
     certificate: Certificate
@@ -72,5 +72,5 @@ class SpeaksFor(Message, frozen=True, kw_only=True, tag="speaks-for"):
     """Name and run of the node that it has seen to be of that machine; it reads no more of the stream."""
 
 
-FromStranger = Knock | PairingWord | PairingProof
+FromStranger = EnrolRequest | PairingWord | PairingProof
 ToStranger = PairingAnswer | Known

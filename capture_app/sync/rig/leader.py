@@ -19,7 +19,7 @@ from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeLost
 from capture_app.sync.rig.frame_picks import Burst
-from capture_app.sync.rig.orders import Orders, check_burst
+from capture_app.sync.rig.orders import BurstOrder, Orders, check_burst
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.codec import (
@@ -56,17 +56,27 @@ FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
 """The goal of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigConfig:
+    """How a rig's frames are to be aligned."""
+
+    period_ns: int | None = None
+    """From one frame to the next; None: as most cameras have it."""
+    align_row: float | None = None
+    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    max_delay_ns: int = 0
+    """A burst that is asked for now may be delayed by so much to reach the best predicted alignment."""
+    grid_phase_ns: int | None = None
+    """Instants are so much after whole periods of leader time, and stay so; None: cameras lay the grid."""
+
+
 @dataclass(slots=True)
 class RigTerms:
     """A leader's own terms, as they are at present."""
 
     leader: int
     """Its run."""
-    period_ns: int | None
-    """The rig's, where it was asked for; None where the cameras set it."""
-    align_row: float | None
-    grid_phase_ns: int | None = None
-    """Leader time modulo the period at the grid's instants, where that is given: no camera moves it then."""
+    config: RigConfig
     shared_goal: SharedGoal | None = None
     upstream: UpstreamMap | None = None
     """Of a relay: from its clock to the root's; clients chain it to their estimates."""
@@ -85,9 +95,9 @@ class RigTerms:
         is_camera = camera.kind not in WITHOUT_CAMERA
         if self.shared_goal is not None and (self.grid_is_of_cameras or not is_camera):
             return False
-        self.grid_is_of_cameras = is_camera or self.period_ns is not None
-        period_ns = self.period_ns or camera.period_ns
-        phase_ns = now_ns if self.grid_phase_ns is None else self.grid_phase_ns
+        self.grid_is_of_cameras = is_camera or self.config.period_ns is not None
+        period_ns, phase_ns = self.config.period_ns or camera.period_ns, self.config.grid_phase_ns
+        phase_ns = now_ns if phase_ns is None else phase_ns
         goal = Goal(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
         if self.shared_goal is not None and goal.period_ns == self.shared_goal.goal.period_ns:
             return False
@@ -106,7 +116,7 @@ class RigTerms:
         Without any camera the next one lays it.
         """
         goal = self.goal
-        if goal is None or self.period_ns is not None or not self.grid_is_of_cameras:
+        if goal is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
             return False
         if not cameras:
             self.grid_is_of_cameras = False
@@ -132,7 +142,7 @@ class RigTerms:
             leader=self.leader,
             anchor_leader_ns=goal.anchor_leader_ns,
             period_ns=goal.period_ns,
-            align_row=self.align_row,
+            align_row=self.config.align_row,
             meeting_leader_ns=self.shared_goal.meeting_leader_ns,
             pace_ns=pace_ns,
             upstream=self.upstream,
@@ -163,7 +173,7 @@ class GridReview:
     def update_goal(self, now_ns: int) -> bool:
         """Move the goal to suit the cameras that cannot follow it; whether it has changed."""
         shared, immovable = self._terms.shared_goal, len(self._roster.immovable)
-        if shared is None or self._terms.upstream is not None or self._terms.grid_phase_ns is not None:
+        if shared is None or self._terms.upstream is not None or self._terms.config.grid_phase_ns is not None:
             return False
         if self._orders.is_busy(now_ns):
             return False
@@ -213,25 +223,17 @@ class Outbox:
 
 _MS = 1_000_000
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
-TRIGGER_LEAD_NS = 500 * _MS
-"""A burst that is asked for now begins this much later, so that every client hears of it before."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaderConfig:
-    """What a leader is; without `period_ns` the cameras set the rig's frame period."""
+    """What a leader is."""
 
     instance: int
     transfer_port: int
-    period_ns: int | None = None
-    align_row: float | None = None
-    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
-    max_delay_ns: int = 0
-    """A burst that is asked for now may be delayed by so much to reach the best predicted alignment."""
+    rig: RigConfig = RigConfig()
     exchanges_per_s: float = 1000.0
     """Time requests that all clients together may send; with more clients each of them sends fewer."""
-    grid_phase_ns: int | None = None
-    """Instants are so much after whole periods of leader time, and stay so; None: cameras lay the grid."""
     beacons: Group | None = None
     """Where to send beacons, so that clients which hear the same ones agree; None for none."""
 
@@ -244,7 +246,7 @@ class Leader:
 
     def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
         self.config = config
-        self.terms = RigTerms(config.instance, config.period_ns, config.align_row, config.grid_phase_ns)
+        self.terms = RigTerms(config.instance, config.rig)
         self.malformed = 0
         self.impostures = 0
         """Messages in the name of another than who sealed them."""
@@ -376,42 +378,19 @@ class Leader:
 
     # Bursts
 
-    def check_burst(self, *, frames: int, spacing: int, streamed: bool = False) -> None:
+    def check_burst(self, order: BurstOrder) -> None:
         """Raise BadInputError for an impossible burst, NoCameraHereError where no client could take it."""
-        check_burst(self._roster.cameras(), self.goal, frames, spacing, streamed=streamed)
+        check_burst(self._roster.cameras(), self.goal, order)
 
-    def trigger(
-        self,
-        now_ns: int,
-        *,
-        frames: int,
-        spacing: int = 1,
-        spare: int = 0,
-        at_leader_ns: int | None = None,
-        number: int | None = None,
-        streamed: bool = False,
-        video: bool = False,
-    ) -> Burst:
-        """Order a burst of `frames` instants, every `spacing` periods, on the rig's grid.
-
-        Up to `spare` more follow, for cameras that drop frames, until it is known which are complete; none if
-        `streamed`, whose frames are sent as they come, for a `video` or not. `at_leader_ns` may lie in the
-        past, as far as rings reach; by default it is in half a second, delayed by up to `max_delay_ns`.
-        `number` must be a new one, by default the next. Raises what `check_burst` does.
-        """
+    def trigger(self, now_ns: int, order: BurstOrder) -> Burst:
+        """Order a burst on the rig's grid. Raises what `check_burst` does."""
         return self._orders.place(
             self._roster.cameras(),
             self.goal,
             self.config.instance,
             now_ns,
-            frames=frames,
-            spacing=spacing,
-            spare=spare,
-            at_leader_ns=now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns,
-            max_delay_ns=self.config.max_delay_ns if at_leader_ns is None else 0,
-            number=number,
-            streamed=streamed,
-            video=video,
+            order,
+            max_delay_ns=self.config.rig.max_delay_ns,
         )
 
     def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:

@@ -54,6 +54,8 @@ def instant_of_least_spread(
 
 
 _MS = 1_000_000
+TRIGGER_LEAD_NS = 500 * _MS
+"""A burst that is asked for now begins this much later, so that every client hears of it before."""
 TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
 AFTER_BURST_NS = 1000 * _MS
@@ -64,19 +66,38 @@ CANCELLED = "it was cancelled"
 """A client's answer to a trigger that takes a burst back."""
 
 
-def check_burst(
-    cameras: Sequence[Member], goal: Goal | None, frames: int, spacing: int, *, streamed: bool = False
-) -> Goal:
-    """Return the grid of a burst of these cameras; `streamed` where frames are sent as they come.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BurstOrder:
+    """A burst as it is asked for, on the rig's grid."""
+
+    frames: int
+    spacing: int = 1
+    """Every so many periods there is an instant."""
+    spare: int = 0
+    """Up to so many further instants follow, for cameras that drop frames; none of a streamed burst."""
+    at_leader_ns: int | None = None
+    """When it begins, perhaps in the past, as far as rings reach; None: as soon as all can know of it."""
+    number: int | None = None
+    """A new one; None: the next."""
+    streamed: bool = False
+    """Frames are sent as they come, and not after the last."""
+    video: bool = False
+    """They go into a video for each camera."""
+
+
+def check_burst(cameras: Sequence[Member], goal: Goal | None, order: BurstOrder) -> Goal:
+    """Return the grid of a burst of these cameras.
 
     Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
     """
     if not cameras or goal is None:
         raise NoCameraHereError("no camera is here")
-    if not is_possible_burst(frames, spacing * goal.period_ns, streamed=streamed):
-        most, most_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
+    if not is_possible_burst(order.frames, order.spacing * goal.period_ns, streamed=order.streamed):
+        most, most_ns = MAX_FRAMES, MAX_BURST_NS
+        if order.streamed:
+            most, most_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
         raise BadInputError(
-            f"a burst of {frames} frames, every {spacing} periods, is not possible",
+            f"a burst of {order.frames} frames, every {order.spacing} periods, is not possible",
             hint=f"1 to {most} frames, spacing 1 or more, {most_ns // 10**9} s at most",
         )
     return goal
@@ -108,45 +129,49 @@ class Orders:
         goal: Goal | None,
         leader: int,
         now_ns: int,
+        order: BurstOrder,
         *,
-        frames: int,
-        spacing: int,
-        at_leader_ns: int,
-        spare: int = 0,
         max_delay_ns: int = 0,
-        number: int | None = None,
-        streamed: bool = False,
-        video: bool = False,
     ) -> Burst:
         """Order a burst of these cameras, on the rig's grid, for the leader of that run.
 
-        It has `frames` instants, and up to `spare` more as far as the limits allow, every `spacing` periods,
-        from a leader time in ns on, and may be delayed by `max_delay_ns` to reach the best predicted
-        alignment; without a number it gets the next one. Raises what `check_burst` does.
+        One that may begin as soon as all can know of it may be delayed by `max_delay_ns` to reach the best
+        predicted alignment. Raises what `check_burst` does.
         """
-        goal, first_ns = check_burst(cameras, goal, frames, spacing, streamed=streamed), at_leader_ns
+        goal = check_burst(cameras, goal, order)
+        at_leader_ns = first_ns = (
+            now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
+        )
         if abs(at_leader_ns - now_ns) > MOST_AWAY_NS:
             raise BadInputError(
                 f"a burst at {at_leader_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
                 hint=f"at most {MOST_AWAY_NS // 3_600_000_000_000} hours away; for later ones, start it then",
             )
-        if max_delay_ns > 0:
+        if max_delay_ns > 0 and order.at_leader_ns is None:
             first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, max_delay_ns)
-        step_ns = spacing * goal.period_ns
-        spare = (
-            0 if streamed else max(0, min(spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
-        )
-        instants_ns = burst_instants(goal, first_ns, frames + spare, spacing)
-        number = self._bursts = self._bursts + 1 if number is None else number
+        step_ns, frames, spare = order.spacing * goal.period_ns, order.frames, 0
+        if not order.streamed:
+            spare = max(0, min(order.spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
+        instants_ns = burst_instants(goal, first_ns, frames + spare, order.spacing)
+        number = self._bursts = self._bursts + 1 if order.number is None else order.number
         for member in cameras:
-            count = len(instants_ns)
             trigger = Trigger(
-                member.number, leader, number, instants_ns[0], step_ns, count, spare, streamed, video
+                member.number,
+                leader,
+                number,
+                instants_ns[0],
+                step_ns,
+                len(instants_ns),
+                spare,
+                order.streamed,
+                order.video,
             )
             self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
         self._busy_until_ns[number] = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
         names = tuple(member.name for member in cameras)
-        return Burst(number, instants_ns, goal.period_ns, at_leader_ns, names, spare, streamed, video)
+        return Burst(
+            number, instants_ns, goal.period_ns, at_leader_ns, names, spare, order.streamed, order.video
+        )
 
     def end(self, burst: Burst, frames: int, cameras: Sequence[Member], leader: int, now_ns: int) -> Burst:
         """Let a burst that is streamed end after so many frames, and return it as it is then."""

@@ -165,11 +165,11 @@ class Relay:
             return
         if terms.upstream is None or terms.upstream.epoch_local_ns != follower.time_map.epoch_local_ns:
             terms.upstream = upstream_map(follower.path, follower.time_map)
-        moved = (leader.goal, terms.align_row) != (above.goal, above.align_row)
+        moved = (leader.goal, terms.config.align_row) != (above.goal, above.align_row)
         if terms.shared_goal is None or moved:
             terms.shared_goal = SharedGoal(above.goal)
         # Without a parent no stream is restarted: what suits the other cameras is not known.
         terms.shared_goal.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
-        terms.align_row = above.align_row
+        terms.config = replace(terms.config, align_row=above.align_row)
         if moved:
             leader.acknowledge_all()

@@ -9,14 +9,16 @@ import random
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from capture_app.cameras.base import CapturedFrame
 from capture_app.cameras.libcamera.camera import LibcameraCamera
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import StampClock
 from capture_app.cameras.specs import CameraRequest
-from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.net.udp import Pump
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.node.news import Log
 from capture_app.simulation.links import Channel, Link
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -59,9 +61,14 @@ class Node:
         self.rig, self.clock, self.name = rig, spec.clock, f"pi{number}"
         self.double: Camera = rig.library.cameras[number]
         self.channel = Channel(rig.link)
-        self.supervisor = CameraSupervisor(
-            lambda: open_double(rig.library, number).in_clock(spec.clock), spec.clock, rig.said.append
+        options = NodeOptions(
+            name=self.name,
+            open_camera=lambda: open_double(rig.library, number).in_clock(spec.clock),
+            leaders=(),
+            clock=spec.clock,
+            log=Log(rig.said.append),
         )
+        self.supervisor = CameraSupervisor(options)
         self.client: Client[CapturedFrame]
         self._timer: asyncio.TimerHandle | None = None
 
@@ -69,11 +76,11 @@ class Node:
         await self.supervisor.start()
         config = ClientConfig(self.name, rng.getrandbits(32), self.supervisor.facts, self.rig.tolerance_ns)
         self.client = Client(config, rng)
-        self.supervisor.attach(self.client, self.pump)
-        self.pump()
+        self.supervisor.attach(self.client, cast(Pump, self))
+        self.turn()
         await self.supervisor.carry_out_commands()
 
-    def pump(self) -> None:
+    def turn(self) -> None:
         now_ns, client = self.clock.now_ns(), self.client
         if now_ns >= client.next_timer():
             client.handle_timer(now_ns)
@@ -87,15 +94,15 @@ class Node:
         if self._timer is not None:
             self._timer.cancel()
         due_s = (self.clock.true_from_local(client.next_timer()) + 1) / 1e9
-        self._timer = asyncio.get_running_loop().call_at(due_s, self.pump)
+        self._timer = asyncio.get_running_loop().call_at(due_s, self.turn)
 
     def _to_leader(self, data: bytes) -> None:
         self.rig.leader.receive_datagram(data, (self.name, 0), true_now_ns())
-        self.rig.pump()
+        self.rig.turn()
 
     def receive(self, data: bytes) -> None:
         self.client.receive_datagram(data, self.clock.now_ns())
-        self.pump()
+        self.turn()
 
 
 class Rig:
@@ -134,7 +141,7 @@ class Rig:
         for delay_ns in delays_ns:
             asyncio.get_running_loop().call_later(delay_ns / 1e9, action, data)
 
-    def pump(self) -> None:
+    def turn(self) -> None:
         now_ns = true_now_ns()
         due_ns = self.leader.next_timer()
         if due_ns is not None and now_ns >= due_ns:
@@ -148,7 +155,7 @@ class Rig:
         if self._timer is not None:
             self._timer.cancel()
         if (due_ns := self.leader.next_timer()) is not None:
-            self._timer = asyncio.get_running_loop().call_at(due_ns / 1e9, self.pump)
+            self._timer = asyncio.get_running_loop().call_at(due_ns / 1e9, self.turn)
 
     def spreads_ns(self) -> list[int]:
         """How far apart the true starts of exposure were at each instant since the last call."""

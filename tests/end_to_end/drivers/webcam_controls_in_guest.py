@@ -7,7 +7,7 @@ import asyncio
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -15,7 +15,7 @@ from capture_app.camera_facts import Control
 from capture_app.cameras.base import CapturedFrame
 from capture_app.cameras.v4l2.driver import open_camera
 from capture_app.clock import HostClock
-from capture_app.node.camera.supervisor import ControlKeeper
+from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper
 
 DEVICES = {"left": "/dev/video0", "right": "/dev/video2"}
 FRAMES = 20
@@ -26,8 +26,11 @@ class Webcam:
 
     def __init__(self, name: str) -> None:
         self.camera = open_camera(DEVICES[name], {}, clock=HostClock(), name=name)
-        self.keeper = ControlKeeper(lambda: self.camera, lambda: None)
+        self.keeper = ControlKeeper(cast(CameraSupervisor, self))
         self.frames: list[CapturedFrame] = []
+
+    def note_exposure(self) -> None:
+        """Nobody looks."""
 
     async def exposures(self) -> list[int | None]:
         """The exposures of the next frames, in ns."""

@@ -9,11 +9,13 @@ import msgspec
 import pytest
 
 from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
+from capture_app.net.address import Address
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.readiness import check_room
 from capture_app.node.leader.repair import repair
+from capture_app.node.news import NewsLog
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
@@ -104,10 +106,10 @@ async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) 
     session = await begun_session(tmp_path, "a", "b")
     await session.accept_report(report("a", 0, 1), 0)
     await receive_image(session, upload("a", 0), pieces(IMAGE))
-    busy = await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
+    busy = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog())
     assert "being written" in busy[0].what
     await session.suspend()
-    await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
+    await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog())
     opened = Session.open(session.folder)
     assert lies(opened) == []
     assert len(opened.manifest.images) == 1

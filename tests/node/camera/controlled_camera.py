@@ -1,10 +1,18 @@
 """A camera with controls that a test looks at, and that chooses what the test wants."""
 
+from dataclasses import dataclass
+from typing import cast
+
 from msgspec.structs import replace
 
 from capture_app.camera_facts import KELVIN, MICROSECONDS, CameraFacts, Control, ControlState, steps_of
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
+from capture_app.clock import HostClock
 from capture_app.errors import CameraError
+from capture_app.node.camera.camera_node import RigMember
+from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper, NodeOptions
+from capture_app.node.camera.viewfinder import Viewfinder
+from capture_app.node.wire.status import NodeDetail
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
 
@@ -63,3 +71,41 @@ class ControlledCamera(Camera):
 
     async def stop(self) -> None:
         pass
+
+
+@dataclass
+class Holder:
+    """Holds an open camera, as its supervisor does, and counts how often it may expose otherwise."""
+
+    camera: Camera
+    changes: int = 0
+
+    def note_exposure(self) -> None:
+        self.changes += 1
+
+
+def keeper_of(camera: Camera) -> ControlKeeper:
+    return ControlKeeper(cast(CameraSupervisor, Holder(camera)))
+
+
+class StillClock(HostClock):
+    """Shows one second for ever."""
+
+    def now_ns(self) -> int:
+        return 1_000_000_000
+
+
+class ShownNode:
+    """A viewfinder, and what a node around it would be, whose leader's clock is 7 ns ahead."""
+
+    def __init__(self, name: str, instance: int, camera: Camera) -> None:
+        self.options = NodeOptions(name=name, open_camera=lambda: camera, leaders=(), clock=StillClock())
+        self.instance, self.camera, self.is_busy = instance, camera, False
+        self.controls = keeper_of(camera)
+        self.viewfinder = Viewfinder(cast(RigMember, self))
+
+    def leader_ns(self, local_ns: int) -> int:
+        return local_ns + 7
+
+    def detail(self) -> NodeDetail:
+        return NodeDetail(camera=self.options.name, samples=((5, 6),))

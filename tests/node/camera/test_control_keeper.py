@@ -1,25 +1,24 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
+from typing import cast
 
 import pytest
 
 from capture_app.camera_facts import Control
-from capture_app.node.camera.supervisor import ControlKeeper
-from tests.node.camera.controlled_camera import EXPOSURE, ControlledCamera
+from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper
+from tests.node.camera.controlled_camera import EXPOSURE, ControlledCamera, Holder
 from tests.waiting import until
 
 
-class Node:
+class Node(Holder):
     """A camera that may be opened anew, its keeper, and what a node hears of it."""
 
-    def __init__(self) -> None:
-        self.camera = ControlledCamera()
-        self.changes = 0
-        self.keeper = ControlKeeper(lambda: self.camera, self._note)
+    camera: ControlledCamera
 
-    def _note(self) -> None:
-        self.changes += 1
+    def __init__(self) -> None:
+        super().__init__(ControlledCamera())
+        self.keeper = ControlKeeper(cast(CameraSupervisor, self))
 
 
 @pytest.fixture

@@ -15,8 +15,7 @@ from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import BadInputError, NetworkError
 from capture_app.interop.app_phones import AppPhones
 from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
-from capture_app.node.leader.followers import FollowerNews
-from capture_app.node.leader.news import News, news_line
+from capture_app.node.news import FollowerNews, News, news_line
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.sync.rig.frame_picks import Burst

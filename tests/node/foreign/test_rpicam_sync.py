@@ -10,10 +10,13 @@ import pytest
 
 from capture_app.clock import HostClock, SimulatedClock
 from capture_app.interop.rpicam import PACKET, RpicamSync
-from capture_app.node.leader.followers import FollowerNews, SharedGrid
+from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.news import FollowerNews
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
+from capture_app.sync.rig.leader import RigConfig
 from tests.node.joining import joined
 from tests.waiting import PATIENCE_S, patience
 
@@ -59,8 +62,14 @@ async def test_a_leader_sends_its_grid_in_the_wall_clock(
     pi: socket.socket, tmp_path: Path, open_rig: None
 ) -> None:
     sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
-    node = LeaderNode(
-        sessions=tmp_path, host="127.0.0.1", port=0, period_ns=33_328_000, grid_phase_ns=5, followers=[sync]
+    node = await LeaderNode.start(
+        LeaderOptions(
+            sessions=tmp_path,
+            host="127.0.0.1",
+            port=0,
+            rig=RigConfig(period_ns=33_328_000, grid_phase_ns=5),
+            followers=[sync],
+        )
     )
     async with node, joined(node.own_address, ("cam", 1)):
         duration_ns, frame_ns = await heard(pi)

@@ -12,17 +12,29 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, IncompleteError
+from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import ActiveBursts, CancelledBurstError
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import MAX_BURSTS_AHEAD
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, TimeRequest, Trigger
+from capture_app.trust.trust import Trust
 from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, receive_image, report, upload
 
 NOW_NS = 10**12
+
+
+class StillClock(HostClock):
+    """A clock that always shows the same."""
+
+    def now_ns(self) -> int:
+        return NOW_NS
 
 
 def engine_of(*names: str) -> Leader:
@@ -36,7 +48,8 @@ def engine_of(*names: str) -> Leader:
 
 @asynccontextmanager
 async def bursts_of(root: Path, engine: Leader) -> AsyncIterator[ActiveBursts]:
-    bursts = ActiveBursts(root, engine, lambda: NOW_NS, lambda _: None)
+    options = LeaderOptions(sessions=root, clock=StillClock(), trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, options.clock, lambda: None))
     try:
         yield bursts
     finally:
@@ -44,7 +57,7 @@ async def bursts_of(root: Path, engine: Leader) -> AsyncIterator[ActiveBursts]:
 
 
 async def order(bursts: ActiveBursts, frames: int = 2) -> BurstSession:
-    return await bursts.order(frames=frames, spacing=1, at_leader_ns=None)
+    return await bursts.order(BurstOrder(frames=frames))
 
 
 def triggers_sent(engine: Leader) -> list[Trigger]:
@@ -91,9 +104,11 @@ async def test_bursts_ahead_are_bounded_keep_nobody_waiting_and_can_be_cancelled
     engine = engine_of("a")
     async with bursts_of(tmp_path, engine) as bursts:
         hour_ns = NOW_NS + 3_600 * 10**9
-        ahead = [await bursts.order(frames=1, at_leader_ns=hour_ns) for _ in range(MAX_BURSTS_AHEAD)]
+        ahead = [
+            await bursts.order(BurstOrder(frames=1, at_leader_ns=hour_ns)) for _ in range(MAX_BURSTS_AHEAD)
+        ]
         with pytest.raises(IncompleteError, match="ordered ahead already: 1, 2") as refused:
-            await bursts.order(frames=1, at_leader_ns=hour_ns)
+            await bursts.order(BurstOrder(frames=1, at_leader_ns=hour_ns))
         assert "--cancel" in (refused.value.hint or "")
         now = await order(bursts)
         assert not now.finished.is_set(), "those ahead are not in its way"
@@ -102,7 +117,7 @@ async def test_bursts_ahead_are_bounded_keep_nobody_waiting_and_can_be_cancelled
         assert bursts.ahead[0].first_leader_ns == ahead[0].burst.instants_ns[0]
         await bursts.cancel(ahead[0].burst.number)
         assert [burst.burst for burst in bursts.ahead] == numbers[1:]
-        again = await bursts.order(frames=1, at_leader_ns=hour_ns)
+        again = await bursts.order(BurstOrder(frames=1, at_leader_ns=hour_ns))
         assert again.burst.number > now.burst.number
 
 
@@ -111,10 +126,10 @@ async def test_a_burst_a_year_away_is_refused_and_leaves_nothing(tmp_path: Path,
     engine = engine_of("a")
     async with bursts_of(tmp_path, engine) as bursts:
         if at_ns == 0:
-            assert (await bursts.order(frames=1, at_leader_ns=at_ns)).burst.frames == 1
+            assert (await bursts.order(BurstOrder(frames=1, at_leader_ns=at_ns))).burst.frames == 1
             return
         with pytest.raises(BadInputError, match="is not possible"):
-            await bursts.order(frames=1, at_leader_ns=at_ns)
+            await bursts.order(BurstOrder(frames=1, at_leader_ns=at_ns))
         assert await asyncio.to_thread(lambda: list(tmp_path.iterdir())) == []
         assert triggers_sent(engine) == []
 
@@ -126,7 +141,7 @@ async def test_a_camera_that_was_silent_once_holds_up_no_further_burst(tmp_path:
     async def take(*, late: bool = False) -> float:
         """Take a burst to which only one camera brings something; return how many seconds it took."""
         nonlocal now_ns
-        session = await bursts.order(frames=1, spare=0)
+        session = await bursts.order(BurstOrder(frames=1, spare=0))
         began_ns, number = now_ns, session.burst.number
         for name in ("a", "b") if late else ("a",):
             await session.accept_report(replace(report(name, 0), burst=number), now_ns)

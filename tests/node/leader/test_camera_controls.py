@@ -10,12 +10,10 @@ from msgspec.structs import replace
 from capture_app.camera_facts import TIMES, CameraControls, Control
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.net.address import Address
-from capture_app.node.camera.supervisor import ControlKeeper
-from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.requests import ask_controls, match_cameras, read_all, set_cameras
-from capture_app.node.wire.status import NodeDetail
-from tests.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera
+from tests.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera, ShownNode
 from tests.node.joining import joined
 from tests.waiting import until
 
@@ -33,30 +31,17 @@ class Rig:
             "b": ControlledCamera(EXPOSURE, OTHER_GAIN),
             "c": ControlledCamera(SHORT),
         }
-        self.keepers = {name: _keeper(camera) for name, camera in self.cameras.items()}
-
-
-def _keeper(camera: ControlledCamera) -> ControlKeeper:
-    return ControlKeeper(lambda: camera, lambda: None)
 
 
 @pytest.fixture
 async def rig(tmp_path: Path, open_rig: None) -> AsyncIterator[Rig]:
-    async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as node:
+    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as node:
         made = Rig(node.own_address)
         runs = {name: number for number, name in enumerate(made.cameras, 1)}
         async with joined(node.own_address, *runs.items()):
             tasks = []
             for name, run in runs.items():
-                viewfinder = Viewfinder(
-                    name,
-                    run,
-                    now_ns=lambda: 0,
-                    leader_ns=lambda local_ns: local_ns,
-                    is_busy=lambda: False,
-                    detail=lambda: NodeDetail(camera=""),
-                    controls=made.keepers[name],
-                )
+                viewfinder = ShownNode(name, run, made.cameras[name]).viewfinder
                 viewfinder.set_leader(node.own_address)
                 tasks.append(asyncio.create_task(viewfinder.run()))
             for name in runs:

@@ -1,6 +1,7 @@
 """What operators see of a leader and ask of it, over a connection that comes back."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
@@ -8,9 +9,11 @@ import pytest
 
 from capture_app.errors import BadInputError, NetworkError, NotAvailableError
 from capture_app.net.address import Address
+from capture_app.node import news
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.news import NewsLog
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.news import NewsLog
 from capture_app.node.requests import ask_status, give_order
 from capture_app.node.rig_link import LinkLost, RigLink, Update
 from capture_app.node.wire.operating import AddSimulated, RemoveCamera
@@ -20,13 +23,13 @@ from capture_app.sync.rig.events import BurstRefused, NodeJoined, NodeLost
 PATIENCE_S = 60.0
 
 
-def leader_at(sessions: Path, port: int = 0, spool: Path | None = None) -> LeaderNode:
-    return LeaderNode(sessions=sessions, host="127.0.0.1", port=port, spool=spool)
+async def leader_at(sessions: Path, port: int = 0, spool: Path | None = None) -> LeaderNode:
+    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=port, spool=spool))
 
 
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
-    async with leader_at(tmp_path / "sessions") as node:
+    async with await leader_at(tmp_path / "sessions") as node:
         yield node
 
 
@@ -61,8 +64,7 @@ async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderN
 async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_news_twice(
     tmp_path: Path,
 ) -> None:
-    first = leader_at(tmp_path / "sessions")
-    await first.start()
+    first = await leader_at(tmp_path / "sessions")
     first.news.add("of the first run")
     link = RigLink(first.own_address)
     updates = link.updates()
@@ -71,7 +73,7 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
     lost = await next_of(updates, lambda update: isinstance(update, LinkLost))
     assert isinstance(lost, LinkLost)
     assert "closed the connection" in lost.reason
-    async with leader_at(tmp_path / "sessions", first.own_address.port) as second:
+    async with await leader_at(tmp_path / "sessions", first.own_address.port) as second:
         await next_of(updates, lambda update: isinstance(update, RigStatus))
         second.news.add("of the second run")
         line = await next_of(updates, lambda update: isinstance(update, NewsLine))
@@ -81,13 +83,13 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
 
 
 async def test_a_leader_that_is_not_there_is_told_once_and_waited_for(tmp_path: Path) -> None:
-    async with leader_at(tmp_path / "sessions") as gone:
+    async with await leader_at(tmp_path / "sessions") as gone:
         address = gone.own_address
     updates = RigLink(address).updates()
     assert isinstance(await next_of(updates, lambda _: True), LinkLost)
     coming = asyncio.ensure_future(next_of(updates, lambda _: True))
     await asyncio.sleep(0.3)
-    async with leader_at(tmp_path / "sessions", address.port):
+    async with await leader_at(tmp_path / "sessions", address.port):
         assert isinstance(await coming, RigStatus)
         await updates.aclose()
 
@@ -100,9 +102,9 @@ async def test_a_port_without_a_leader_is_an_error_for_one_request() -> None:
 async def test_a_leader_takes_another_port_where_it_may(leader: LeaderNode, tmp_path: Path) -> None:
     taken = leader.own_address.port
     with pytest.raises(NetworkError, match="cannot listen on"):
-        await leader_at(tmp_path / "other", taken).start()
-    async with LeaderNode(
-        sessions=tmp_path / "other", host="127.0.0.1", port=taken, or_free_port=True
+        await leader_at(tmp_path / "other", taken)
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "other", host="127.0.0.1", port=taken, or_free_port=True)
     ) as other:
         assert other.own_address.port not in (0, taken)
         await ask_status(other.own_address)
@@ -114,7 +116,7 @@ async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode) ->
 
 
 async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Path) -> None:
-    async with leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
         link = RigLink(leader.own_address)
         updates = link.updates()
         await link.add_camera("sim:webcam,scale=0.1", "desk")
@@ -142,7 +144,7 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
     tmp_path: Path,
 ) -> None:
     async with (
-        leader_at(tmp_path / "sessions") as leader,
+        await leader_at(tmp_path / "sessions") as leader,
         LocalNodes(leader.own_address, tmp_path / "spool") as nodes,
     ):
         await nodes.add_camera("sim:webcam,scale=0.1", "desk")
@@ -156,7 +158,7 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
 
 
 async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
-    async with leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
         for cameras, scene in ((8, "studio"), (0, "bars"), (65, "bars")):
             with pytest.raises(BadInputError, match="further simulated cameras"):
                 await give_order(leader.own_address, AddSimulated(cameras=cameras, scene=scene))
@@ -178,9 +180,11 @@ async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None
         await give_order(leader.own_address, RemoveCamera(name="a"))
 
 
-def test_the_news_keep_the_last_lines_in_the_order_of_their_times() -> None:
+def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter((5, 3, 9, 9))
-    log = NewsLog(lambda: next(clock), kept=3)
+    monkeypatch.setattr(news, "KEPT", 3)
+    monkeypatch.setattr(time, "time_ns", lambda: next(clock))
+    log = NewsLog()
     log.note(NodeJoined("a"))
     log.note(NodeLost("a", "it left"))
     log.note(NodeLost("a", "it left"))

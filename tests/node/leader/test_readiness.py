@@ -1,11 +1,15 @@
 """What a burst waits for, and what it does not."""
 
 import asyncio
+from dataclasses import dataclass
+from typing import cast
 
 import pytest
 
+from capture_app.clock import HostClock
 from capture_app.errors import IncompleteError
 from capture_app.node.leader.readiness import coarse_nodes, reasons_until_ready, why_not_ready
+from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import NodeState, Report
 from tests.facts import make_facts
@@ -20,9 +24,22 @@ def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> Cl
 READY, ROUGH = view("cam01"), view("cam03", NodeState.COARSE, COARSE)
 
 
+@dataclass
+class Seen:
+    """An engine that always sees the same nodes."""
+
+    views: tuple[ClientView, ...]
+
+    def clients(self, now_ns: int) -> tuple[ClientView, ...]:
+        return self.views
+
+
 def waited_for(*views: ClientView, timeout_s: float = 0.0) -> list[str]:
     async def wait() -> list[str]:
-        return [reason async for reason in reasons_until_ready(lambda: views, timeout_s, 1)]
+        return [
+            reason
+            async for reason in reasons_until_ready(cast(Leader, Seen(views)), HostClock(), timeout_s, 1)
+        ]
 
     return asyncio.run(wait())
 

@@ -16,6 +16,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.camera.spool import REPORT, Spool
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.wire.messages import (
     BurstRequest,
     CameraReport,
@@ -30,7 +31,7 @@ from capture_app.node.wire.messages import (
     ToLeader,
 )
 from capture_app.node.wire.operating import ViewfinderOpened
-from capture_app.node.wire.pairing import Knock, PairingProof, PairingWord
+from capture_app.node.wire.pairing import EnrolRequest, PairingProof, PairingWord
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
@@ -64,10 +65,10 @@ def of_burst(leader: LeaderNode, burst: int, told: Any) -> Any:
 
 async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
     async with (
-        LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as leader,
+        await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
         joined(leader.own_address, ("cam0", CAM0), ("stranger", STRANGER)),
     ):
-        taking = leader.take_burst(BurstRequest(frames=1, spare=0))
+        taking = leader.bursts.take(BurstRequest(frames=1, spare=0))
         burst = (await anext(taking)).burst
         report = of_burst(leader, burst, bursts.report("cam0", 0))
         forged = bursts.upload("cam0", 0)
@@ -113,7 +114,7 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
 
 async def test_a_node_that_has_joined_keeps_one_stream_and_not_all_room(tmp_path: Path) -> None:
     async with (
-        LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as leader,
+        await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
         joined(leader.own_address, ("cam0", CAM0), ("cam1", STRANGER)),
         stream(leader, "cam1", STRANGER) as other,
         stream(leader, "cam0", CAM0) as left,
@@ -235,11 +236,11 @@ def test_a_line_that_is_nested_too_deeply_is_a_damaged_one(tmp_path: Path) -> No
 
 
 async def test_nobody_is_made_known_to_an_open_rig_and_is_told_so(tmp_path: Path) -> None:
-    async with LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as leader:
+    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader:
         for message in (
             PairingWord(certificate=b"x", name="x", share=b"x"),
             PairingProof(proof=b"x"),
-            Knock(certificate=b"x"),
+            EnrolRequest(certificate=b"x"),
         ):
             async with await connect(leader.own_address, FromLeader) as channel:
                 await channel.send(message)

@@ -11,7 +11,9 @@ from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError
 from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus
@@ -25,14 +27,17 @@ PATIENCE_S = 60.0
 async def link(tmp_path: Path) -> AsyncIterator[RigLink]:
     """A rig of one camera that is ready."""
     clock = HostClock()
-    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as leader:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0)
+    ) as leader:
         spec = "sim:perfect,scale=0.1"
-        camera = CameraNode(
+        options = NodeOptions(
             name="a",
             open_camera=lambda: open_camera(spec, clock=clock, name="a"),
-            leader=leader.own_address,
+            leaders=(leader.own_address,),
             clock=clock,
         )
+        camera = CameraNode(options)
         running = asyncio.create_task(camera.run())
         await leader.wait_until_ready(PATIENCE_S)
         yield RigLink(leader.own_address)

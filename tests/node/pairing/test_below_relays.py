@@ -10,7 +10,8 @@ import pytest
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.relay import RelayNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal, ReportAck, SpoolSpace
 from capture_app.node.wire.operating import ViewfinderOpened
 from capture_app.trust.known_machines import Role
@@ -27,19 +28,23 @@ RUNS = {"cam0": 1111, "cam1": 2222}
 async def relays(folder: Path, depth: int) -> AsyncIterator[tuple[LeaderNode, RelayNode, Trust]]:
     """A leader and so many relays below each other; the last one, and its trust."""
     trust = Trust(folder / "leader")
-    async with LeaderNode(sessions=folder / "sessions", host="127.0.0.1", port=0, trust=trust) as leader:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=folder / "sessions", host="127.0.0.1", port=0, trust=trust)
+    ) as leader:
         own = introduced(folder, trust, "relay-1", Role.RELAY)
-        async with relay("relay-1", leader.own_address, own) as first:
+        async with await relay("relay-1", leader.own_address, own) as first:
             if depth == 1:
                 yield leader, first, own
                 return
             below = introduced(folder, own, "relay-2", Role.RELAY)
-            async with relay("relay-2", first.address, below) as second:
+            async with await relay("relay-2", first.address, below) as second:
                 yield leader, second, below
 
 
-def relay(name: str, parent: Address, trust: Trust) -> RelayNode:
-    return RelayNode(name=name, parents=(parent,), host="127.0.0.1", port=0, trust=trust)
+async def relay(name: str, parent: Address, trust: Trust) -> RelayNode:
+    return await RelayNode.start(
+        RelayOptions(name=name, parents=(parent,), host="127.0.0.1", port=0, trust=trust)
+    )
 
 
 async def ask(channel: Channel[Any], message: Any) -> Any:

@@ -11,7 +11,8 @@ from capture_app.camera_facts import EXACT_STAMPS
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.pairing import is_known, knock, pair
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.pairing import ask_to_enrol, is_known, pair
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
 from capture_app.trust.known_machines import Role
@@ -27,7 +28,9 @@ def machine(tmp_path: Path) -> Trust:
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
     trust = Trust(tmp_path / "leader")
-    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust) as node:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
+    ) as node:
         yield node
 
 
@@ -86,11 +89,11 @@ async def test_pins_that_are_pasted_on_both_sides_do_without_a_code(
     with pytest.raises(UnknownMachineError, match=f"trust add {machine.identity.pin}"):
         await connect(leader.own_address, FromLeader, trust=machine)
     with pytest.raises(UnknownMachineError, match="does not know this machine"):
-        await knock(leader.own_address, machine)
+        await ask_to_enrol(leader.own_address, machine)
     assert home.known.all() == ()
     assert any("wants to join" in line for line in news(leader))
     home.known.add(machine.identity.pin, Role.CAMERA, name="garage")
-    await knock(leader.own_address, machine)
+    await ask_to_enrol(leader.own_address, machine)
     assert await is_known(leader.own_address, machine)
 
 
@@ -99,12 +102,12 @@ async def test_a_machine_shows_itself_to_no_leader_that_it_does_not_know(
 ) -> None:
     home.known.add(machine.identity.pin, Role.CAMERA)
     with pytest.raises(UnknownMachineError, match="does not know the leader"):
-        await knock(leader.own_address, machine)
+        await ask_to_enrol(leader.own_address, machine)
     (known,) = home.known.all()
     assert known.certificate is None
 
 
-OF_STRANGERS = [pairing.Knock(certificate=b"nothing"), pairing.PairingProof(proof=b"")]
+OF_STRANGERS = [pairing.EnrolRequest(certificate=b"nothing"), pairing.PairingProof(proof=b"")]
 OTHERS = [
     messages.StatusRequest(),
     messages.BurstRequest(frames=1),
@@ -166,7 +169,7 @@ async def test_strangers_cannot_fill_the_news(leader: LeaderNode, home: Trust, m
     machine.known.add(home.identity.pin, Role.LEADER)
     for _ in range(5):
         with pytest.raises(UnknownMachineError):
-            await knock(leader.own_address, machine)
+            await ask_to_enrol(leader.own_address, machine)
     assert len([line for line in news(leader) if "wants to join" in line]) == 1
 
 

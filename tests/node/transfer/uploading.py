@@ -13,6 +13,7 @@ from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import (
     CameraReport,
     ImageAck,
@@ -87,7 +88,7 @@ def receipts_of(stored: dict[int, bytes]) -> ReportAck:
 @asynccontextmanager
 async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
     async with serving(serve, ToLeader) as leader:
-        uploader = Uploader("a", 1, said.append, spool, retry_s=(0.0,))
+        uploader = Uploader("a", 1, Log(said.append), spool, retry_s=(0.0,))
         uploader.load_spool()
         uploader.set_leader(leader, 1)
         task = asyncio.create_task(uploader.run())

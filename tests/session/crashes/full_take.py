@@ -4,7 +4,9 @@ import asyncio
 from pathlib import Path
 
 from capture_app.errors import DiskFullError
+from capture_app.net.address import Address
 from capture_app.node.leader.repair import repair
+from capture_app.node.news import NewsLog
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
@@ -70,7 +72,7 @@ class Take:
 
     def check_repaired(self) -> Session:
         """Repair, and see that all that was confirmed is there as it was, and that nothing lies."""
-        results = asyncio.run(repair(self.folder, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None))
+        results = asyncio.run(repair(self.folder, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog()))
         assert results[0].ok, results
         session = Session.open(self.folder)
         assert verify(session) == []

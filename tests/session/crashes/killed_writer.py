@@ -28,7 +28,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from capture_app.net.address import Address
 from capture_app.node.leader.repair import repair
+from capture_app.node.news import NewsLog
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.format.manifest import (
     MANIFEST,
@@ -183,7 +185,7 @@ def run(work: Callable[[int], None], kill_after_s: float | None = None) -> tuple
 
 
 def mend(root: Path) -> None:
-    asyncio.run(repair(root / NAME, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None))
+    asyncio.run(repair(root / NAME, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog()))
 
 
 def judge(root: Path, status: int, told: bytes) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
@@ -143,7 +143,9 @@ class FollowerAmongLiars(RuleBasedStateMachine):
             assert len(events) <= MOST_EVENTS
             honest = PARENTS[self.seed % len(PARENTS)]
             peers: dict[Address, Follower | Relay | Leader] = {("me", 1): self.node}
-            peers[honest] = Leader(LeaderConfig(HONEST, 0, 33_333_333), random.Random(self.seed))
+            peers[honest] = Leader(
+                LeaderConfig(HONEST, 0, RigConfig(period_ns=33_333_333)), random.Random(self.seed)
+            )
             self.recover(peers, honest)
 
     def recover(self, peers: dict[Address, Follower | Relay | Leader], honest: Address) -> None:

@@ -14,6 +14,7 @@ from capture_app.sync.rig.events import BurstAccepted, BurstPicked, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import LeaderConfig
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.tree.follower import Address, FollowerConfig
@@ -121,7 +122,7 @@ class RelayRig:
     def trigger(self, frames: int, *, after_s: int | None = None) -> Burst:
         now_ns = self.tree.now_true_ns
         at_ns = None if after_s is None else now_ns + after_s * S
-        burst = self.tree.root.trigger(now_ns, frames=frames, at_leader_ns=at_ns)
+        burst = self.tree.root.trigger(now_ns, BurstOrder(frames=frames, at_leader_ns=at_ns))
         self.tree.act("root")
         return burst
 

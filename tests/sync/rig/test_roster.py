@@ -6,7 +6,8 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeReturned
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
+from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.roster import FORGET_LOST_NS, MAX_CLIENTS
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Heartbeat, HeartbeatAck, Hello, NodeState, Report, Welcome
@@ -121,7 +122,7 @@ def test_with_no_camera_left_the_next_one_lays_the_grid(leader: Leader) -> None:
 
 
 def test_a_rate_that_was_asked_for_is_kept() -> None:
-    leader = Leader(LeaderConfig(1, 0, period_ns=LONG_NS), random.Random(2))
+    leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=LONG_NS)), random.Random(2))
     number = joined(leader, "cam", S)
     leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
     leader.handle_timer(2 * S)
@@ -192,6 +193,8 @@ def test_a_camera_that_moves_to_another_relay_takes_part_without_a_pause(leader:
     for via in ("gate", "tower"):
         moved = Hello("cam", len("cam"), make_facts(period_ns=USUAL_NS), via)
         leader.receive_datagram(encode(moved), (via, 0), S)
-        assert leader.trigger(S, frames=1).clients == ("cam",)
+        assert leader.trigger(S, BurstOrder(frames=1)).clients == ("cam",)
     leader.receive_datagram(encode(Hello("other", 9, make_facts())), ("other", 0), S)
-    assert leader.trigger(S, frames=1).clients == ("cam",), "of the other nothing but a hello was heard"
+    assert leader.trigger(S, BurstOrder(frames=1)).clients == ("cam",), (
+        "of the other nothing but a hello was heard"
+    )

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.camera_screen import CameraScreen
@@ -12,8 +13,8 @@ from tests.waiting import until
 
 
 async def test_from_the_first_screen_to_a_camera_and_its_end(tmp_path: Path) -> None:
-    async with LeaderNode(
-        sessions=tmp_path / "sessions", host="127.0.0.1", port=0, spool=tmp_path / "spool"
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, spool=tmp_path / "spool")
     ) as leader:
         settings = Settings(choices={"start.cameras": 1, "start.scene": "bars"})
         app = SimulshotApp(

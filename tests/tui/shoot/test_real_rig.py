@@ -13,7 +13,9 @@ import pytest
 from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -31,14 +33,16 @@ BEFORE, FRAMES = 3, 5
 @contextlib.asynccontextmanager
 async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
     """A leader and so many cheap cameras, in this process."""
-    async with LeaderNode(sessions=sessions, host="127.0.0.1", port=0) as leader:
+    async with await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=0)) as leader:
         nodes = [
             CameraNode(
-                name=name,
-                open_camera=partial(
-                    open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
-                ),
-                leader=leader.own_address,
+                NodeOptions(
+                    name=name,
+                    open_camera=partial(
+                        open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
+                    ),
+                    leaders=(leader.own_address,),
+                )
             )
             for name in (f"cam{number:02d}" for number in range(cameras))
         ]

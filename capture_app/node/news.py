@@ -1,9 +1,4 @@
-"""What happens, in a line each, and the latest of it.
-
-What happens at a leader, in a line each, for the terminal and the screen alike.
-
-The latest news of a leader, for whoever looks at it later.
-"""
+"""What happens at a leader or a relay, in a line each, for the terminal and the screen alike."""
 
 import time
 from collections import deque
@@ -11,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from capture_app.net.address import Address
-from capture_app.node.leader.followers import FollowerNews
 from capture_app.node.wire.status import BurstStatus, Level, NewsLine
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.time_client import TimeClientEvent
@@ -35,6 +29,23 @@ class TrustNews:
 
     text: str
     name: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerNews:
+    """What happened to a follower; each kind has a line of its own for a person."""
+
+    name: str | None
+
+    @property
+    def line(self) -> str:
+        """One line for a person."""
+        raise NotImplementedError
+
+    @property
+    def is_warning(self) -> bool:
+        """Whether a person should look."""
+        return False
 
 
 News = (
@@ -128,36 +139,33 @@ def burst_line(burst: BurstStatus) -> str:
 
 
 KEPT = 500
-_WARNINGS = events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused
 
 
-class NewsLog:
-    """Lines with the time of the calendar, each later than the one before."""
+class Log:
+    """Lines with the time of the calendar, each later than the one before, shown as they come."""
 
-    def __init__(self, unix_now_ns: Callable[[], int] = time.time_ns, kept: int = KEPT) -> None:
-        self._unix_now_ns = unix_now_ns
-        self._lines: deque[NewsLine] = deque(maxlen=kept)
+    def __init__(self, show: Callable[[str], None] = lambda _: None, *, name: str | None = None) -> None:
+        """`show` shows a line to whoever runs this.
+
+        `name` is the node's whose lines these are; None for a leader's, which are of all its nodes.
+        """
+        self.show = show
+        self.name = name
+        self._lines: deque[NewsLine] = deque(maxlen=KEPT)
+
+    def say(self, text: str) -> None:
+        """Keep a line, and show it."""
+        self.add(text, camera=self.name)
+        self.show(text)
 
     def add(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
-        """Add what happened now; what was just said is not said again."""
+        """Keep what happened now; what was just said is not kept again."""
         last = self._lines[-1] if self._lines else None
         if last is not None and (last.text, last.camera) == (text, camera):
             return
         # A calendar clock may be set back.
-        unix_ns = self._unix_now_ns() if last is None else max(self._unix_now_ns(), last.unix_ns + 1)
+        unix_ns = time.time_ns() if last is None else max(time.time_ns(), last.unix_ns + 1)
         self._lines.append(NewsLine(unix_ns=unix_ns, text=text, camera=camera, level=level))
-
-    def note(self, news: News) -> None:
-        """Add what happened in a rig where that is news; a burst's progress is in every status."""
-        if isinstance(news, BurstStatus):
-            if news.done:
-                whole = news.session is not None and news.received == news.expected
-                self.add(news_line(news), level="info" if whole else "warning")
-        elif text := news_line(news):
-            warns = isinstance(news, _WARNINGS)
-            warns = warns or (isinstance(news, DiskNews) and bool(news.problem))
-            warns = warns or (isinstance(news, FollowerNews) and news.is_warning)
-            self.add(text, camera=news.name, level="warning" if warns else "info")
 
     def after(self, unix_ns: int) -> tuple[NewsLine, ...]:
         """Return the lines that are later than that time, oldest first."""
@@ -167,3 +175,30 @@ class NewsLog:
                 break
             found.append(line)
         return tuple(reversed(found))
+
+
+_WARNINGS = events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused
+
+
+class NewsLog(Log):
+    """The lines of a leader or a relay, of what happens to all of its nodes."""
+
+    def say(self, text: str) -> None:
+        """Take note that a machine wants to be known, has become so, or tried in vain."""
+        self.note(TrustNews(text))
+
+    def note(self, news: News) -> None:
+        """Show what happened in a rig, and keep it but for a burst's progress, which is in every status."""
+        text, is_kept = news_line(news), True
+        warns = isinstance(news, _WARNINGS) or (isinstance(news, DiskNews) and bool(news.problem))
+        warns = warns or (isinstance(news, FollowerNews) and news.is_warning)
+        camera = None
+        if isinstance(news, BurstStatus):
+            is_kept = news.done
+            warns = news.session is None or news.received != news.expected
+        else:
+            camera = news.name
+        if text and is_kept:
+            self.add(text, camera=camera, level="warning" if warns else "info")
+        if text:
+            self.show(text)

@@ -1,0 +1,42 @@
+"""How a leader is to run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from capture_app.clock import HostClock, NodeClock
+from capture_app.net.address import DEFAULT_PORT
+from capture_app.net.multicast import BeaconSender
+from capture_app.node.burst.resumed_bursts import RETURN_NS
+from capture_app.node.leader.followers import RigFollower
+from capture_app.node.news import NewsLog
+from capture_app.sync.rig.leader import RigConfig
+from capture_app.trust.trust import Trust
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaderOptions:
+    """What a leader is given by whoever starts it."""
+
+    sessions: Path
+    host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
+    port: int = DEFAULT_PORT
+    """UDP and TCP; 0 for a free one."""
+    or_free_port: bool = False
+    """Another port is taken where that one is in use."""
+    rig: RigConfig = field(default_factory=RigConfig)
+    beacons: BeaconSender | None = None
+    """Sends beacons, so that nodes which hear the same multicast packets agree with each other."""
+    followers: Sequence[RigFollower] = ()
+    """Other programs that are led, too: started and closed with the leader."""
+    resume: Sequence[Path] | None = None
+    """The interrupted sessions to finish; None for all."""
+    return_ns: int = RETURN_NS
+    """How long nodes have to come back with what they hold of them."""
+    spool: Path | None = None
+    """A folder for the images of nodes on this machine, which operators may have it run then."""
+    trust: Trust = field(default_factory=Trust.of_user)
+    """Whom it lets in."""
+    clock: NodeClock = field(default_factory=HostClock)
+    news: NewsLog = field(default_factory=NewsLog)
+    """Takes what happens."""

@@ -7,9 +7,10 @@ from capture_app.errors import BadInputError, NetworkError, SimulshotError, Unkn
 from capture_app.net.address import Address
 from capture_app.net.channel import connect
 from capture_app.net.udp import Pump
+from capture_app.node.asking import ask
 from capture_app.node.news import NewsLog
 from capture_app.node.pairing import ask_to_enrol
-from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
+from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import LeaderKeys
@@ -99,9 +100,11 @@ class KeyRequester:
 
     async def _ask(self, leader: tuple[str, int]) -> None:
         try:
-            self._keys.hold(leader, (await self._answer(Address(*leader))).grant)
+            async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:
+                answer = await ask(channel, self._request, KeyAnswer)
+            self._keys.hold(leader, answer.grant)
             self._pump.turn()
-        except UnknownMachineError as error:
+        except (UnknownMachineError, BadInputError) as error:
             self._time.note_refusal(str(error))
             with contextlib.suppress(SimulshotError):
                 # Its pin may have been added there; a leader whose disk is full, say, cannot keep it yet.
@@ -111,13 +114,3 @@ class KeyRequester:
             pass
         await asyncio.sleep(AGAIN_S)
         self._asked.discard(leader)
-
-    async def _answer(self, leader: Address) -> KeyAnswer:
-        async with await connect(leader, FromLeader, trust=self._trust) as channel:
-            await channel.send(self._request)
-            answer = await channel.receive_header()
-        if isinstance(answer, Refusal):
-            raise UnknownMachineError(answer.what, hint=answer.hint)
-        if not isinstance(answer, KeyAnswer):
-            raise NetworkError(f"{leader} does not hand out keys")
-        return answer

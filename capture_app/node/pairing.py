@@ -3,12 +3,13 @@
 import asyncio
 import socket
 import time
-from typing import Any, TypeVar
+from typing import Any
 
-from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.errors import UnknownMachineError
 from capture_app.names import name_like
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
+from capture_app.node.asking import ask
 from capture_app.node.news import Log
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
@@ -140,11 +141,6 @@ def speaks_for(who: Peer, message: Message) -> pairing.SpeaksFor | None:
     return pairing.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)
 
 
-ANSWER_TIMEOUT_S = 10.0
-
-A = TypeVar("A", bound=Message)
-
-
 async def is_known(leader: Address, trust: Trust) -> bool:
     """Whether this machine and a leader know each other. Raises NetworkError where it does not answer."""
     try:
@@ -162,7 +158,7 @@ async def ask_to_enrol(leader: Address, trust: Trust) -> None:
     async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
         if not channel.who.may(Role.LEADER):
             raise UnknownMachineError(f"this machine does not know the leader at {leader}")
-        await _ask(channel, pairing.EnrolRequest(certificate=trust.identity.certificate), pairing.Known)
+        await ask(channel, pairing.EnrolRequest(certificate=trust.identity.certificate), pairing.Known)
 
 
 async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
@@ -176,25 +172,9 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
         candidate = await asyncio.to_thread(Candidate, code, own.pin, shown)
         name = name_like(socket.gethostname().split(".")[0], "machine")
         word = pairing.PairingWord(certificate=own.certificate, name=name, share=candidate.share)
-        answer = await _ask(channel, word, pairing.PairingAnswer)
+        answer = await ask(channel, word, pairing.PairingAnswer)
         proof = await asyncio.to_thread(candidate.prove, answer.share)
-        known = await _ask(channel, pairing.PairingProof(proof=proof), pairing.Known)
+        known = await ask(channel, pairing.PairingProof(proof=proof), pairing.Known)
         candidate.check(known.proof)
     trust.known.add(shown, Role.LEADER, name=known.leader)
     return known.roles
-
-
-async def _ask(channel: Channel[Any], message: Message, kind: type[A]) -> A:
-    await channel.send(message)
-    try:
-        async with asyncio.timeout(ANSWER_TIMEOUT_S):
-            answer = await channel.receive_header()
-    except TimeoutError as error:
-        raise NetworkError(f"the leader at {channel.peer} does not answer") from error
-    if isinstance(answer, messages.Refusal):
-        raise answer.as_error()
-    if not isinstance(answer, kind):
-        raise SimulshotError(
-            f"the leader at {channel.peer} did not answer that", hint="is it of this version?"
-        )
-    return answer

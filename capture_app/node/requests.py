@@ -5,23 +5,22 @@ Exposure, gain, white balance and focus of a rig's cameras: shown, set, and meas
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from msgspec import Struct
 
 from capture_app.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue, StampAccuracy
-from capture_app.errors import BadInputError, IncompleteError, NetworkError
+from capture_app.errors import BadInputError, IncompleteError
 from capture_app.net.address import Address
-from capture_app.net.channel import Channel, connect
+from capture_app.net.channel import connect
+from capture_app.node.asking import ANSWER_TIMEOUT_S, ask, receive_answer
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.operating import ExposeAppPhones
 from capture_app.node.wire.status import BurstStatus, NodeDetail, RigStatus
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 from capture_app.trust.known_machines import Role
-from capture_app.trust.trust import Trust
 
-ANSWER_TIMEOUT_S = 10.0
 ORDER_TIMEOUT_S = 40.0
 """A camera that is started has to be opened first."""
 
@@ -92,32 +91,9 @@ async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIte
                     return
 
 
-async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOUT_S) -> messages.FromLeader:
-    """Return the leader's next message, without its payload. Raises NetworkError, and the leader's errors."""
-    try:
-        async with asyncio.timeout(timeout_s):
-            answer: messages.FromLeader | None = await channel.receive_header()
-    except TimeoutError as error:
-        raise NetworkError(f"the leader at {channel.peer} does not answer") from error
-    if answer is None:
-        asks = ", or does it ask who you are? leave out --open" if Trust.of_user().is_open else "?"
-        raise NetworkError(
-            f"the leader at {channel.peer} closed the connection", hint=f"was it stopped{asks}"
-        )
-    if isinstance(answer, messages.Refusal):
-        raise answer.as_error()
-    return answer
-
-
 async def _ask(leader: Address, request: Message, kind: type[A], timeout_s: float = ANSWER_TIMEOUT_S) -> A:
     async with await connect(leader, messages.FromLeader) as channel:
-        await channel.send(request)
-        answer = await receive_answer(channel, timeout_s)
-        if not isinstance(answer, kind):
-            raise NetworkError(
-                f"the leader at {leader} sent a {type(answer).__name__}, not a {kind.__name__}"
-            )
-        return answer
+        return await ask(channel, request, kind, timeout_s)
 
 
 ISO_OF_GAIN_1 = 100

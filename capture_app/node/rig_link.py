@@ -9,6 +9,7 @@ from msgspec import Struct
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
+from capture_app.node.asking import receive_answer
 from capture_app.node.requests import (
     ControlledCamera,
     ask_burst,
@@ -17,7 +18,6 @@ from capture_app.node.requests import (
     ask_phone_invitation,
     give_order,
     match_cameras,
-    receive_answer,
 )
 from capture_app.node.wire import messages, operating
 from capture_app.node.wire.pairing import Invited

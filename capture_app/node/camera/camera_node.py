@@ -2,11 +2,12 @@
 
 import asyncio
 import contextlib
+import functools
 import random
 import secrets
 import socket
 from collections import deque
-from pathlib import Path
+from collections.abc import Collection
 
 from capture_app.camera_facts import PhaseControl, StampAccuracy
 from capture_app.cameras.base import CapturedFrame
@@ -15,16 +16,23 @@ from capture_app.errors import NetworkError, ungrouped_errors
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
-from capture_app.node.camera.records import event_line, event_words
+from capture_app.node.camera.burst_upload import BurstUpload, PickedStream
+from capture_app.node.camera.records import (
+    camera_record,
+    camera_report,
+    event_line,
+    event_words,
+    missing_images,
+    true_clock,
+    with_device_clock,
+)
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
-from capture_app.node.camera.uploader import PickedBursts, Uploader
+from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
-from capture_app.node.news import Log
-from capture_app.node.wire.messages import KeyRequest
-from capture_app.node.wire.operating import Vitals
+from capture_app.node.wire.messages import JsonValue, KeyRequest
 from capture_app.node.wire.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
 from capture_app.sync.clock.clock_filter import ClockSample
@@ -35,60 +43,22 @@ from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 
-SAMPLES_KEPT = 300
-LINES_KEPT = 100
+SAMPLES_KEPT, LINES_KEPT, EVENTS_KEPT = 300, 100, 200
 
 
-class NodeJournal:
-    """What a node can tell of itself: its latest exchanges with the leader, and what it has said."""
+def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tuple[tuple[int, int], ...]:
+    """Offset and round trip of exchanges with the leader, in ns.
 
-    def __init__(self, log: Log) -> None:
-        self._log = log
-        self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
-
-    def add_sample(self, sample: ClockSample) -> None:
-        """Keep an exchange with the leader."""
-        self._samples.append(sample)
-
-    def forget_samples(self) -> None:
-        """Another leader has another clock."""
-        self._samples.clear()
-
-    def detail(
-        self,
-        vitals: Vitals,
-        *,
-        skew_ppm: float | None,
-        phase_errors_ns: tuple[int, ...],
-        newest: CapturedFrame | None,
-        spool: Path | None,
-    ) -> NodeDetail:
-        """Return all of it, with how the camera runs and where its images wait.
-
-        By `skew_ppm` the leader's clock gains on this one; its share is taken off the offsets, which then
-        show by what the exchanges erred.
-        """
-        rate = (skew_ppm or 0.0) * 1e-6
-        last_ns = self._samples[-1].t3_ns if self._samples else 0
-        samples = tuple(
-            (
-                (sample.lower_ns + sample.upper_ns) // 2 + round(rate * (last_ns - sample.t3_ns)),
-                sample.round_trip_ns,
-            )
-            for sample in self._samples
-        )
-        return NodeDetail(
-            camera=self._log.name or "",
-            samples=samples,
-            phase_errors_ns=phase_errors_ns,
-            log=self._log.after(0)[-LINES_KEPT:],
-            fps=vitals.fps,
-            exposure_ns=vitals.exposure_ns,
-            gain=vitals.gain,
-            white_balance=None if newest is None else newest.white_balance,
-            spool="" if spool is None else str(spool),
-            disk_free_bytes=None if spool is None else free_bytes(spool),
-        )
+    By `skew_ppm` the leader's clock gains on this one; its share since then is added to the offsets, which
+    then show by what the exchanges erred.
+    """
+    rate = (skew_ppm or 0.0) * 1e-6
+    last_ns = max((sample.t3_ns for sample in samples), default=0)
+    middles_ns = ((sample.lower_ns + sample.upper_ns) // 2 for sample in samples)
+    return tuple(
+        (middle_ns + round(rate * (last_ns - sample.t3_ns)), sample.round_trip_ns)
+        for middle_ns, sample in zip(middles_ns, samples, strict=True)
+    )
 
 
 DEFAULT_TOLERANCE_NS = 100_000
@@ -156,7 +126,10 @@ class RigMember:
         self.options, self.instance, self.controls = options, instance, camera.controls
         self._log, self._clock, self._profiles = options.log, options.clock, options.profiles
         self._camera, self._uploader = camera, uploader
-        self._journal = NodeJournal(options.log)
+        self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
+        """The latest exchanges with the leader."""
+        self._happened: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
+        """Lines for the next burst's report."""
         facts, tolerance_ns = camera.facts, options.tolerance_ns
         if tolerance_ns is None:
             only_restarts = facts.phase_control is PhaseControl.RESET
@@ -174,7 +147,7 @@ class RigMember:
         self._engine: Client[CapturedFrame] = Client(
             config,
             random.Random(secrets.randbits(64)),
-            on_sample=self._journal.add_sample,
+            on_sample=self._samples.append,
             size_of=lambda frame: frame.picture.held_bytes,
         )
         self._failover = Failover(self._engine, peers)
@@ -188,7 +161,6 @@ class RigMember:
             )
         self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
         self._viewfinder = Viewfinder(self)
-        self._picked = PickedBursts(options, camera, uploader)
         self._host_rate = HostRate()
         self._last_state: NodeState | None = None
         self._is_leaving = False
@@ -244,13 +216,19 @@ class RigMember:
     def detail(self) -> NodeDetail:
         """All that the node knows of itself."""
         errors_ns = (self._engine.phase_error_ns(stamp) for stamp in self._viewfinder.stamps_ns)
-        spool = self._uploader.spool
-        return self._journal.detail(
-            self._viewfinder.vitals,
-            skew_ppm=self._engine.report(self._clock.now_ns()).skew_ppm,
+        spool, seen = self._uploader.spool, self._viewfinder
+        return NodeDetail(
+            camera=self.options.name,
+            samples=offsets_of(self._samples, self._engine.report(self._clock.now_ns()).skew_ppm),
             phase_errors_ns=tuple(error for error in errors_ns if error is not None),
-            newest=self._viewfinder.newest,
-            spool=None if spool is None else spool.folder,
+            log=self._log.after(0)[-LINES_KEPT:],
+            fps=seen.vitals.fps,
+            exposure_ns=seen.vitals.exposure_ns,
+            gain=seen.vitals.gain,
+            white_balance=None if seen.newest is None else seen.newest.white_balance,
+            controls=self.controls.latest,
+            spool="" if spool is None else str(spool.folder),
+            disk_free_bytes=None if spool is None else free_bytes(spool.folder),
         )
 
     # What the engine tells
@@ -290,7 +268,7 @@ class RigMember:
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
         if isinstance(event, events.BurstPicked):
-            self._picked.upload(event, self._engine)
+            self._upload(event)
             return
         if isinstance(event, events.BurstCancelled):
             self._uploader.cancel_burst(event.leader, event.burst)
@@ -299,10 +277,33 @@ class RigMember:
             assert self._engine.time.terms is not None, "it has joined"
             self._uploader.set_leader(leader, self._engine.time.terms.path[0])
             self._viewfinder.set_leader(leader)
-            self._journal.forget_samples()
+            self._samples.clear()
             self._beacons.follow(event.beacons, leader.host)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
-        self._picked.note({"local_ns": now_ns, **event_line(event)})
+        self._happened.append({"local_ns": now_ns, **event_line(event)})
         if words := event_words(event):
             self._log.say(words)
+
+    def _upload(self, picked: events.BurstPicked[CapturedFrame]) -> None:
+        """Begin the upload of a burst that was picked, or go on with it."""
+        ready, name, camera = with_device_clock(picked), self.options.name, self._camera
+        if ready.further:
+            missing = missing_images(name, ready.gaps)
+            self._uploader.extend_burst(
+                ready.leader, ready.burst, ready.picks, missing, over=ready.over, ended=ready.ended
+            )
+            return
+        corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
+        record = camera_record(name, camera.facts, ready, corrections, tolerance_ns, camera.device_clock)
+        truth = true_clock(self._clock, camera.facts)
+        report = camera_report(record, ready, camera.calibration, truth, tuple(self._happened))
+        self._happened.clear()
+        if ready.trigger is None:
+            forget = functools.partial(self._engine.forget_burst, ready.leader, ready.burst)
+            self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_commit=forget))
+            return
+        stream = PickedStream(ready.trigger.video, self.options.ring_bytes)
+        upload = BurstUpload(report.with_plan(instants=(), missing=(), picking=True), deque(), stream=stream)
+        upload.extend(ready.picks, report.plan.missing, over=ready.over, ended=ready.ended)
+        self._uploader.add_burst(upload)

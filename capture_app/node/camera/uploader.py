@@ -1,11 +1,7 @@
-"""Brings a node's bursts to the leader and keeps each image until the leader has it safely on disk.
-
-The way of what the engine has picked of a burst to the uploader.
-"""
+"""Brings a node's bursts to the leader and keeps each image until the leader has it safely on disk."""
 
 import asyncio
 import contextlib
-import functools
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -15,22 +11,12 @@ from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_sender import BurstSender, PausedError, PostponedError
-from capture_app.node.camera.burst_upload import BurstUpload, PickedStream
+from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.encoding import FrameEncoder, note_useless_spool
-from capture_app.node.camera.records import (
-    camera_record,
-    camera_report,
-    missing_images,
-    true_clock,
-    with_device_clock,
-)
 from capture_app.node.camera.spool import Spool
-from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.news import Log
-from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, JsonValue, NodeStream
+from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream
 from capture_app.session.format.manifest import MissingImage
-from capture_app.sync.rig import events
-from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_picks import Pick
 from capture_app.text import count
 from capture_app.trust.trust import Trust
@@ -285,49 +271,3 @@ def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraR
     instants = sorted({*report.plan.instants, *here})
     missing = tuple(gap for gap in report.plan.missing if gap.instant not in instants)
     return report.with_plan(instants=tuple(instants), missing=missing)
-
-
-EVENTS_KEPT = 200
-
-
-class PickedBursts:
-    """Hands each burst over, with the record of its camera and what has happened since the last one."""
-
-    def __init__(self, options: NodeOptions, camera: CameraSupervisor, uploader: Uploader) -> None:
-        self._options, self._camera, self._uploader = options, camera, uploader
-        self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
-
-    def note(self, line: dict[str, JsonValue]) -> None:
-        """Keep what happened for the next burst's report."""
-        self._events.append(line)
-
-    def upload(
-        self,
-        picked: events.BurstPicked[CapturedFrame],
-        engine: Client[CapturedFrame],
-    ) -> None:
-        """Begin the upload of a burst, or go on with it."""
-        ready = with_device_clock(picked)
-        if ready.further:
-            missing = missing_images(self._options.name, ready.gaps)
-            self._uploader.extend_burst(
-                ready.leader, ready.burst, ready.picks, missing, over=ready.over, ended=ready.ended
-            )
-            return
-        camera, corrections = self._camera, engine.aligner.corrections
-        tolerance_ns = engine.config.tolerance_ns
-        record = camera_record(
-            self._options.name, camera.facts, ready, corrections, tolerance_ns, camera.device_clock
-        )
-        truth = true_clock(self._options.clock, camera.facts)
-        report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
-        self._events.clear()
-        if ready.trigger is not None:
-            stream = PickedStream(ready.trigger.video, self._options.ring_bytes)
-            begun = report.with_plan(instants=(), missing=(), picking=True)
-            upload = BurstUpload(begun, deque(), stream=stream)
-            upload.extend(ready.picks, report.plan.missing, over=ready.over, ended=ready.ended)
-            self._uploader.add_burst(upload)
-            return
-        forget = functools.partial(engine.forget_burst, ready.leader, ready.burst)
-        self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_commit=forget))

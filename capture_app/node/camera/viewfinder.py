@@ -9,8 +9,6 @@ from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
-from msgspec.structs import replace
-
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
@@ -129,8 +127,7 @@ class Viewfinder:
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
-                    detail = replace(self._node.detail(), controls=self._node.controls.latest)
-                    await channel.send(DetailAnswer(detail=detail))
+                    await channel.send(DetailAnswer(detail=self._node.detail()))
                 case ControlsRequest(wanted=wanted):
                     state = await (
                         self._node.controls.apply(wanted) if wanted else self._node.controls.read()

@@ -163,12 +163,11 @@ class LeaderService:
             case operating.InvitePhone():
                 await channel.send(await self._orders.invite_phone())
             case operating.KeepStamp():
-                await channel.send(await self._viewfinders.keep_stamp(message))
+                await channel.send(await self._viewfinders.ask(message, operating.StampKept))
             case operating.DetailRequest():
-                detail = await self._viewfinders.detail(message.camera)
-                await channel.send(operating.DetailAnswer(detail=detail))
+                await channel.send(await self._viewfinders.ask(message, operating.DetailAnswer))
             case operating.ControlsRequest():
-                await channel.send(await self._viewfinders.controls(message))
+                await channel.send(await self._viewfinders.ask(message, operating.ControlsAnswer))
             case (
                 operating.AddCamera()
                 | operating.AddSimulated()

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from capture_app.errors import IncompleteError, NetworkError
 from capture_app.net.channel import Channel
@@ -22,10 +22,11 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
-from capture_app.node.wire.status import NodeDetail
 
 ANSWER_TIMEOUT_S = 5.0
-A = TypeVar("A")
+NodeRequest = DetailRequest | ControlsRequest | KeepStamp
+NodeAnswer = DetailAnswer | ControlsAnswer | StampKept
+A = TypeVar("A", DetailAnswer, ControlsAnswer, StampKept)
 NOTHING = PreviewsWanted(width=16, fps=0)
 UNKNOWN = Vitals()
 
@@ -47,11 +48,10 @@ class _Stream:
     vitals: Vitals = UNKNOWN
     wanted: PreviewsWanted = NOTHING
     picture: Picture | None = None
-    detail: "asyncio.Future[NodeDetail] | None" = None
-    controls: "asyncio.Future[ControlsAnswer] | None" = None
-    setting: asyncio.Lock = field(default_factory=asyncio.Lock)
-    """One request of controls at a time: answers do not tell which they are to."""
-    stamp: "asyncio.Future[StampKept] | None" = None
+    asked: "dict[type[NodeAnswer], asyncio.Future[Any]]" = field(default_factory=dict)
+    """What is waited for of each kind."""
+    asking: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """One request at a time: answers do not tell which they are to."""
 
 
 @dataclass(slots=True)
@@ -81,20 +81,17 @@ class Viewfinders:
                         self._number += 1
                         stream.picture = Picture(self._number, message, jpeg)
                         await channel.send(PreviewSeen(camera=name))
-                    case DetailAnswer() if stream.detail is not None and not stream.detail.done():
-                        stream.detail.set_result(message.detail)
-                    case ControlsAnswer() if stream.controls is not None and not stream.controls.done():
-                        stream.controls.set_result(message)
-                    case StampKept() if stream.stamp is not None and not stream.stamp.done():
-                        stream.stamp.set_result(message)
+                    case DetailAnswer() | ControlsAnswer() | StampKept():
+                        if (asked := stream.asked.pop(type(message), None)) is not None:
+                            asked.set_result(message)
                     case _:
                         pass
         finally:
             # A node that has opened another stream may be noticed before this one's end.
             if self._streams.get(name) is stream:
                 del self._streams[name]
-            for asked in (stream.detail, stream.controls, stream.stamp):
-                if asked is not None and not asked.done():
+            for asked in stream.asked.values():
+                if not asked.done():
                     asked.set_exception(_closed(name))
                     asked.exception()  # whoever asked may have gone
 
@@ -119,40 +116,25 @@ class Viewfinders:
             if stream.picture is not None and (cameras is None or name in cameras)
         ]
 
-    async def detail(self, name: str) -> NodeDetail:
-        """Ask a node for all it knows of itself. Raises IncompleteError where it does not answer."""
+    async def ask(self, request: NodeRequest, kind: type[A]) -> A:
+        """Pass a request on to its camera's node. Raises IncompleteError where it does not answer."""
+        name = request.camera
         stream = self._streams.get(name)
         if stream is None:
             raise _closed(name)
-        if stream.detail is None or stream.detail.done():
-            stream.detail = asyncio.get_running_loop().create_future()
-            await _send(stream.channel, DetailRequest(camera=name))
-        return await _answer(name, stream.detail)
-
-    async def keep_stamp(self, order: KeepStamp) -> StampKept:
-        """Tell a node what was measured of its stamps. Raises IncompleteError where it does not answer."""
-        stream = self._streams.get(order.camera)
-        if stream is None:
-            raise _closed(order.camera)
-        stream.stamp = asyncio.get_running_loop().create_future()
-        await _send(stream.channel, order)
-        return await _answer(order.camera, stream.stamp)
-
-    async def controls(self, request: ControlsRequest) -> ControlsAnswer:
-        """Pass a request of a camera's controls on. Raises IncompleteError where it does not answer."""
-        stream = self._streams.get(request.camera)
-        if stream is None:
-            raise _closed(request.camera)
-        async with stream.setting:
-            stream.controls = asyncio.get_running_loop().create_future()
+        if isinstance(request, DetailRequest) and kind in stream.asked:
+            return await asyncio.shield(stream.asked[kind])  # all who look share an answer
+        async with stream.asking:
+            answer: asyncio.Future[A] = asyncio.get_running_loop().create_future()
+            stream.asked[kind] = answer
             await _send(stream.channel, request)
             try:
                 async with asyncio.timeout(ANSWER_TIMEOUT_S):
-                    return await stream.controls
+                    return await answer
             except TimeoutError as error:
                 # What is still to come would be taken for the answer to the next request.
                 stream.channel.abort()
-                raise IncompleteError(f"{request.camera} does not answer", hint="try again") from error
+                raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
 
     async def _ask(self, name: str) -> None:
         """Ask a node for what all operators together want of it, where that has changed."""
@@ -167,14 +149,6 @@ class Viewfinders:
             stream.wanted = wanted
             stream.picture = None if wanted is NOTHING else stream.picture
             await _send(stream.channel, wanted)
-
-
-async def _answer(name: str, answer: "asyncio.Future[A]") -> A:
-    try:
-        async with asyncio.timeout(ANSWER_TIMEOUT_S):
-            return await asyncio.shield(answer)
-    except TimeoutError as error:
-        raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
 
 
 async def _send(channel: Channel[ToLeader], message: ToViewfinder) -> None:

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.instant_choice import usual_spare
 from capture_app.node.leader.bursts import ActiveBursts, CancelledBurstError
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import MAX_BURSTS_AHEAD
@@ -30,11 +30,14 @@ from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, receive_image, repo
 NOW_NS = 10**12
 
 
-class StillClock(HostClock):
-    """A clock that always shows the same."""
+class StillClock:
+    """A clock that the test alone moves."""
+
+    shown_ns = NOW_NS
+    local_from_true = true_from_local = staticmethod(lambda ns: ns)
 
     def now_ns(self) -> int:
-        return NOW_NS
+        return self.shown_ns
 
 
 def engine_of(*names: str) -> Leader:
@@ -57,7 +60,7 @@ async def bursts_of(root: Path, engine: Leader) -> AsyncIterator[ActiveBursts]:
 
 
 async def order(bursts: ActiveBursts, frames: int = 2) -> BurstSession:
-    return await bursts.order(BurstOrder(frames=frames))
+    return await bursts.order(BurstOrder(frames=frames, spare=usual_spare(frames)))
 
 
 def triggers_sent(engine: Leader) -> list[Trigger]:
@@ -135,27 +138,29 @@ async def test_a_burst_a_year_away_is_refused_and_leaves_nothing(tmp_path: Path,
 
 
 async def test_a_camera_that_was_silent_once_holds_up_no_further_burst(tmp_path: Path) -> None:
-    engine, now_ns = engine_of("a", "b"), NOW_NS
-    bursts = ActiveBursts(tmp_path, engine, lambda: now_ns, lambda _: None)
+    engine, clock = engine_of("a", "b"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
 
     async def take(*, late: bool = False) -> float:
         """Take a burst to which only one camera brings something; return how many seconds it took."""
-        nonlocal now_ns
         session = await bursts.order(BurstOrder(frames=1, spare=0))
-        began_ns, number = now_ns, session.burst.number
+        began_ns, number = clock.shown_ns, session.burst.number
         for name in ("a", "b") if late else ("a",):
-            await session.accept_report(replace(report(name, 0), burst=number), now_ns)
-            await receive_image(session, replace(upload(name, 0), burst=number), pieces(IMAGE), now_ns)
+            await session.accept_report(replace(report(name, 0), burst=number), clock.shown_ns)
+            await receive_image(
+                session, replace(upload(name, 0), burst=number), pieces(IMAGE), clock.shown_ns
+            )
         session.stream_opened("b")
         while not session.finished.is_set():
-            now_ns += SILENCE_STEP_NS
-            await session.give_up_silent_cameras({}, now_ns)
+            clock.shown_ns += SILENCE_STEP_NS
+            await session.give_up_silent_cameras({}, clock.shown_ns)
             # It says again and again that it will bring something.
-            if not session.finished.is_set() and now_ns - began_ns > SILENCE_STEP_NS:
-                await session.accept_report(replace(report("b", 0), burst=number), now_ns)
+            if not session.finished.is_set() and clock.shown_ns - began_ns > SILENCE_STEP_NS:
+                await session.accept_report(replace(report("b", 0), burst=number), clock.shown_ns)
         await bursts.wait_until_saved(number)
         await asyncio.sleep(0)
-        return (now_ns - began_ns) / 1e9
+        return (clock.shown_ns - began_ns) / 1e9
 
     try:
         assert 170 < await take() < 200

@@ -6,11 +6,8 @@
 header    one message, tagged JSON
 payload   an image and what belongs to it
 
-All of it is in TLS, but where a port is open to anybody.
-
-The first moments of a stream: each end proves its key by TLS, before either says a word.
-
-How many streams a port keeps open, and how long each may take: strangers must not use it up.
+All of it is in TLS, by which each end proves its key before either says a word, but where a port is open to
+anybody. Strangers must not use a port up: it keeps so many streams, and each has so long.
 """
 
 import asyncio
@@ -22,8 +19,8 @@ import ssl
 import struct
 from collections.abc import AsyncIterator
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, Self, TypeVar, cast
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Self, TypeVar, cast
 
 import msgspec
 
@@ -119,6 +116,7 @@ MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
 MOST_SILENT = 96
 """So many may have said nothing yet: TLS takes memory from a stream's first moment on."""
 WANTED_FILES = 8192
+MAX_HEADER_BYTES = 1 << 20
 FILES_OF_A_STREAM, OTHER_FILES = 2, 64
 
 
@@ -126,33 +124,17 @@ FILES_OF_A_STREAM, OTHER_FILES = 2, 64
 class Patience:
     """How long to wait for a peer, in s."""
 
-    first_s: float = 10.0
+    first_s: float | None = 10.0
     """Until it has sent its first message."""
     idle_s: float | None = 120.0
     """Between two messages; None for ever."""
-    message_s: float = 30.0
+    message_s: float | None = 30.0
     """For the rest of a message, for the next piece of a payload, and until an answer is taken."""
     header_bytes: int = 1 << 16
     """The longest header of a peer that is not known yet."""
 
 
-class Stream(Protocol):
-    """What is known of a stream here."""
-
-    @property
-    def host(self) -> str:
-        """Where it comes from."""
-
-    @property
-    def has_spoken(self) -> bool:
-        """Whether it has sent a message."""
-
-    @property
-    def is_known(self) -> bool:
-        """Whether its peer is a node that has joined."""
-
-    def abort(self) -> None:
-        """Break it off."""
+FOR_EVER = Patience(first_s=None, idle_s=None, message_s=None, header_bytes=MAX_HEADER_BYTES)
 
 
 class OpenStreams:
@@ -163,14 +145,14 @@ class OpenStreams:
 
     def __init__(self, most: int = MOST_STREAMS, most_of_one_address: int = MOST_OF_ONE_ADDRESS) -> None:
         self._most, self._most_of_one_address = most, most_of_one_address
-        self._streams: dict[str, list[Stream]] = {}
+        self._streams: dict[str, list[Channel[Any]]] = {}
         self.refused = 0
         """How many were broken off, of those that are there or that come, for lack of room."""
 
     def __len__(self) -> int:
         return sum(map(len, self._streams.values()))
 
-    def admit(self, stream: Stream) -> bool:
+    def admit(self, stream: "Channel[Any]") -> bool:
         """Whether a new stream may stay; another one may be broken off for it."""
         own = self._streams.get(stream.host, [])
         silent = [[one for one in streams if not one.has_spoken] for streams in self._streams.values()]
@@ -189,7 +171,7 @@ class OpenStreams:
             self.refused += 1
         return admitted
 
-    def remove(self, stream: Stream) -> None:
+    def remove(self, stream: "Channel[Any]") -> None:
         """Forget a stream that has ended, or was never admitted."""
         own = self._streams.get(stream.host, [])
         with suppress(ValueError):
@@ -197,7 +179,7 @@ class OpenStreams:
         if not own:
             self._streams.pop(stream.host, None)
 
-    def _make_room(self, streams: list[Stream]) -> bool:
+    def _make_room(self, streams: "list[Channel[Any]]") -> bool:
         strangers = [stream for stream in streams if not stream.is_known]
         stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
         if stream is None:
@@ -222,7 +204,6 @@ def allowed_streams() -> int:
 
 
 MAGIC = b"SSH1"
-MAX_HEADER_BYTES = 1 << 20
 MAX_PAYLOAD_BYTES = 64 << 20
 CHUNK_BYTES = 1 << 18
 """The most that is read of a stream at once, and half of what is kept of it unread."""
@@ -246,9 +227,8 @@ class Channel(Generic[M]):
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
         decoder: msgspec.json.Decoder[M],
-        patience: Patience | None = None,
+        patience: Patience = FOR_EVER,
     ) -> None:
-        """Without `patience` this waits for ever: whoever has asked has limits of its own."""
         self.has_spoken = False
         """Whether the peer has sent a message."""
         self.is_known = False
@@ -262,10 +242,7 @@ class Channel(Generic[M]):
         self._writer = writer
         self._decoder = decoder
         self._unread = 0
-        self._header_bytes = MAX_HEADER_BYTES if patience is None else patience.header_bytes
-        self._first_s = None if patience is None else patience.first_s
-        self._idle_s = None if patience is None else patience.idle_s
-        self._message_s = None if patience is None else patience.message_s
+        self._patience = patience
 
     @property
     def host(self) -> str:
@@ -274,16 +251,16 @@ class Channel(Generic[M]):
 
     async def identify(self, trust: Trust) -> None:
         """See who has come, before anything of the stream is read. Raises OSError where it does not show."""
-        self.who = await identify_peer(self._writer, trust, self._first_s or CONNECT_TIMEOUT_S)
+        self.who = await identify_peer(self._writer, trust, self._patience.first_s or CONNECT_TIMEOUT_S)
 
     def trust(self) -> None:
         """Take messages of any allowed length from now on: the peer is known."""
         self.is_known = True
-        self._header_bytes = MAX_HEADER_BYTES
+        self._patience = replace(self._patience, header_bytes=MAX_HEADER_BYTES)
 
     def allow_silence(self) -> None:
         """Let the peer be silent between messages for as long as it likes: it is told things."""
-        self._idle_s = None
+        self._patience = replace(self._patience, idle_s=None)
 
     async def receive(self) -> tuple[M, bytes] | None:
         """Read one message and its payload; None where the peer has closed the stream between messages.
@@ -301,7 +278,7 @@ class Channel(Generic[M]):
         async for _ in self.payload():
             pass
         try:
-            async with asyncio.timeout(self._idle_s if self.has_spoken else self._first_s):
+            async with asyncio.timeout(self._patience.idle_s if self.has_spoken else self._patience.first_s):
                 prefix = await self._reader.readexactly(_PREFIX.size)
         except TimeoutError as error:
             raise NetworkError("the peer was silent for too long") from error
@@ -314,13 +291,13 @@ class Channel(Generic[M]):
         magic, header_bytes, payload_bytes = _PREFIX.unpack(prefix)
         if magic != MAGIC:
             raise NetworkError("the peer does not speak the transfer protocol", hint="check host and port")
-        if header_bytes > self._header_bytes or payload_bytes > MAX_PAYLOAD_BYTES:
+        if header_bytes > self._patience.header_bytes or payload_bytes > MAX_PAYLOAD_BYTES:
             raise NetworkError(
                 f"a message of {header_bytes} + {payload_bytes} bytes is over the limit of "
-                f"{self._header_bytes} + {MAX_PAYLOAD_BYTES}"
+                f"{self._patience.header_bytes} + {MAX_PAYLOAD_BYTES}"
             )
         try:
-            async with asyncio.timeout(self._message_s):
+            async with asyncio.timeout(self._patience.message_s):
                 header = await self._reader.readexactly(header_bytes)
         except TimeoutError as error:
             raise NetworkError(_TOO_SLOW) from error
@@ -341,7 +318,7 @@ class Channel(Generic[M]):
         """Yield the last message's payload as it comes in. Raises NetworkError where it breaks off."""
         while self._unread:
             try:
-                async with asyncio.timeout(self._message_s):
+                async with asyncio.timeout(self._patience.message_s):
                     chunk = await self._reader.read(min(self._unread, CHUNK_BYTES))
             except TimeoutError as error:
                 raise NetworkError(_TOO_SLOW) from error
@@ -369,7 +346,7 @@ class Channel(Generic[M]):
             # All at once: other tasks may send on this stream too.
             for payload in payloads:
                 self._writer.write(payload)
-            await self._drain(self._message_s if stall_s is None else stall_s)
+            await self._drain(self._patience.message_s if stall_s is None else stall_s)
         except TimeoutError as error:
             # Closing would wait for the same peer.
             self.abort()
@@ -415,8 +392,9 @@ class Channel(Generic[M]):
     async def close(self) -> None:
         """Close the stream when its peer has all, or takes too long; harmless where it has broken already."""
         self._writer.close()
+        message_s = self._patience.message_s
         try:
-            async with asyncio.timeout(CLOSE_TIMEOUT_S if self._message_s is None else self._message_s):
+            async with asyncio.timeout(CLOSE_TIMEOUT_S if message_s is None else message_s):
                 await self._writer.wait_closed()
         except TimeoutError:
             self.abort()

@@ -80,13 +80,13 @@ class SealedLeader:
         self._engine = engine
         self.keys = keys = ClientKeys() if keys is None else keys
         self.refusals = Refusals()
-        self._desk = _Desk(keys, self.refusals)
+        self._strangers = _Strangers(keys, self.refusals)
         self.next_timer = engine.next_timer
         self.handle_timer = engine.handle_timer
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Take in one datagram, if one of the clients has sealed it and speaks for itself."""
-        opened = self._desk.open(data, address)
+        opened = self._strangers.open(data, address)
         if opened is None:
             return
         before = self._engine.impostures
@@ -97,7 +97,7 @@ class SealedLeader:
     def datagrams_to_send(self, now_ns: int) -> Sealed:
         """Yield what is due, stamped with `now_ns`."""
         yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
-        yield from self._desk.take_notices()
+        yield from self._strangers.take_notices()
 
 
 class SealedRelay:
@@ -108,7 +108,7 @@ class SealedRelay:
         self.keys = keys = ClientKeys() if keys is None else keys
         self.parent_keys = LeaderKeys()
         self.refusals = Refusals()
-        self._desk = _Desk(keys, self.refusals)
+        self._strangers = _Strangers(keys, self.refusals)
         self.next_timer = engine.next_timer
         self.handle_timer = engine.handle_timer
 
@@ -118,7 +118,7 @@ class SealedRelay:
             message = _opened_by_client(data, address, self.parent_keys, self.refusals)
             opened: tuple[bytes, Speaker | None] | None = None if message is None else (message, None)
         else:
-            opened = self._desk.open(data, address)
+            opened = self._strangers.open(data, address)
         if opened is None:
             return
         before = self._engine.leader.impostures
@@ -131,11 +131,11 @@ class SealedRelay:
         yield from _sealed(self._engine.leader.datagrams_to_send(now_ns), self.keys)
         yield from _sealed(self._engine.datagrams_to_parents(now_ns), self.parent_keys)
         yield from self.parent_keys.take_kept()
-        yield from self._desk.take_notices()
+        yield from self._strangers.take_notices()
 
 
-class _Desk:
-    """Where strangers are turned away, with an answer that is never longer than what they sent."""
+class _Strangers:
+    """Turns strangers away, with an answer that is never longer than what they sent."""
 
     def __init__(self, keys: ClientKeys, refusals: Refusals) -> None:
         self._keys, self._refusals = keys, refusals

@@ -38,7 +38,7 @@ async def sealed_node(
     node.sealed = SealedClient(SinglePeerEngine(node.time, leader))
     pump = Pump(node.sealed, HostClock(), lambda: requester.look())
     request = KeyRequest(name=name, instance=node.instance)
-    requester = KeyRequester(node.sealed.keys, request, node.time, trust, pump.turn)
+    requester = KeyRequester(node.sealed.keys, request, node.time, trust, pump)
     asking = asyncio.create_task(requester.run())
     pump.start(client_socket(socket.AF_INET))
     try:

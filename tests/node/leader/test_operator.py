@@ -47,7 +47,7 @@ async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderN
     updates = RigLink(leader.own_address).updates()
     first = await next_of(updates, lambda _: True)
     assert isinstance(first, RigStatus)
-    assert first.sessions_folder == str(leader.sessions)
+    assert first.sessions_folder == str(leader.options.sessions)
     assert first.disk_free_bytes
     lines = [await next_of(updates, lambda update: isinstance(update, NewsLine)) for _ in range(2)]
     assert [(line.text, line.level) for line in lines if isinstance(line, NewsLine)] == [

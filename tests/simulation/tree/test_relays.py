@@ -8,6 +8,7 @@ from msgspec import structs
 from benchmarks.simulated.clock_tree import ROOT
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstAccepted, JoinRefused, NodeLost, NodeMoved
+from capture_app.sync.rig.leader import RigConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, NodeState
@@ -184,7 +185,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -
 
 def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
     rig = RelayRig()
-    rig.tree.root.terms.period_ns = None
+    rig.tree.root.terms.config = RigConfig()
     relay = rig.relay("relay", ROOT)
     rig.run(3.0)
     camera = structs.replace(CAMERA, period_ns=20_000_000)

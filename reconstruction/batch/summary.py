@@ -18,7 +18,8 @@ from reconstruction.batch.rows import BatchResult, Group, Row
 from reconstruction.batch.units import RESULT
 from reconstruction.report import tables as report
 from reconstruction.report import wording
-from reconstruction.report.page import EmbeddedImage, Section, embed_image, render_page
+from reconstruction.report.embedding import EmbeddedImage, embed_image
+from reconstruction.report.page import Section, render_page
 from reconstruction.session.conditions import evenly_spread
 
 THUMBNAIL_PX = 160

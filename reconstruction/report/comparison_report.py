@@ -6,7 +6,7 @@ from pathlib import Path
 
 from capture_app.text import count
 from reconstruction.report.charts import pose_chart
-from reconstruction.report.cloud_view import view_clouds
+from reconstruction.report.embedding import embed_image, view_clouds
 from reconstruction.report.findings import (
     UNSYNCHRONIZED,
     Sides,
@@ -18,7 +18,7 @@ from reconstruction.report.findings import (
     name_sides,
 )
 from reconstruction.report.measures import STUDIES, StudyText, describe_facts
-from reconstruction.report.page import Section, embed_image, render_page, write_page
+from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.tables import Table, conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
 from reconstruction.scores.comparison_results import CompareResult, ReportWords, WordTable

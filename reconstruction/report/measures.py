@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture_app.text import count
-from reconstruction.report.wording import COUNT, DEGREES, GAP, PIXELS, PLAIN, SHARE, measured
+from reconstruction.report import wording
 from reconstruction.scores.study_result import StudyResult
 
 WITHIN = "Measured correctly"
@@ -24,7 +24,7 @@ class MeasureText:
     key: str
     name: str
     text: str
-    unit: str = SHARE
+    unit: str = wording.SHARE
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,13 @@ STUDIES = {
                 "Brightness mismatch",
                 "The other pictures are laid over this one by the distances found; this is how far the "
                 "brightness differs, of 255. Less is better.",
-                PLAIN,
+                wording.PLAIN,
             ),
             MeasureText(
-                "points", POINTS, "In the cloud fused from all cameras, the median over the instants.", COUNT
+                "points",
+                POINTS,
+                "In the cloud fused from all cameras, the median over the instants.",
+                wording.COUNT,
             ),
             MeasureText(
                 "f_score",
@@ -114,14 +117,14 @@ STUDIES = {
                 EPIPOLAR,
                 "A point should lie in the same row of both pictures; this is how far off it is. Less is "
                 "better.",
-                PIXELS,
+                wording.PIXELS,
             ),
             MeasureText(
                 "photometric_error",
                 "Brightness mismatch",
                 "One picture is laid over the other by the distances found; this is how far the brightness "
                 "differs, of 255. Less is better.",
-                PLAIN,
+                wording.PLAIN,
             ),
         ),
         engine="Distances are found by OpenCV's semi-global block matching (SGBM).",
@@ -131,12 +134,12 @@ STUDIES = {
         "Points by COLMAP from {cameras}",
         "Points by COLMAP",
         (
-            MeasureText("points", POINTS, "Found and placed at an instant. More is better.", COUNT),
+            MeasureText("points", POINTS, "Found and placed at an instant. More is better.", wording.COUNT),
             MeasureText(
                 "reprojection_px",
                 "Reprojection error",
                 "How far a placed point is from where the cameras see it. Less is better.",
-                PIXELS,
+                wording.PIXELS,
             ),
             MeasureText(
                 "precision",
@@ -158,7 +161,7 @@ STUDIES = {
                 "Misfit",
                 "How far apart the two pictures show the same point, without a seam; the median. Less is "
                 "better.",
-                PIXELS,
+                wording.PIXELS,
             ),
             MeasureText(
                 "found",
@@ -167,9 +170,11 @@ STUDIES = {
                 "better.",
             ),
             MeasureText(
-                "points", "Points measured", "How many points of an instant were found again.", COUNT
+                "points", "Points measured", "How many points of an instant were found again.", wording.COUNT
             ),
-            MeasureText("overlap_mad", "Brightness difference", "On average, of 255. Less is better.", PLAIN),
+            MeasureText(
+                "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
+            ),
         ),
         engine="The panorama is put together by OpenCV.",
         missing="No panorama was made",
@@ -182,7 +187,7 @@ STUDIES = {
                 "registered",
                 "Cameras placed",
                 "Of {number}, the median over the instants. More is better.",
-                PLAIN,
+                wording.PLAIN,
             ),
             MeasureText(
                 "correct_pairs",
@@ -194,13 +199,13 @@ STUDIES = {
                 "rotation_deg",
                 "Angle error",
                 "Of the angle between two placed cameras, the median over the pairs. Less is better.",
-                DEGREES,
+                wording.DEGREES,
             ),
             MeasureText(
                 "direction_deg",
                 "Direction error",
                 "Of the direction from one camera to the other, the median over the pairs. Less is better.",
-                DEGREES,
+                wording.DEGREES,
             ),
         ),
         control=False,
@@ -217,7 +222,7 @@ def describe_facts(study: StudyResult) -> dict[str, str]:
         "cameras": count(len(study.cameras), "camera"),
         "number": f"{len(study.cameras)}",
         "reference": study.facts.get("reference", ""),
-        "near": "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{GAP}cm",
+        "near": "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{wording.GAP}cm",
         "matcher": "COLMAP's PatchMatch on a GPU" if patchmatch else "our own plane sweep, not by COLMAP",
-        "tolerance": measured(study.facts.get("tolerance_deg"), DEGREES),
+        "tolerance": wording.measured(study.facts.get("tolerance_deg"), wording.DEGREES),
     }

@@ -9,8 +9,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.common.outputs import read_points, write_points
-from reconstruction.report import cloud_view
-from reconstruction.report.cloud_view import PackedCloud, view_clouds
+from reconstruction.report.embedding import MAX_POINTS, PackedCloud, view_clouds
 from reconstruction.scores.study_result import InstantClouds
 
 TURN = cv2.Rodrigues(np.array([0.1, 0.7, -0.2]))[0]
@@ -66,7 +65,7 @@ def test_large_clouds_are_thinned_evenly(tmp_path: Path) -> None:
     points = np.random.default_rng(3).uniform([-1, -1, 3], [1, 1, 6], (80_000, 3))
     view = view_clouds(save(tmp_path, points, points[:5]), tmp_path)
     shown, _ = unpack(view.synced)
-    assert len(shown) == cloud_view.MAX_POINTS
+    assert len(shown) == MAX_POINTS
     assert shown.mean(0) == pytest.approx([0, 0, 4.5], abs=0.03)
     assert len(view.synced.data) < 320_000
 

@@ -257,7 +257,7 @@ class TriangulationStudy(Study):
         if len(self.cameras) == 2 or not self._holds(ALL_APART):
             self.condition = second_late
 
-    def compare(self, condition: Condition, progress: Progress, folder: object = None) -> StudyResult:
+    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
         """As `Study.compare`; there are no pictures.
 
         Raises:

@@ -33,7 +33,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
 from reconstruction.depth.engine import CPU, SweepEngine
-from reconstruction.depth.gpu import find_engine
+from reconstruction.depth.gpu import GpuEngine, find_engine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
 from reconstruction.multiview.input_images import undistort_image
@@ -76,8 +76,7 @@ def ours(
 
 def ours_on_gpu(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
     """The same with its costs and scan on a GPU, found and warmed up before."""
-    engine = find_engine().engine
-    return ours(views, condition, reference, scratch, engine)
+    return ours(views, condition, reference, scratch, find_engine())
 
 
 def straightforward(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
@@ -120,7 +119,7 @@ METHODS: dict[str, Callable[[dict[str, View], Condition, str, Path], Result]] = 
     "SGBM, best pair": sgbm,
     "SGBM, best pair, not padded": unpadded_sgbm,
 }
-if find_engine().engine is not CPU:
+if isinstance(find_engine(), GpuEngine):
     METHODS["multiview on a GPU"] = ours_on_gpu
 
 

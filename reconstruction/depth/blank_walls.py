@@ -17,7 +17,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.cost_volume import WORST_COST, combine_likeness, correlate_windows
 from reconstruction.depth.engine import aggregate_costs
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
-from reconstruction.depth.plane_sweep import Planes, Refinement, Surface, SweepOptions, sweep_view
+from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
 
 MAX_WIDTH_PX = 160
 MAX_SCALE = 0.25
@@ -277,9 +277,7 @@ def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: Pl
     size = image.view.width, image.view.height
     number = cv2.resize(choice.number.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     evident = cv2.resize(choice.evident.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    level, slope_x, slope_y, cost = (
-        part.copy() for part in (surface.inverse_depth, surface.slope_x, surface.slope_y, surface.cost)
-    )
+    level, slope_x, slope_y, cost = (part.copy() for part in surface)
     laid = mask & (number != AS_FOUND) & (cost >= EVIDENT_COST)
     gradient = choice.gradients[number[laid]]
     rays = image.rays
@@ -292,7 +290,7 @@ def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: Pl
     return Surface(level, slope_x, slope_y, cost)
 
 
-def _continue_to_edges(planes: Planes, image: CalibratedImage, mask: Array) -> None:
+def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImage, mask: Array) -> None:
     """Continue the planes of what is blank to the edge of what is before it, in place.
 
     Windows that hold a rod are not blank, and find its depth on both sides of it; but its shade ends there.
@@ -322,7 +320,7 @@ MIN_BLANK_SHARE = 0.02
 """Share of the pictures that must be blank."""
 EVIDENT, EVIDENT_WIDE = 0.5, 0.8
 """Matching costs below which a surface's points count, by the picture's windows and by wide ones."""
-WIDE_SWEEP = SweepOptions(step_px=0.8, window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
+WIDE_SWEEP = SweepOptions(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
 
 
 def settle_blank_walls(
@@ -349,7 +347,7 @@ def settle_blank_walls(
         level, cost = (_shrunk(one, part.image) for one in (surface.inverse_depth, surface.cost))
         near = sample_surface(part.image, level, cost < EVIDENT)
         wide = sweep_view(
-            part.image, [other.image for other in sources_of(name)], *depth_ranges[name], WIDE_SWEEP
+            part.image, [other.image for other in sources_of(name)], depth_ranges[name], WIDE_SWEEP
         )
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 

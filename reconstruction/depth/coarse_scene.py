@@ -10,7 +10,6 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import (
-    ConsistencyLimits,
     consistent_and_visible_views,
     remove_speckles,
 )
@@ -24,7 +23,8 @@ MIN_PIXELS = 150
 MIN_ISLAND_PX = 30
 MAX_COST = 0.35
 POINTS_PER_VIEW = 400
-LIMITS = ConsistencyLimits(reprojection_px=1.0, relative_depth=0.06)
+RELATIVE_DEPTH = 0.06
+"""Greatest relative difference of depth between small pictures that agree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def _confirmed_points(
     """Some points of what a view sees and its neighbours' surfaces confirm."""
     surface = surfaces[name]
     others = [(SourceView(small[name], small[o]), surfaces[o]) for o in neighbours if o in surfaces]
-    count, able = consistent_and_visible_views(surface, others, LIMITS)
+    count, able = consistent_and_visible_views(surface, others, RELATIVE_DEPTH)
     # Two others where three can see it: what moves between the pictures finds one that agrees by chance.
     agreed = (count >= np.clip(able.astype(np.int16) - 1, 1, 2)) & (surface.cost < MAX_COST)
     agreed = remove_speckles(agreed, surface.inverse_depth, MIN_ISLAND_PX)

@@ -1,7 +1,7 @@
 """Semi-global matching over a cost volume (Hirschmueller 2008), row by row on the CPU."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -104,33 +104,24 @@ def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
     return place, own
 
 
-class SweepEngine(Protocol):
-    """The two functions in which the CPU and a GPU part; all else of the sweep is one text."""
+class SweepEngine:
+    """The functions in which the CPU and a GPU part, as NumPy and OpenCV do them; all else is one text."""
+
+    def __init__(self, note: str = "") -> None:
+        """`note`: what the sweep runs on and why; empty where that is nothing to speak of."""
+        self.note = note
 
     def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Any:
         """Costs as by `cost_volume`, in a form and a memory of the engine's own."""
+        return cost_volume(source_views, base, offsets)
 
     def find_cheapest(self, volume: Any, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """Place and cost of each pixel's cheapest depth of such costs, after the semi-global scan."""
-
-    def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
-        """Costs along one surface (height x width, uint8)."""
-
-
-class CpuEngine:
-    """NumPy and OpenCV."""
-
-    def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
-        """Height x depths x width, uint8."""
-        return cost_volume(source_views, base, offsets)
-
-    def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
-        """As `cheapest_depths`."""
         return cheapest_depths(aggregate_costs(volume, grey, small, large), volume)
 
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
-        """As `cost_volume` of one depth."""
+        """Costs along one surface (height x width, uint8)."""
         return np.asarray(cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
 
 
-CPU = CpuEngine()
+CPU = SweepEngine()

@@ -1,7 +1,6 @@
 """Depth is kept where other views, each matched by itself, found the same surface."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -15,40 +14,34 @@ SUPPORT_SHARE = 0.7
 """Share of the surface nearby that must be kept around a pixel which few views can see."""
 SUPPORT_PLACES = 12
 """Places nearby that must be on its surface: a few of them are chance."""
-
-
-@dataclass(frozen=True)
-class ConsistencyLimits:
-    """When two views agree about a pixel, and how much agreement its depth needs."""
-
-    reprojection_px: float = 1.0
-    """Greatest distance after going to the other view and back; more in pictures wider than `USUAL_WIDTH`,
-    whose pixels are smaller than what windows can tell apart."""
-    relative_depth: float = 0.02
-    """Greatest relative difference of depth."""
-    sure_depth: float = 0.01
-    """Relative difference of depth that is agreement, however many pixels it is at a wide angle."""
-    max_angle_deg: float = 45.0
-    """Views from directions further apart neither agree nor disagree."""
-    grey_levels: float = 10.0
-    """Greatest difference of brightness (of 255) beside the noise, once the two pictures are equally bright:
-    blank things that are not the same would else agree."""
-    min_views: int = 2
-    """Views that must agree; fewer where there are fewer."""
-    max_cost: float = 0.5
-    """A pixel with no greater matching cost is evidence."""
-    max_carry: float = 0.08
-    """How far smoothness may carry depth over a blank patch between evidence, as a share of the width."""
-    max_rim: float = 0.005
-    """How far beyond evidence depth is kept, as a share of the width: windows match badly along edges."""
-    min_island_px: int = 50
-    """Smaller islands of depth are dropped."""
-    support_px: int = 15
-    """Side of the neighbourhood that counts as nearby around a pixel which few views can see."""
+REPROJECTION_PX = 1.0
+"""Greatest distance after going to the other view and back; more in pictures wider than `USUAL_WIDTH`,
+whose pixels are smaller than what windows can tell apart."""
+RELATIVE_DEPTH = 0.02
+"""Greatest relative difference of depth between views that agree."""
+SURE_DEPTH = 0.01
+"""Relative difference of depth that is agreement, however many pixels it is at a wide angle."""
+MAX_ANGLE_DEG = 45.0
+"""Views from directions further apart neither agree nor disagree."""
+MAX_GREY_LEVELS = 10.0
+"""Greatest difference of brightness (of 255) beside the noise, once the two pictures are equally bright:
+blank things that are not the same would else agree."""
+MIN_VIEWS = 2
+"""Views that must agree; fewer where there are fewer."""
+MAX_COST = 0.5
+"""A pixel with no greater matching cost is evidence."""
+MAX_CARRY = 0.08
+"""How far smoothness may carry depth over a blank patch between evidence, as a share of the width."""
+MAX_RIM = 0.005
+"""How far beyond evidence depth is kept, as a share of the width: windows match badly along edges."""
+MIN_ISLAND_PX = 50
+"""Smaller islands of depth are dropped."""
+SUPPORT_PX = 15
+"""Side of the neighbourhood that counts as nearby around a pixel which few views can see."""
 
 
 def consistent_and_visible_views(
-    surface: Surface, others: Iterable[tuple[SourceView, Surface]], limits: ConsistencyLimits
+    surface: Surface, others: Iterable[tuple[SourceView, Surface]], relative_depth: float = RELATIVE_DEPTH
 ) -> tuple[Array, Array]:
     """How many of the other views' surfaces agree with each pixel's, and how many could see it at all.
 
@@ -57,57 +50,50 @@ def consistent_and_visible_views(
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for source_view, other in others:
-        same, sees = _compared(surface.inverse_depth, source_view, other.inverse_depth, limits)
-        count += same & _equally_bright(surface.inverse_depth, source_view, same, limits)
+        same, sees = _compared(surface.inverse_depth, source_view, other.inverse_depth, relative_depth)
+        count += same & _equally_bright(surface.inverse_depth, source_view, same)
         able += sees
     return count, able
 
 
-def count_coinciding_views(
-    surface: Surface, others: Iterable[tuple[SourceView, Surface]], limits: ConsistencyLimits
-) -> Array:
+def count_coinciding_views(surface: Surface, others: Iterable[tuple[SourceView, Surface]]) -> Array:
     """How many other views' surfaces coincide with each pixel's, of any brightness; uint8 height x width."""
     same = [
-        _compared(surface.inverse_depth, source_view, other.inverse_depth, limits)[0]
-        for source_view, other in others
+        _compared(surface.inverse_depth, source_view, other.inverse_depth)[0] for source_view, other in others
     ]
     return np.asarray(np.sum(same, axis=0, dtype=np.uint8))
 
 
-def consistent_pixels(
-    surface: Surface, count: Array, able: Array, sources: int, blank: Array, limits: ConsistencyLimits
-) -> Array:
+def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int, blank: Array) -> Array:
     """Where depth is kept, bool height x width, by the votes of this many source views.
 
-    Of the views that are `able` to see a pixel all but one must agree, and no more than `min_views`: one
+    Of the views that are `able` to see a pixel all but one must agree, and no more than `MIN_VIEWS`: one
     where only two see it, as beside something near. There most of its neighbourhood must be kept too, for
     what moves between the pictures finds one that agrees by chance. `blank` (bool): where the picture shows
     nothing at all, as the dark behind a thing.
     """
-    usual = min(limits.min_views, max(1, sources - 1))
+    usual = min(MIN_VIEWS, max(1, sources - 1))
     agreed = count >= usual
     few = count >= np.clip(able.astype(np.int16) - 1, 1, usual)
     unsure = np.nonzero(few & ~agreed)
-    agreed[unsure] = _kept_share(few | agreed, surface, unsure, limits) > SUPPORT_SHARE
-    evidence = agreed & (surface.cost < limits.max_cost)
+    agreed[unsure] = _kept_share(few | agreed, surface, unsure) > SUPPORT_SHARE
+    evidence = agreed & (surface.cost < MAX_COST)
     # A single pixel of low cost is chance: evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
     away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5) / evidence.shape[1]
-    carried = (away <= limits.max_rim) | _between(evidence, round(limits.max_carry * evidence.shape[1]))
-    carried |= ~blank & (away < limits.max_carry)
-    return remove_speckles(agreed & carried, surface.inverse_depth, limits.min_island_px)
+    carried = (away <= MAX_RIM) | _between(evidence, round(MAX_CARRY * evidence.shape[1]))
+    carried |= ~blank & (away < MAX_CARRY)
+    return remove_speckles(agreed & carried, surface.inverse_depth, MIN_ISLAND_PX)
 
 
-def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...], limits: ConsistencyLimits) -> Array:
+def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...]) -> Array:
     """Which share of a pixel's own surface nearby is kept, at these rows and columns (n,).
 
     What is seen beside its edge does not count: of the background nothing may be kept.
     """
-    radius = limits.support_px // 2
+    radius = SUPPORT_PX // 2
     rows, columns = pixels
-    level, slope_x, slope_y = (
-        part[pixels] for part in (surface.inverse_depth, surface.slope_x, surface.slope_y)
-    )
+    level, slope_x, slope_y, _ = (part[pixels] for part in surface)
     # What lies beyond the picture is on no surface.
     around = cv2.copyMakeBorder(
         surface.inverse_depth, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=(-1e6,)
@@ -117,7 +103,7 @@ def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...], limits
     for dy in range(-radius, radius + 1, 2):
         for dx in range(-radius, radius + 1, 2):
             at = rows + (radius + dy), columns + (radius + dx)
-            near = np.abs(around[at] - level - slope_x * dx - slope_y * dy) < limits.relative_depth * level
+            near = np.abs(around[at] - level - slope_x * dx - slope_y * dy) < RELATIVE_DEPTH * level
             places += near
             there += near & beyond[at]
     return np.asarray(there / np.maximum(places, SUPPORT_PLACES))
@@ -155,7 +141,7 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
 
 
 def _compared(
-    inverse_depth: Array, source_view: SourceView, other: Array, limits: ConsistencyLimits
+    inverse_depth: Array, source_view: SourceView, other: Array, relative_depth: float = RELATIVE_DEPTH
 ) -> tuple[Array, Array]:
     """Where another view's surface is the same as this one, and where that view could see this one (bool)."""
     x, y, z = source_view.project(inverse_depth)
@@ -164,25 +150,23 @@ def _compared(
     expected = inverse_depth / np.maximum(z, 1e-6)
     off = np.abs(seen - expected)
     inside = (seen > 0) & (z > 1e-6)
-    near = inside & (off < limits.relative_depth * seen)
-    pixel = limits.reprojection_px * max(1.0, source_view.reference.view.width / USUAL_WIDTH)
-    sure = off < limits.sure_depth * seen
+    near = inside & (off < relative_depth * seen)
+    pixel = REPROJECTION_PX * max(1.0, source_view.reference.view.width / USUAL_WIDTH)
+    sure = off < SURE_DEPTH * seen
     same = near & (sure | (off * source_view.pixels_per_inverse_depth(x, y) < pixel))
-    able = inside & (seen <= expected * (1 + limits.relative_depth))
-    alike = source_view.cosine(inverse_depth) > np.cos(np.radians(limits.max_angle_deg))
+    able = inside & (seen <= expected * (1 + relative_depth))
+    alike = source_view.cosine(inverse_depth) > np.cos(np.radians(MAX_ANGLE_DEG))
     return same & alike, able & alike
 
 
-def _equally_bright(
-    inverse_depth: Array, source_view: SourceView, same: Array, limits: ConsistencyLimits
-) -> Array:
+def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) -> Array:
     """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
     seen = source_view.warp_by_depth(inverse_depth)
     reference = source_view.reference.grey
     gain, bias = _brightness_match(seen[same], reference[same])
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))
     noise = float(np.sqrt(max(source_view.reference.noise, source_view.source.noise)))
-    return np.asarray(np.abs(difference) < limits.grey_levels + noise)
+    return np.asarray(np.abs(difference) < MAX_GREY_LEVELS + noise)
 
 
 def _brightness_match(seen: Array, reference: Array) -> tuple[float, float]:

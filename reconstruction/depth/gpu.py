@@ -47,10 +47,11 @@ def _first_line(error: Exception) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-class GpuEngine:
+class GpuEngine(SweepEngine):
     """The sweep's engine on the current CUDA device; `cupy` is the module, or what has its interface."""
 
-    def __init__(self, cupy: Any) -> None:
+    def __init__(self, cupy: Any, note: str = "") -> None:
+        super().__init__(note)
         self._cupy = cupy
         self._uploads: dict[int, tuple[ref[Array], Any]] = {}
         self._lock = threading.Lock()
@@ -149,21 +150,13 @@ class GpuEngine:
             return there
 
 
-@dataclass(frozen=True, eq=False)
-class FoundEngine:
-    """What the sweep runs on, and why; without CuPy that is nothing to speak of."""
-
-    engine: SweepEngine
-    note: str
-
-
-def use_gpu(cupy: Any) -> FoundEngine:
+def use_gpu(cupy: Any) -> SweepEngine:
     """The engine of the first GPU if it does what it should, else the CPU's; `cupy` is the module."""
     try:
         if not cupy.cuda.runtime.getDeviceCount():
-            return FoundEngine(CPU, "on the CPU: CuPy finds no GPU")
+            return SweepEngine("on the CPU: CuPy finds no GPU")
         name = cupy.cuda.runtime.getDeviceProperties(0)["name"].decode()
-        engine = GpuEngine(cupy)
+        engine = GpuEngine(cupy, f"on {name}")
         costs = np.full((4, 4, 4), WORST_COST, np.uint8)
         costs[..., 2] = 0
         place, _ = engine.find_cheapest(GpuVolume(cupy.asarray(costs), 4), np.zeros((4, 4), np.float32), 1, 2)
@@ -171,22 +164,22 @@ def use_gpu(cupy: Any) -> FoundEngine:
     except Exception as error:  # noqa: BLE001
         cause = error.__cause__ if isinstance(error, NotAvailableError) else error
         said = _first_line(cause if isinstance(cause, Exception) else error)
-        return FoundEngine(CPU, f"on the CPU: the GPU cannot be used ({said})")
+        return SweepEngine(f"on the CPU: the GPU cannot be used ({said})")
     if not (place == 2).all():
-        return FoundEngine(CPU, f"on the CPU: {name} computes wrongly")
-    return FoundEngine(engine, f"on {name}")
+        return SweepEngine(f"on the CPU: {name} computes wrongly")
+    return engine
 
 
 @cache
-def find_engine() -> FoundEngine:
+def find_engine() -> SweepEngine:
     """A GPU's engine where CuPy and a GPU are here, else the CPU's; looked for once a process."""
     try:
         cupy = importlib.import_module("cupy")
     except ImportError:
-        return FoundEngine(CPU, "")
+        return CPU
     # One that was built for another NumPy, or without its libraries, fails as it likes.
     except Exception as error:  # noqa: BLE001
-        return FoundEngine(CPU, f"on the CPU: CuPy is broken ({_first_line(error)})")
+        return SweepEngine(f"on the CPU: CuPy is broken ({_first_line(error)})")
     return use_gpu(cupy)
 
 

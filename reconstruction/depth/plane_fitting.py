@@ -12,16 +12,16 @@ def fit_planes(
     inverse_depth: Array,
     tolerance: float,
     *,
-    slopes: tuple[Array, Array] | None = None,
+    slopes: Array | None = None,
     radius: int = 2,
     stride: int = 1,
     rounds: int = 2,
-) -> tuple[Array, Array, Array]:
-    """Inverse depth and its slope per pixel in x and y (float32 height x width) of each pixel's own plane.
+) -> Array:
+    """Inverse depth and its slope per pixel in x and y (3 x height x width, float32): each pixel's own plane.
 
     Fitted by least squares to the neighbours within `radius * stride` px that lie within `tolerance` of the
     plane found before, so that no plane bridges an edge of depth; the first plane goes through the
-    pixel's own depth and has these `slopes`, or none.
+    pixel's own depth and has these `slopes` (2 x height x width), or none.
     """
     border = radius * stride
     # What lies beyond the picture is on no plane.
@@ -29,23 +29,22 @@ def fit_planes(
         inverse_depth, border, border, border, border, cv2.BORDER_CONSTANT, value=(-1e6,)
     )
     unit = 1.0 / border
-    flat = np.zeros_like(inverse_depth)
-    slopes = (slopes[0] / unit, slopes[1] / unit) if slopes else (flat, flat)
-    found = tuple(np.empty_like(inverse_depth) for _ in range(3))
+    planes = np.zeros((3, *inverse_depth.shape), np.float32)
+    planes[0] = inverse_depth
+    if slopes is not None:
+        planes[1:] = slopes / unit
     steps = np.arange(-radius, radius + 1, dtype=int) * stride
     # A band of rows at a time stays in the processor's cache.
     for top in range(0, len(inverse_depth), BAND):
-        band = slice(top, top + BAND)
-        plane = inverse_depth[band], slopes[0][band], slopes[1][band]
+        band = np.s_[:, top : top + BAND]
         around = padded[top : top + BAND + 2 * border]
         for _ in range(rounds):
-            plane = _solve(_weighed(around, plane, steps, tolerance), *plane)
-        for whole, part in zip(found, plane, strict=True):
-            whole[band] = part
-    return found[0], found[1] * np.float32(unit), found[2] * np.float32(unit)
+            planes[band] = _solve(_weighed(around, planes[band], steps, tolerance), planes[band])
+    planes[1:] *= np.float32(unit)
+    return planes
 
 
-def _weighed(around: Array, plane: tuple[Array, Array, Array], steps: Array, tolerance: float) -> Array:
+def _weighed(around: Array, plane: Array, steps: Array, tolerance: float) -> Array:
     """Sums for the normal equations (9, height, width) over the neighbours, by how near the plane they lie.
 
     `around` holds the inverse depths of a band with a border; of the neighbours' places and their gaps to
@@ -73,14 +72,12 @@ def _weighed(around: Array, plane: tuple[Array, Array, Array], steps: Array, tol
                 ((kept, 1.0), (kept, x), (kept, y), (kept, x * x), (kept, x * y), (kept, y * y),
                  (gap, 1.0), (gap, x), (gap, y))
             ):  # fmt: skip
-                if factor == 1.0:
-                    sums[number] += value
-                elif factor:
+                if factor:
                     cv2.scaleAdd(value, factor, sums[number], dst=sums[number])
     return sums
 
 
-def _solve(sums: Array, level: Array, right: Array, down: Array) -> tuple[Array, Array, Array]:
+def _solve(sums: Array, before: Array) -> Array:
     """Least-squares planes by their normal equations; where these are underdetermined, the planes before."""
     n, sx, sy, xx, xy, yy, sv, xv, yv = sums
     n = np.maximum(n, 1e-6)
@@ -90,13 +87,8 @@ def _solve(sums: Array, level: Array, right: Array, down: Array) -> tuple[Array,
     cxv, cyv = xv / n - mx * mv, yv / n - my * mv
     det = np.maximum(cxx * cyy - cxy * cxy, 1e-6)
     slope_x, slope_y = (cyy * cxv - cxy * cyv) / det, (cxx * cyv - cxy * cxv) / det
-    enough = n > 3.0
-    moved = level + mv - slope_x * mx - slope_y * my
-    return (
-        np.where(enough, moved, level).astype(np.float32),
-        np.where(enough, slope_x, right).astype(np.float32),
-        np.where(enough, slope_y, down).astype(np.float32),
-    )
+    moved = before[0] + mv - slope_x * mx - slope_y * my
+    return np.where(n > 3.0, np.stack([moved, slope_x, slope_y]), before)
 
 
 def surface_normals(inverse_depth: Array, right: Array, down: Array, rays: Array) -> Array:

@@ -14,12 +14,18 @@ from reconstruction.depth.blank_walls import settle_blank_walls
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.engine import CPU, SweepEngine
 from reconstruction.depth.geometric_consistency import (
-    ConsistencyLimits,
     consistent_and_visible_views,
     consistent_pixels,
 )
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
-from reconstruction.depth.plane_sweep import Proposals, Surface, SweepOptions, adopt_proposals, sweep_view
+from reconstruction.depth.plane_sweep import (
+    MAX_PROPOSED_COST,
+    Proposals,
+    Surface,
+    SweepOptions,
+    adopt_proposals,
+    sweep_view,
+)
 
 
 def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tuple[int, int]) -> Array:
@@ -82,11 +88,11 @@ def match_all_views(
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     fitting = int(CELLS_SHARE * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
-    options = SweepOptions(max_cells=min(SweepOptions.max_cells, fitting))
+    options = SweepOptions(max_cells=min(SweepOptions.max_cells, fitting), engine=engine)
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
-        found = sweep_view(images[name], others, *depth_ranges[name], options, engine)
+        found = sweep_view(images[name], others, depth_ranges[name], options)
         done(name)
         return found
 
@@ -103,12 +109,10 @@ def match_all_views(
         proposed = sure
         if name in paired:
             # Nobody else could confirm what that camera found, unless this one finds it too.
-            matched = {o: _matched_depth(surfaces[o], kept[o], options) for o in sources[name]}
+            matched = {o: _matched_depth(surfaces[o], kept[o]) for o in sources[name]}
             proposed = np.where(sure > 0, sure, from_others(matched))
         proposals = Proposals(np.where(kept[name] > 0, 0, proposed), sure > 0)
-        return adopt_proposals(
-            surfaces[name], proposals, images[name], others, depth_ranges[name], options, engine
-        )
+        return adopt_proposals(surfaces[name], proposals, images[name], others, depth_ranges[name], options)
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
@@ -127,9 +131,9 @@ def match_all_views(
         }
 
 
-def _matched_depth(surface: Surface, kept: Array, options: SweepOptions) -> Array:
+def _matched_depth(surface: Surface, kept: Array) -> Array:
     """Depth where a view's own windows match, though others did not confirm it, elsewhere 0."""
-    found = (kept <= 0) & (surface.cost < options.max_proposed_cost)
+    found = (kept <= 0) & (surface.cost < MAX_PROPOSED_COST)
     return np.where(found, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
 
 
@@ -142,11 +146,11 @@ def _kept_depths(
     """Every view's depth where others confirm it, elsewhere 0; float32 height x width."""
 
     def confirm(name: str) -> Array:
-        surface, limits = surfaces[name], ConsistencyLimits()
+        surface = surfaces[name]
         others = _nearest_views(name, sources, surfaces)[:MAX_VOTERS]
         voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
-        count, able = consistent_and_visible_views(surface, voters, limits)
-        good = consistent_pixels(surface, count, able, len(voters), images[name].blank, limits)
+        count, able = consistent_and_visible_views(surface, voters)
+        good = consistent_pixels(surface, count, able, len(voters), images[name].blank)
         return np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
 
     return dict(zip(surfaces, pool.map(confirm, surfaces), strict=True))
@@ -165,6 +169,6 @@ def _nearest_views(
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
-    slopes = surface.slope_x, surface.slope_y
+    slopes = np.stack([surface.slope_x, surface.slope_y])
     _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)
     return surface_normals(surface.inverse_depth, right, down, image.rays)

@@ -12,7 +12,7 @@ from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.colmap import FusedCloud, fuse_depth_maps, read_fused_cloud, write_workspace
-from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
+from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import smallest_group
@@ -65,7 +65,7 @@ def compute_instant_depth(
     others = [camera for camera in surfaces if camera != reference]
     source_views = [SourceView(calibrated[reference], calibrated[other]) for other in others]
     voters = zip(source_views, (surfaces[other] for other in others), strict=True)
-    votes = count_coinciding_views(own, voters, ConsistencyLimits())
+    votes = count_coinciding_views(own, voters)
     return InstantDepth(
         depth=found[reference].depth,
         consistent=votes >= min(CONFIRMING_VIEWS, len(others)),

@@ -51,9 +51,9 @@ def choose_matcher(asked: Matcher) -> ChosenMatcher:
     if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
         return ChosenMatcher(gpu, f"on {gpu.name}")
-    found = find_engine()
+    engine = find_engine()
     why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
-    return ChosenMatcher(note="; ".join(filter(None, (why, found.note))), engine=found.engine)
+    return ChosenMatcher(note="; ".join(filter(None, (why, engine.note))), engine=engine)
 
 
 def match_cameras(

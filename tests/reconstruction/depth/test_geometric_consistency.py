@@ -4,7 +4,6 @@ import numpy as np
 
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.geometric_consistency import (
-    ConsistencyLimits,
     consistent_and_visible_views,
     consistent_pixels,
     remove_speckles,
@@ -27,12 +26,12 @@ def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -
     # To two of three views something near hides the rows 20 to 50; from 50 to 80 they see behind the surface.
     others = [surface(), *(surface((20, 50, 0.8), (50, 80, 0.3)) for _ in range(2))]
     votes = zip(source_views, others, strict=True)
-    count, able = consistent_and_visible_views(surface(), votes, ConsistencyLimits())
+    count, able = consistent_and_visible_views(surface(), votes)
     inner = slice(20, -30)
     assert (count[22:78, inner] == 1).all()
     assert (able[22:48, inner] == 1).all()
     assert (able[52:78, inner] == 3).all()
-    kept = consistent_pixels(surface(), count, able, 3, flat > 0, ConsistencyLimits())
+    kept = consistent_pixels(surface(), count, able, 3, flat > 0)
     assert kept[:18, inner].all()
     assert kept[20:45, inner].all()
     assert not kept[55:75, inner].any()
@@ -46,12 +45,12 @@ def test_a_rim_that_one_view_sees_is_kept_beside_a_background_that_none_sees() -
     count[:, :50] = able[:] = 2
     count[:, rim] = able[:, rim] = 1
     seen = Surface(level, flat, flat, flat)
-    kept = consistent_pixels(seen, count, able, 3, flat > 0, ConsistencyLimits())
+    kept = consistent_pixels(seen, count, able, 3, flat > 0)
     assert kept[:, :60].all()
     assert not kept[:, 60:].any()
     # A few pixels whose surface nobody else confirms, as of what moves between the pictures.
     count[:, :56] = 0
-    assert not consistent_pixels(seen, count, able, 3, flat > 0, ConsistencyLimits()).any()
+    assert not consistent_pixels(seen, count, able, 3, flat > 0).any()
 
 
 def test_speckles_go_and_large_islands_stay() -> None:

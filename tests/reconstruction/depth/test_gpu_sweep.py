@@ -12,7 +12,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
-from reconstruction.depth.engine import CPU, aggregate_costs, cheapest_depths
+from reconstruction.depth.engine import CPU, SweepEngine, aggregate_costs, cheapest_depths
 from reconstruction.depth.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
 from reconstruction.depth.sweep_matcher import match_all_views
@@ -143,8 +143,11 @@ def test_the_whole_sweep_finds_the_same_on_either_way() -> None:
 def test_a_picture_that_is_swept_at_a_smaller_size_first_gets_the_same_depth_on_either_way() -> None:
     views = source_views(3, 5)
     reference, sources = views[0].reference, [view.source for view in views]
-    options = SweepOptions(max_cells=24 * reference.grey.size // 3)
-    cpu, gpu = (sweep_view(reference, sources, 1.0, 4.0, options, engine) for engine in (CPU, GPU))
+    cells = 24 * reference.grey.size // 3
+    cpu, gpu = (
+        sweep_view(reference, sources, (1.0, 4.0), SweepOptions(max_cells=cells, engine=engine))
+        for engine in (CPU, GPU)
+    )
     off = np.abs(cpu.inverse_depth / gpu.inverse_depth - 1)
     assert np.median(off) < 0.001
     assert np.mean(off > 0.01) < 0.02
@@ -183,7 +186,7 @@ class Machine(StandIn):
 
 def test_a_gpu_is_used_where_it_does_what_it_should() -> None:
     found = use_gpu(Machine(1))
-    assert isinstance(found.engine, GpuEngine)
+    assert isinstance(found, GpuEngine)
     assert found.note == "on Some GPU"
 
 
@@ -196,12 +199,12 @@ def test_a_gpu_is_used_where_it_does_what_it_should() -> None:
 )
 def test_without_a_usable_gpu_the_cpu_sweeps_and_the_note_says_why(machine: Machine, note: str) -> None:
     found = use_gpu(machine)
-    assert (found.engine, found.note) == (CPU, note)
+    assert (type(found), found.note) == (SweepEngine, note)
 
 
 def test_a_gpu_that_fails_later_ends_the_run_with_a_sentence() -> None:
     machine = Machine(1)
-    engine = use_gpu(machine).engine
+    engine = use_gpu(machine)
     machine.zeros = fail_for_memory  # type: ignore[assignment]
     volume = GpuVolume(StandIn().asarray(np.zeros((4, 4, 4), np.uint8)), 4)
     with pytest.raises(NotAvailableError, match=r"the GPU failed: Out of memory \(CUDA_VISIBLE_DEVICES="):
@@ -216,7 +219,8 @@ def test_a_broken_cupy_leaves_the_cpu(tmp_path: Path, monkeypatch: pytest.Monkey
         found = find_engine()
     finally:
         find_engine.cache_clear()
-    assert (found.engine, found.note) == (CPU, "on the CPU: CuPy is broken (numpy.dtype size changed)")
+    assert type(found) is SweepEngine
+    assert found.note == "on the CPU: CuPy is broken (numpy.dtype size changed)"
 
 
 def fail_for_memory(*_: object) -> None:

@@ -128,7 +128,7 @@ def test_large_pictures_are_swept_small_and_finished_at_full_size(
     photos: dict[str, CalibratedImage], truth: Array
 ) -> None:
     others = [photos["left"], photos["right"]]
-    surface = sweep_view(photos["middle"], others, 1.4, 4.0, SweepOptions(max_cells=90_000))
+    surface = sweep_view(photos["middle"], others, (1.4, 4.0), SweepOptions(max_cells=90_000))
     assert surface.inverse_depth.shape == truth.shape
     error = np.abs(surface.inverse_depth * truth - 1)[8:-8, 24:-24]
     assert np.median(error) < 0.006

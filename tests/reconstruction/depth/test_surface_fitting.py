@@ -43,7 +43,7 @@ def test_an_edge_moves_to_where_the_pictures_match() -> None:
     true = np.where((xs > 40) & (xs < 80), front, back).astype(np.float32)
     # The strip begins and ends 4 px too far left, as where a matcher took the wall for it.
     wrong = np.roll(true, -4, axis=1)
-    level, _, _ = move_edges((wrong, flat, flat), [SourceView(*grey)], 4)
+    level, _, _ = move_edges(np.stack([wrong, flat, flat]), [SourceView(*grey)], 4)
     # Beside the strip's left edge the other view sees no wall, and nothing tells.
     inner = np.s_[8:-8, 60:100]
     assert np.mean(level[inner] != true[inner]) < 0.4 * np.mean(wrong[inner] != true[inner])

@@ -28,7 +28,9 @@ FACTS = CameraFacts(
     phase_control=PhaseControl.INJECTION,
     timestamp_source=TimestampSource.START_OF_EXPOSURE,
 )
-TERMS = messages.Terms(leader=1, anchor_leader_ns=0, period_ns=60_000_000_000, pace_ns=60_000_000_000)
+CONFIG = messages.RigConfigMessage(
+    leader=1, anchor_leader_ns=0, period_ns=60_000_000_000, pace_ns=60_000_000_000
+)
 INSIDER = messages.Hello("insider", 3, FACTS)
 DATAGRAMS: tuple[Any, ...] = (
     INSIDER,
@@ -37,8 +39,8 @@ DATAGRAMS: tuple[Any, ...] = (
     messages.Heartbeat(1, messages.Report(state=messages.NodeState.READY, frame_leader_ns=5)),
     messages.TriggerAck(1, 2, 3, "no"),
     messages.Goodbye(1),
-    messages.Welcome(1, 1, 47010, TERMS),
-    messages.HeartbeatAck(1, TERMS),
+    messages.Welcome(1, 1, 47010, CONFIG),
+    messages.HeartbeatAck(1, CONFIG),
     messages.Trigger(1, 1, 1, 0, 1, 1),
     messages.UnknownMember(1),
     messages.JoinRefusal(1, "no"),

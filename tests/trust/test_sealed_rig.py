@@ -20,7 +20,7 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Report,
-    Terms,
+    RigConfigMessage,
     TimeReply,
     TimeRequest,
     Trigger,
@@ -34,7 +34,7 @@ from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refusals, Refused
 from tests.facts import make_facts
 from tests.trust.sealed_pair import LEADER, SealedRig, running
 
-TERMS = Terms(leader=9, anchor_leader_ns=0, period_ns=60_000_000, pace_ns=60_000_000_000)
+CONFIG = RigConfigMessage(leader=9, anchor_leader_ns=0, period_ns=60_000_000, pace_ns=60_000_000_000)
 STRANGER: Address = ("stranger", 3)
 Datagram = tuple[bytes, Address, Address]
 
@@ -46,10 +46,10 @@ def every_message(number: int, instance: int, name: str) -> list[Message]:
         TimeReply(number, 1, 2, 3, 4),
         Hello(name, instance, make_facts(period_ns=50_000_000)),
         Hello(name, instance, make_facts(), via="relay"),
-        Welcome(instance, number, 1, TERMS),
+        Welcome(instance, number, 1, CONFIG),
         JoinRefusal(instance, "no"),
         Heartbeat(number, Report(state=NodeState.FAILED)),
-        HeartbeatAck(number, TERMS),
+        HeartbeatAck(number, CONFIG),
         UnknownMember(number),
         Trigger(number, 5, 1, 0, 33_333_333, 3),
         TriggerAck(number, 5, 1, "no"),
@@ -68,7 +68,7 @@ def state(rig: SealedRig) -> object:
     for node in rig.nodes.values():
         time, keeper = node.client.time, node.client.time.timekeeper
         leader += [node.client.report(rig.now_ns), node.client.next_timer(), node.client.has_burst_pending]
-        leader += [time.number, time.terms, keeper.time_map, keeper.clock.samples, keeper.outstanding]
+        leader += [time.number, time.followed, keeper.time_map, keeper.clock.samples, keeper.outstanding]
     return leader
 
 

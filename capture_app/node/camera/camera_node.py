@@ -274,8 +274,8 @@ class RigMember:
             self._uploader.cancel_burst(event.leader, event.burst)
         if isinstance(event, events.Joined):
             leader = Address(self._failover.leader[0], event.transfer_port)
-            assert self._engine.time.terms is not None, "it has joined"
-            self._uploader.set_leader(leader, self._engine.time.terms.path[0])
+            assert self._engine.time.followed is not None, "it has joined"
+            self._uploader.set_leader(leader, self._engine.time.followed.path[0])
             self._viewfinder.set_leader(leader)
             self._samples.clear()
             self._beacons.follow(event.beacons, leader.host)

@@ -18,7 +18,7 @@ from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyGoal, PollSchedule
-from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
 
@@ -132,7 +132,7 @@ class Client(Generic[F]):
     @property
     def leader_in_holdover(self) -> bool:
         """Whether the leader is a relay in holdover: it keeps the time, but brings no bursts."""
-        return self.time.is_member and self.time.terms is not None and self.time.terms.in_holdover
+        return self.time.is_member and self.time.followed is not None and self.time.followed.in_holdover
 
     @property
     def can_change_leader(self) -> bool:
@@ -224,17 +224,17 @@ class Client(Generic[F]):
 
     @property
     def _grid(self) -> CameraGrid | None:
-        """By the terms of the present leader, or of the last one, whose bursts are still picked."""
-        terms = self.time.terms
-        return None if terms is None else CameraGrid.of_camera(self.config.camera, terms)
+        """By the configuration of the present leader, or of the last one, whose bursts are still picked."""
+        config = self.time.followed
+        return None if config is None else CameraGrid.of_camera(self.config.camera, config)
 
-    def _objection(self, terms: LeaderTerms) -> str:
-        """Say why a member must join anew under these terms: the grid's period or its root have changed."""
-        if not self.time.is_member or self.time.terms is None:
+    def _objection(self, config: FollowedConfig) -> str:
+        """Say why a member must join anew with this configuration: its period or its root have changed."""
+        if not self.time.is_member or self.time.followed is None:
             return ""
-        if terms.goal.period_ns != self.time.terms.goal.period_ns:
+        if config.goal.period_ns != self.time.followed.goal.period_ns:
             return "the leader has another grid of instants"
-        return "the relay follows another leader" if terms.path[0] != self._root else ""
+        return "the relay follows another leader" if config.path[0] != self._root else ""
 
     def _report_to_leader(self, now_ns: int) -> Report:
         self._phase_loop.note_report()
@@ -243,12 +243,12 @@ class Client(Generic[F]):
     def _note_events(self) -> None:
         while (event := self.time.next_event()) is not None:
             self._events.append(event)
-            if isinstance(event, Joined) and self.time.terms is not None:
+            if isinstance(event, Joined) and self.time.followed is not None:
                 self._phase_loop.note_join()
-                if self.time.terms.path[0] != self._root:
+                if self.time.followed.path[0] != self._root:
                     # Bursts are the root's, in its time: another relay does not end them.
                     self._events.extend(self._bursts.clear())
-                    self._root = self.time.terms.path[0]
+                    self._root = self.time.followed.path[0]
 
     def _align(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map

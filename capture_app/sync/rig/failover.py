@@ -111,10 +111,10 @@ class LeaderChoice:
 
     def probe_if_due(self, now_ns: int) -> Address | None:
         """Probe better leaders when that is due; return one that has answered often enough."""
-        terms = self._time.terms
-        if now_ns < self.failback.due_ns or terms is None or not self._time.is_member:
+        followed = self._time.followed
+        if now_ns < self.failback.due_ns or followed is None or not self._time.is_member:
             return None
-        return self.failback.probe(self.leader, now_ns, in_holdover=terms.in_holdover)
+        return self.failback.probe(self.leader, now_ns, in_holdover=followed.in_holdover)
 
     def change_to(self, leader: Address, now_ns: int) -> None:
         """Follow another leader, which was found by probes."""

@@ -1,6 +1,6 @@
 """The leader's state machine: take clients in, answer their time requests, order bursts, notice losses.
 
-A leader's own terms, alike for all its clients: the grid of instants and the way to the root's time.
+A leader's present configuration, alike for all its clients: the grid and the way to the root's time.
 
 What a leader has to send, encoded when it leaves: time replies are stamped then, and go first.
 """
@@ -41,7 +41,7 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
-    Terms,
+    RigConfigMessage,
     TimeRequest,
     TriggerAck,
     UnknownMember,
@@ -71,8 +71,8 @@ class RigConfig:
 
 
 @dataclass(slots=True)
-class RigTerms:
-    """A leader's own terms, as they are at present."""
+class CurrentConfig:
+    """What a leader tells all its clients, as it is at present."""
 
     leader: int
     """Its run."""
@@ -134,11 +134,11 @@ class RigTerms:
         self.shared_goal = SharedGoal(Goal(now_ns, best_ns))
         return True
 
-    def message(self, pace_ns: int) -> Terms:
+    def message(self, pace_ns: int) -> RigConfigMessage:
         """Return what is told; `pace_ns` is the mean time between two requests that the leader bears."""
         assert self.shared_goal is not None, "the first hello sets the goal"
         goal = self.shared_goal.goal
-        return Terms(
+        return RigConfigMessage(
             leader=self.leader,
             anchor_leader_ns=goal.anchor_leader_ns,
             period_ns=goal.period_ns,
@@ -153,8 +153,8 @@ class RigTerms:
 class GridReview:
     """When a leader's grid is laid anew, or moved, by who is here; not near a burst."""
 
-    def __init__(self, terms: RigTerms, roster: Roster, orders: Orders) -> None:
-        self._terms, self._roster, self._orders = terms, roster, orders
+    def __init__(self, current: CurrentConfig, roster: Roster, orders: Orders) -> None:
+        self._current, self._roster, self._orders = current, roster, orders
         self.is_due = False
         """Whether the cameras that the grid suits may not be those that are here."""
         self._goal_due_ns = 0
@@ -168,12 +168,16 @@ class GridReview:
             return False
         self.is_due = False
         voters = self._roster.cameras() or self._roster.cameras(even_unconfirmed=True)
-        return self._terms.follow_cameras([member.camera for member in voters], now_ns)
+        return self._current.follow_cameras([member.camera for member in voters], now_ns)
 
     def update_goal(self, now_ns: int) -> bool:
         """Move the goal to suit the cameras that cannot follow it; whether it has changed."""
-        shared, immovable = self._terms.shared_goal, len(self._roster.immovable)
-        if shared is None or self._terms.upstream is not None or self._terms.config.grid_phase_ns is not None:
+        shared, immovable = self._current.shared_goal, len(self._roster.immovable)
+        if (
+            shared is None
+            or self._current.upstream is not None
+            or self._current.config.grid_phase_ns is not None
+        ):
             return False
         if self._orders.is_busy(now_ns):
             return False
@@ -246,7 +250,7 @@ class Leader:
 
     def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
         self.config = config
-        self.terms = RigTerms(config.instance, config.rig)
+        self.current = CurrentConfig(config.instance, config.rig)
         self.malformed = 0
         self.impostures = 0
         """Messages in the name of another than who sealed them."""
@@ -254,14 +258,14 @@ class Leader:
         self._roster = Roster(rng)
         self._orders = Orders()
         self._broadcaster = Broadcaster(config.instance, config.beacons)
-        self._grid = GridReview(self.terms, self._roster, self._orders)
+        self._grid = GridReview(self.current, self._roster, self._orders)
         self.outbox = Outbox()
         self._events: deque[LeaderEvent] = deque()
 
     @property
     def goal(self) -> Goal | None:
         """The grid of instants that all cameras are moved onto; None before the first camera."""
-        return self.terms.goal
+        return self.current.goal
 
     @property
     def pace_ns(self) -> int:
@@ -304,7 +308,7 @@ class Leader:
             return
         member.address = address
         member.last_heard_ns = now_ns
-        if self._roster.confirm(member) and not self.terms.is_held(member.camera):
+        if self._roster.confirm(member) and not self.current.is_held(member.camera):
             self._grid.is_due = True
         if isinstance(message, TimeRequest):
             self.outbox.reply(message, address, now_ns)
@@ -415,11 +419,11 @@ class Leader:
         self.outbox.send(JoinRefusal(hello.instance, reason, retry_here), address)
 
     def acknowledge(self, member: Member) -> None:
-        """Send a member the present terms."""
-        self.send(member, HeartbeatAck(member.number, self.terms.message(self.pace_ns)))
+        """Send a member the present configuration."""
+        self.send(member, HeartbeatAck(member.number, self.current.message(self.pace_ns)))
 
     def acknowledge_all(self) -> None:
-        """Send every member the present terms."""
+        """Send every member the present configuration."""
         for member in self._roster.members.values():
             if not member.lost:
                 self.acknowledge(member)
@@ -445,15 +449,15 @@ class Leader:
             self.refuse(hello, refusal, address)
             return
         # A relay's grid is the root's.
-        if self._uplink is None and self.terms.lay_grid(hello.camera, now_ns):
+        if self._uplink is None and self.current.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
         self._events.extend(self._roster.make_room(hello))
         member, event = self._roster.admit(hello, address, now_ns, speaker)
         if event is not None:
             self._events.append(event)
-        config, terms = self.config, self.terms.message(self.pace_ns)
+        config, current = self.config, self.current.message(self.pace_ns)
         welcome = Welcome(
-            hello.instance, member.number, config.transfer_port, terms, member.slot, config.beacons
+            hello.instance, member.number, config.transfer_port, current, member.slot, config.beacons
         )
         self.outbox.send(welcome, address)
         if self._uplink is not None:

@@ -14,7 +14,7 @@ from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
 from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
-from capture_app.sync.timekeeping.timekeeper import LeaderTerms
+from capture_app.sync.timekeeping.timekeeper import FollowedConfig
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
 
@@ -33,18 +33,18 @@ class CameraGrid:
     meeting_leader_ns: int | None
 
     @classmethod
-    def of_camera(cls, camera: CameraFacts, terms: LeaderTerms) -> "CameraGrid":
-        """Return the grid of these terms for a camera."""
-        row = terms.align_row
+    def of_camera(cls, camera: CameraFacts, config: FollowedConfig) -> "CameraGrid":
+        """Return the grid of that configuration for a camera."""
+        row = config.align_row
         start_ns = camera.start_offset_ns()
         known_ns = start_ns if row is None else camera.mid_exposure_offset_ns(row)
         problem = "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
         return cls(
-            terms.goal,
+            config.goal,
             start_ns if known_ns is None else known_ns,
             camera.stamp_accuracy,
             "" if known_ns is not None else problem,
-            terms.meeting_leader_ns,
+            config.meeting_leader_ns,
         )
 
     @property

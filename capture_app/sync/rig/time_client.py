@@ -13,7 +13,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
-from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
 from capture_app.sync.wire.codec import (
     Message,
     OtherVersionError,
@@ -113,13 +113,14 @@ class TimeClient:
         heartbeat_every_ns: int | None = HEARTBEAT_EVERY_NS,
         silent_ns: int = LEADER_SILENT_NS,
         report: Callable[[int], Report] | None = None,
-        objection: Callable[[LeaderTerms], str] = lambda _: "",
+        objection: Callable[[FollowedConfig], str] = lambda _: "",
     ) -> None:
         """A leader that has said nothing for `silent_ns` is gone.
 
         Without `heartbeat_every_ns` it reports only when its timekeeper's schedule says so, and notices only
         by unanswered requests that its leader is silent. `report` tells of this node at a local time in ns,
-        in the place of `self.report`; `objection` says why a leader of such terms cannot be followed, if so.
+        in the place of `self.report`; `objection` says why a leader of such a configuration cannot be
+        followed, if so.
         """
         self.name, self.instance, self.camera = name, instance, camera
         self.timekeeper = timekeeper
@@ -128,7 +129,7 @@ class TimeClient:
         """How often it has asked to join since it was a member; after HELLOS another leader is asked."""
         self.number: int | None = None
         """What the leader knows this node by; None while it is no member."""
-        self.terms: LeaderTerms | None = None
+        self.followed: FollowedConfig | None = None
         """Those of the present leader, or of the last one."""
         self.why_joining = ""
         """Why it is no member, where that is known."""
@@ -179,7 +180,7 @@ class TimeClient:
     def receive_broadcast(self, data: bytes, now_ns: int) -> None:
         """Take in a datagram of the leader's multicast group; all but its beacons are ignored."""
         message = self.decode(data)
-        leader = self.terms.leader if self.terms is not None and self.is_member else None
+        leader = self.followed.leader if self.followed is not None and self.is_member else None
         if isinstance(message, Beacon) and message.leader == leader:
             self.timekeeper.listener.add_arrival(message.number, now_ns)
 
@@ -227,14 +228,14 @@ class TimeClient:
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
         """Become a member of the leader that sent this; False if it cannot be followed."""
-        terms = LeaderTerms.of_message(welcome.terms)
-        if terms is None or self._objection(terms):
+        config = FollowedConfig.of_message(welcome.config)
+        if config is None or self._objection(config):
             return False
-        self.terms, self.number = terms, welcome.client
-        self.timekeeper.follow(terms, welcome.client, welcome.slot, now_ns)
+        self.followed, self.number = config, welcome.client
+        self.timekeeper.follow(config, welcome.client, welcome.slot, now_ns)
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
         self._beats.begin(now_ns)
-        self._events.append(Joined(welcome.transfer_port, terms.leader, welcome.beacons))
+        self._events.append(Joined(welcome.transfer_port, config.leader, welcome.beacons))
         return True
 
     def lose(self, reason: str, now_ns: int) -> None:
@@ -321,23 +322,23 @@ class TimeClient:
     def hello(self) -> Hello:
         """Return what asks a leader to be taken in."""
         camera = self.camera
-        if camera.kind in WITHOUT_CAMERA and self.terms is not None:
+        if camera.kind in WITHOUT_CAMERA and self.followed is not None:
             # A root that has been started anew can lay its grid as the cameras below have it.
-            camera = structs.replace(camera, period_ns=self.terms.goal.period_ns)
+            camera = structs.replace(camera, period_ns=self.followed.goal.period_ns)
         return Hello(self.name, self.instance, camera)
 
     # The parts
 
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
-        terms = LeaderTerms.of_message(answer.terms)
-        reason = "its answers cannot be right" if terms is None else self._objection(terms)
-        if terms is None or reason:
+        config = FollowedConfig.of_message(answer.config)
+        reason = "its answers cannot be right" if config is None else self._objection(config)
+        if config is None or reason:
             self.lose(reason, now_ns)
-        elif self.terms is not None and terms.leader != self.terms.leader:
+        elif self.followed is not None and config.leader != self.followed.leader:
             self.lose("the leader has changed", now_ns)
         else:
-            self.terms = terms
-            self.timekeeper.update_terms(terms)
+            self.followed = config
+            self.timekeeper.update_config(config)
 
     def _note_clock(self, now_ns: int) -> None:
         while (event := self.timekeeper.next_event()) is not None:

@@ -1,4 +1,4 @@
 """A node keeps its leader's time: when it asks, what it makes of the answers, and whether that will do.
 
-Imports `clock`, `phase` (the grid that terms tell), `reference_broadcast` and `wire`; knows no members.
+Imports `clock`, `phase` (the leader's grid), `reference_broadcast` and `wire`; knows no members.
 """

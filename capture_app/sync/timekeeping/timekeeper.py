@@ -1,6 +1,6 @@
 """Keeps the leader's time on a node: requests as its schedule says, and the newest time map.
 
-The terms of its leader as a client uses them: the grid of instants and the way to the root's time.
+The configuration of its leader as a client uses it: the grid of instants and the way to the root's time.
 """
 
 from collections import deque
@@ -30,12 +30,12 @@ from capture_app.sync.timekeeping.poll_schedule import (
 )
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.wire.codec import request_at, request_before_t0
-from capture_app.sync.wire.messages import ArrivalReport, NodeState, Report, Terms, TimeReply
+from capture_app.sync.wire.messages import ArrivalReport, NodeState, Report, RigConfigMessage, TimeReply
 
 
 @dataclass(frozen=True, slots=True)
-class LeaderTerms:
-    """The terms of its leader, or relay, as a client uses them; times in ns."""
+class FollowedConfig:
+    """The configuration of its leader, or relay, as a client uses it; times in ns."""
 
     leader: int
     path: tuple[int, ...]
@@ -49,21 +49,21 @@ class LeaderTerms:
     in_holdover: bool
 
     @classmethod
-    def of_message(cls, terms: Terms) -> "LeaderTerms | None":
-        """Return the terms of a welcome or an acknowledgement; None where they cannot be right."""
-        told = terms.upstream
+    def of_message(cls, message: RigConfigMessage) -> "FollowedConfig | None":
+        """Return the configuration of a welcome or an acknowledgement; None where it cannot be right."""
+        told = message.upstream
         upstream = None if told is None else told.time_map()
-        if (told is not None and upstream is None) or not MIN_PERIOD_NS <= terms.period_ns <= MAX_PERIOD_NS:
+        if (told is not None and upstream is None) or not MIN_PERIOD_NS <= message.period_ns <= MAX_PERIOD_NS:
             return None
         return cls(
-            leader=terms.leader,
-            path=(terms.leader,) if told is None else (*told.path, terms.leader),
-            goal=Goal(terms.anchor_leader_ns, terms.period_ns),
-            align_row=terms.align_row,
-            meeting_leader_ns=terms.meeting_leader_ns,
-            pace_ns=terms.pace_ns,
+            leader=message.leader,
+            path=(message.leader,) if told is None else (*told.path, message.leader),
+            goal=Goal(message.anchor_leader_ns, message.period_ns),
+            align_row=message.align_row,
+            meeting_leader_ns=message.meeting_leader_ns,
+            pace_ns=message.pace_ns,
             upstream=upstream,
-            in_holdover=terms.in_holdover,
+            in_holdover=message.in_holdover,
         )
 
     def root_map(self, own: TimeMap) -> TimeMap:
@@ -113,7 +113,7 @@ class Timekeeper:
         """How many time requests were sent."""
         self._on_sample = on_sample
         self._number = 0
-        self._asked: LeaderTerms | None = None
+        self._asked: FollowedConfig | None = None
         """Those of the leader that is asked, or was last: `clock` estimates its clock."""
         self._sequence = first_sequence
         self._outstanding: dict[int, int] = {}
@@ -129,13 +129,13 @@ class Timekeeper:
 
     # In
 
-    def follow(self, terms: LeaderTerms, number: int, slot: float, now_ns: int) -> None:
+    def follow(self, config: FollowedConfig, number: int, slot: float, now_ns: int) -> None:
         """Begin to ask a leader that has taken this node in; the time map of the same root is kept."""
-        if self._asked is None or terms.leader != self._asked.leader:
+        if self._asked is None or config.leader != self._asked.leader:
             self.clock.reset()
             self.listener.reset()
             self.uncorrected_map = None
-        if not self.time_is_known or terms.path[0] != self.path[0]:
+        if not self.time_is_known or config.path[0] != self.path[0]:
             self.time_map, self.time_is_known = None, False
         self.synced = False
         self.goal.restart()
@@ -144,13 +144,13 @@ class Timekeeper:
         self._outstanding = {}
         self._request = None
         self.schedule.slot = slot
-        self.update_terms(terms)
+        self.update_config(config)
         self.schedule.begin(now_ns)
 
-    def update_terms(self, terms: LeaderTerms) -> None:
-        """Note the leader's present terms."""
-        self._asked = terms
-        self.schedule.leader_pace_ns = terms.pace_ns
+    def update_config(self, config: FollowedConfig) -> None:
+        """Note the leader's present configuration."""
+        self._asked = config
+        self.schedule.leader_pace_ns = config.pace_ns
 
     def stop(self) -> None:
         """Send no more requests: the leader is gone."""

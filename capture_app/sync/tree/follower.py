@@ -10,7 +10,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
-from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
 from capture_app.sync.wire.messages import (
     CLOCK,
@@ -154,10 +154,10 @@ class Follower:
 
     # The parts
 
-    def _objection(self, terms: LeaderTerms) -> str:
-        if self.config.instance in terms.path:
+    def _objection(self, config: FollowedConfig) -> str:
+        if self.config.instance in config.path:
             return "the parent follows this node"
-        return "the parent is too far from the root" if len(terms.path) > MAX_DEPTH else ""
+        return "the parent is too far from the root" if len(config.path) > MAX_DEPTH else ""
 
     def _go_back(self, address: Address, welcome: Welcome, now_ns: int) -> None:
         """Follow a preferred parent that is there again; the time map is kept until that one's is better."""

@@ -1,7 +1,7 @@
 """A relay: a follower of its parent and a leader of its own clients, which keep the root's time through it.
 
-Its time replies carry its own clock, which never jumps, however its estimate moves. Its terms carry the map
-from that clock to the root's with its uncertainty, and each client chains the two.
+Its time replies carry its own clock, which never jumps, however its estimate moves. Its configuration has
+the map from that clock to the root's with its uncertainty, and each client chains the two.
 """
 
 import random
@@ -78,10 +78,10 @@ class Relay:
         elif (
             isinstance(message, Heartbeat)
             and message.client == PROBE_NUMBER
-            and self.leader.terms.in_holdover
+            and self.leader.current.in_holdover
         ):
             pass  # A client probes for a leader that is better than its own: this one is not.
-        elif self.leader.terms.upstream is not None:
+        elif self.leader.current.upstream is not None:
             self.leader.receive_message(message, address, now_ns, speaker)
         elif isinstance(message, Hello) and self.follower.time.is_member:
             self.leader.refuse(message, "the relay does not know the time yet", address, retry_here=True)
@@ -99,7 +99,7 @@ class Relay:
             if not member.lost:
                 self.leader.drop_member(member, "the relay stops")
         # They ask again at once, and must not be taken in here.
-        self.leader.terms.upstream = None
+        self.leader.current.upstream = None
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
@@ -134,7 +134,7 @@ class Relay:
             case UnknownMember() if message.client != self.follower.time.number:
                 uplink.note_unknown(message.client)
             case HeartbeatAck() if member := uplink.member(message.client):
-                # Its terms hold for all, and are newer than those of this relay's own heartbeats.
+                # Its configuration holds for all, and is newer than that of this relay's own heartbeats.
                 mine = msgspec.structs.replace(message, client=self.follower.time.number or 0)
                 self.follower.receive_message(mine, address, now_ns)
                 self._update_terms()
@@ -145,31 +145,31 @@ class Relay:
                 self.follower.receive_message(message, address, now_ns)
 
     def _update_terms(self) -> None:
-        """Make the parent's terms, and the map to the root's clock, this relay's own terms."""
+        """Make the parent's configuration, and the map to the root's clock, this relay's own."""
         follower, leader = self.follower, self.leader
-        terms, above, number = leader.terms, follower.time.terms, follower.time.number
+        current, above, number = leader.current, follower.time.followed, follower.time.number
         if number != self._number:
             self._number = number
             self.uplink.restart(has_parent=number is not None)
         in_holdover = number is None or above is None or above.in_holdover
-        if terms.in_holdover is not in_holdover:
-            terms.in_holdover = in_holdover
-            if terms.shared_goal is not None:
+        if current.in_holdover is not in_holdover:
+            current.in_holdover = in_holdover
+            if current.shared_goal is not None:
                 leader.acknowledge_all()
         if follower.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
-            terms.upstream = None
+            current.upstream = None
             return
         if above is None or above.path[0] != follower.path[0]:
             # Another root's grid means nothing before its time is known.
             return
-        if terms.upstream is None or terms.upstream.epoch_local_ns != follower.time_map.epoch_local_ns:
-            terms.upstream = upstream_map(follower.path, follower.time_map)
-        moved = (leader.goal, terms.config.align_row) != (above.goal, above.align_row)
-        if terms.shared_goal is None or moved:
-            terms.shared_goal = SharedGoal(above.goal)
+        if current.upstream is None or current.upstream.epoch_local_ns != follower.time_map.epoch_local_ns:
+            current.upstream = upstream_map(follower.path, follower.time_map)
+        moved = (leader.goal, current.config.align_row) != (above.goal, above.align_row)
+        if current.shared_goal is None or moved:
+            current.shared_goal = SharedGoal(above.goal)
         # Without a parent no stream is restarted: what suits the other cameras is not known.
-        terms.shared_goal.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
-        terms.config = replace(terms.config, align_row=above.align_row)
+        current.shared_goal.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
+        current.config = replace(current.config, align_row=above.align_row)
         if moved:
             leader.acknowledge_all()

@@ -175,8 +175,8 @@ class Hello(Struct, frozen=True, tag="hello"):
     """The relay that it joined, where a relay passes this on; None where the client sends it itself."""
 
 
-class Terms(Struct, frozen=True, kw_only=True, array_like=True):
-    """What a leader, or a relay, tells all its clients alike; times in ns."""
+class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
+    """A rig's configuration as a leader, or a relay, tells it to all its clients; times in ns."""
 
     leader: int
     """The run of the leader, or of the relay."""
@@ -204,7 +204,7 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     """The client's number, here and in all further messages."""
     transfer_port: int
     """TCP port of the leader that images go to."""
-    terms: Terms
+    config: RigConfigMessage
     slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
     """The part of its pace at which a client sends its time requests, in leader time."""
     beacons: Group | None = None
@@ -260,10 +260,10 @@ class Heartbeat(Struct, frozen=True, tag="heartbeat"):
 
 
 class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
-    """The leader is alive and knows the client; its present terms, in case the client missed a change."""
+    """The leader is alive and knows the client; its configuration, in case the client missed a change."""
 
     client: int
-    terms: Terms
+    config: RigConfigMessage
 
 
 class UnknownMember(Struct, frozen=True, tag="unknown-member"):

@@ -159,7 +159,7 @@ class Rig:
 
     def spreads_ns(self) -> list[int]:
         """How far apart the true starts of exposure were at each instant since the last call."""
-        goal = self.leader.terms.goal
+        goal = self.leader.current.goal
         assert goal is not None
         starts: dict[int, list[int]] = {}
         for node in self.nodes:

@@ -15,7 +15,7 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Report,
-    Terms,
+    RigConfigMessage,
     TimeReply,
     TimeRequest,
     Trigger,
@@ -44,8 +44,8 @@ paces = st.integers(0, 60 * S)
 paths = st.lists(numbers, min_size=1, max_size=8).map(tuple)
 bounds = (errors, errors, slopes, slopes, errors)
 upstreams = st.none() | st.builds(UpstreamMap, paths, i64, i64, st.floats(-0.01, 0.01), *bounds)
-terms = st.builds(
-    Terms,
+config = st.builds(
+    RigConfigMessage,
     leader=numbers,
     anchor_leader_ns=i64,
     period_ns=periods,
@@ -66,8 +66,8 @@ cameras = st.builds(
 )
 reports = st.builds(Report, state=st.sampled_from(list(NodeState)), frame_leader_ns=st.none() | i64)
 from_parents: st.SearchStrategy[Message] = st.one_of(
-    st.builds(Welcome, st.just(INSTANCE), u32 | i64, i64, terms, slots),
-    st.builds(HeartbeatAck, numbers, terms),
+    st.builds(Welcome, st.just(INSTANCE), u32 | i64, i64, config, slots),
+    st.builds(HeartbeatAck, numbers, config),
     st.builds(JoinRefusal, st.just(INSTANCE) | i64, st.sampled_from(["no", "never"]), st.booleans()),
     st.builds(UnknownMember, numbers),
     st.builds(Trigger, numbers, numbers, i64, i64, i64, i64),
@@ -84,5 +84,5 @@ addresses = st.sampled_from([*PARENTS, STRANGER])
 
 
 def welcome(leader: int, number: int, upstream: UpstreamMap | None = None) -> Welcome:
-    terms = Terms(leader=leader, anchor_leader_ns=0, period_ns=33_333_333, upstream=upstream)
-    return Welcome(INSTANCE, number, 0, terms)
+    config = RigConfigMessage(leader=leader, anchor_leader_ns=0, period_ns=33_333_333, upstream=upstream)
+    return Welcome(INSTANCE, number, 0, config)

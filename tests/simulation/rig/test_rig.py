@@ -22,7 +22,7 @@ from capture_app.sync.wire.messages import (
     Hello,
     JoinRefusal,
     NodeState,
-    Terms,
+    RigConfigMessage,
     TimeReply,
     Trigger,
     UnknownMember,
@@ -199,8 +199,8 @@ times = st.integers(-(2**63), 2**63 - 1)
 numbers = st.sampled_from(["client", "instance", "other"])
 
 
-def forged_terms(anchor_leader_ns: int, period_ns: int) -> Terms:
-    return Terms(leader=7, anchor_leader_ns=anchor_leader_ns, period_ns=period_ns)
+def forged_config(anchor_leader_ns: int, period_ns: int) -> RigConfigMessage:
+    return RigConfigMessage(leader=7, anchor_leader_ns=anchor_leader_ns, period_ns=period_ns)
 
 
 law = st.just(GammaDelay(50_000, 400_000, outlier_share=0.05))
@@ -233,10 +233,10 @@ def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
     for kind, *fields in forged:
         message: object = {
             "time": lambda f=fields: TimeReply(client, 5, *f),
-            "welcome": lambda f=fields: Welcome(instance, client, 1, forged_terms(*f)),
+            "welcome": lambda f=fields: Welcome(instance, client, 1, forged_config(*f)),
             "trigger": lambda f=fields: Trigger(client, 7, 9, *f),
             "unknown": lambda: UnknownMember(client),
-            "alive": lambda f=fields: HeartbeatAck(client, forged_terms(*f)),
+            "alive": lambda f=fields: HeartbeatAck(client, forged_config(*f)),
             "refused": lambda: JoinRefusal(instance, "no"),
             "goodbye": lambda: Goodbye(client),
             "noise": lambda: Hello("stranger", 1, node.client.config.camera),

@@ -175,7 +175,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -
     rig.run_until(rig.all_ready)
     assert rig.views()["cam"].via == "relay"
     rig.kill("gate")
-    rig.run_until(lambda: rig.relays["relay"].leader.terms.in_holdover)
+    rig.run_until(lambda: rig.relays["relay"].leader.current.in_holdover)
     assert rig.relays["relay"].follower.time.is_member, "its own parent is there, and alone"
     rig.run_until(lambda: rig.views()["cam"].via == "other")
     assert stays.client.state is NodeState.READY
@@ -185,7 +185,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -
 
 def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
     rig = RelayRig()
-    rig.tree.root.terms.config = RigConfig()
+    rig.tree.root.current.config = RigConfig()
     relay = rig.relay("relay", ROOT)
     rig.run(3.0)
     camera = structs.replace(CAMERA, period_ns=20_000_000)

@@ -27,7 +27,7 @@ from capture_app.sync.wire.messages import (
     MAX_DEPTH,
     Hello,
     NodeState,
-    Terms,
+    RigConfigMessage,
     TimeRequest,
     Welcome,
     upstream_map,
@@ -202,7 +202,9 @@ def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None
     follower.handle_timer(0)
     assert [address for _, address in follower.datagrams_to_send(0)] == [("a", 0)]
     told = upstream_map(path, time_map(0, 0.0, 0, 1.0, 2.0))
-    welcome = Welcome(77, 6, 0, Terms(leader=5, anchor_leader_ns=0, period_ns=33_333_333, upstream=told))
+    welcome = Welcome(
+        77, 6, 0, RigConfigMessage(leader=5, anchor_leader_ns=0, period_ns=33_333_333, upstream=told)
+    )
     follower.receive_datagram(encode(welcome), ("a", 0), 1000)
     assert follower.state is NodeState.JOINING
     follower.handle_timer(S)
@@ -234,7 +236,7 @@ def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> No
         (data, _), *_ = leader.datagrams_to_send(i)
         welcome = decode(data)
         assert isinstance(welcome, Welcome)
-        paces.append(welcome.terms.pace_ns)
+        paces.append(welcome.config.pace_ns)
         leader.receive_message(TimeRequest(welcome.client, 0, i), (f"n{i}", 0), i)
         leader.datagrams_to_send(i)
     assert paces[0] == 0

@@ -99,7 +99,7 @@ def test_the_grid_of_a_camera_that_is_gone_is_laid_anew_for_those_that_stay(lead
     assert leader.goal.period_ns == USUAL_NS
     told = [decode(data) for data, _ in leader.datagrams_to_send(2 * S)]
     acks = [message for message in told if isinstance(message, HeartbeatAck)]
-    assert [(ack.client, ack.terms.period_ns) for ack in acks] == [(number, USUAL_NS)]
+    assert [(ack.client, ack.config.period_ns) for ack in acks] == [(number, USUAL_NS)]
 
 
 def test_the_grid_stays_while_a_camera_runs_at_its_rate(leader: Leader) -> None:
@@ -183,8 +183,8 @@ def test_the_grid_is_that_of_most_cameras_and_no_odd_one_sets_it(
     assert leader.goal is not None
     assert leader.goal.period_ns == expected_ns
     told = [decode(data) for data, _ in leader.datagrams_to_send(2 * S)]
-    newest = {message.client: message.terms for message in told if isinstance(message, HeartbeatAck)}
-    assert {terms.period_ns for terms in newest.values()} == {expected_ns}
+    newest = {message.client: message.config for message in told if isinstance(message, HeartbeatAck)}
+    assert {config.period_ns for config in newest.values()} == {expected_ns}
     assert newest.keys() == {*numbers}
 
 

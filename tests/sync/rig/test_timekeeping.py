@@ -19,9 +19,9 @@ from capture_app.sync.timekeeping.poll_schedule import (
     PACE_NS,
     SteadySchedule,
 )
-from capture_app.sync.timekeeping.timekeeper import LeaderTerms, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import NodeState, Terms, TimeReply, TimeRequest
+from capture_app.sync.wire.messages import NodeState, RigConfigMessage, TimeReply, TimeRequest
 
 S = 1_000_000_000
 DELAY_NS = 1_000_000
@@ -30,10 +30,10 @@ DELAY_NS = 1_000_000
 def asked_ns(seconds: float, *, told_pace_ns: int = 0, lose_each: int = 0) -> list[int]:
     """Let a client ask a leader a millisecond away; return when its requests went out."""
     keeper = Timekeeper(7)
-    told = Terms(leader=2, anchor_leader_ns=0, period_ns=33_333_333, pace_ns=told_pace_ns)
-    terms = LeaderTerms.of_message(told)
-    assert terms is not None
-    keeper.follow(terms, 3, 0.25, 0)
+    told = RigConfigMessage(leader=2, anchor_leader_ns=0, period_ns=33_333_333, pace_ns=told_pace_ns)
+    config = FollowedConfig.of_message(told)
+    assert config is not None
+    keeper.follow(config, 3, 0.25, 0)
     sent_ns: list[int] = []
     replies: list[tuple[int, TimeReply]] = []
     now_ns = 0

@@ -24,7 +24,7 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Report,
-    Terms,
+    RigConfigMessage,
     TimeReply,
     TimeRequest,
     Trigger,
@@ -52,22 +52,22 @@ floats = st.none() | st.floats(allow_nan=False)
 reports = st.builds(
     Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | i64, skew_ppm=floats
 )
-terms = st.builds(Terms, leader=u32, anchor_leader_ns=i64, period_ns=i64)
+config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=i64, period_ns=i64)
 numbers = st.integers(1, 2**32 - 1)
 errors = st.integers(0, 10**18)
 arrivals = st.lists(st.tuples(numbers, i64), max_size=MOST_ARRIVALS).map(tuple)
 control: st.SearchStrategy[ControlMessage] = st.one_of(
-    st.builds(Welcome, u32, u32, u32, terms),
+    st.builds(Welcome, u32, u32, u32, config),
     st.builds(JoinRefusal, u32, text),
     st.builds(Heartbeat, u32, reports),
-    st.builds(HeartbeatAck, u32, terms),
+    st.builds(HeartbeatAck, u32, config),
     st.builds(Trigger, u32, u32, u32, i64, i64, u32),
     st.builds(TriggerAck, u32, u32, u32, text),
     st.builds(Beacon, u32, numbers),
     st.builds(ArrivalReport, u32, errors, errors, arrivals),
     st.builds(AgreedArrival, u32, numbers, i64, errors, errors),
 )
-TERMS = Terms(leader=2, anchor_leader_ns=5, period_ns=33_333_333)
+CONFIG = RigConfigMessage(leader=2, anchor_leader_ns=5, period_ns=33_333_333)
 HEADER = MAGIC + bytes([VERSION, 3])
 
 
@@ -109,7 +109,7 @@ def test_noise_behind_a_good_header_never_raises_anything_else(data: bytes, kind
 def test_another_version_is_named() -> None:
     data = bytearray(encode(TimeRequest(1, 2, 3)))
     data[2] = 9
-    with pytest.raises(WireError, match="protocol version 9, this is version 2"):
+    with pytest.raises(WireError, match=f"protocol version 9, this is version {VERSION}"):
         decode(bytes(data))
 
 
@@ -128,7 +128,7 @@ def test_beacons_are_small() -> None:
 
 
 def test_a_group_goes_with_the_welcome() -> None:
-    welcome = Welcome(1, 3, 4, TERMS, beacons=Group("239.255.47.10", 47011))
+    welcome = Welcome(1, 3, 4, CONFIG, beacons=Group("239.255.47.10", 47011))
     assert decode(encode(welcome)) == welcome
 
 
@@ -148,7 +148,7 @@ def test_a_group_goes_with_the_welcome() -> None:
 )
 def test_nobody_is_made_to_join_a_group_of_the_wide_world(host: str, port: int) -> None:
     with pytest.raises(WireError, match="malformed"):
-        decode(encode(Welcome(1, 3, 4, TERMS, beacons=Group(host, port))))
+        decode(encode(Welcome(1, 3, 4, CONFIG, beacons=Group(host, port))))
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_times_are_whole_numbers(value: object) -> None:
         decode(HEADER + msgspec.msgpack.encode(told))
 
 
-class OldTerms(msgspec.Struct, array_like=True):
+class OldConfig(msgspec.Struct, array_like=True):
     leader: int
     anchor_leader_ns: int
     period_ns: int
@@ -192,17 +192,17 @@ class OldWelcome(msgspec.Struct, frozen=True, tag="welcome"):
     instance: int
     client: int
     transfer_port: int
-    terms: OldTerms
+    config: OldConfig
 
 
 def test_a_node_of_before_understands_a_leader_of_today() -> None:
-    data = encode(Welcome(1, 3, 4, TERMS, beacons=Group("239.255.47.10", 47011)))
+    data = encode(Welcome(1, 3, 4, CONFIG, beacons=Group("239.255.47.10", 47011)))
     old = msgspec.msgpack.decode(data[len(HEADER) :], type=OldWelcome)
-    assert (old.client, old.terms.period_ns) == (3, 33_333_333)
+    assert (old.client, old.config.period_ns) == (3, 33_333_333)
 
 
 def test_a_leader_of_before_is_one_without_beacons() -> None:
-    data = HEADER + msgspec.msgpack.encode(OldWelcome(1, 3, 4, OldTerms(2, 5, 33_333_333)))
+    data = HEADER + msgspec.msgpack.encode(OldWelcome(1, 3, 4, OldConfig(2, 5, 33_333_333)))
     welcome = decode(data)
     assert isinstance(welcome, Welcome)
     assert welcome.beacons is None

@@ -98,6 +98,6 @@ def test_no_answer_is_longer_or_is_answered(rest: bytes, version: int, kind: int
 
 def test_our_own_version_is_answered_as_ever() -> None:
     assert version_answer(encode(Goodbye(1)) + bytes(20)) is None
-    with pytest.raises(OtherVersionError, match="protocol version 9, this is version 2") as found:
+    with pytest.raises(OtherVersionError, match=f"protocol version 9, this is version {VERSION}") as found:
         decode(of_version(9, encode(Goodbye(1))))
     assert found.value.version == 9

@@ -75,6 +75,15 @@ def print_json(value: Any) -> None:
     click.echo(pretty_json(value))
 
 
+def print_result(as_json: bool, value: Any, *lines: str) -> None:
+    """Print what a command made: as JSON where that was asked for, else these lines."""
+    if as_json:
+        print_json(value)
+    else:
+        for line in lines:
+            print_line(line)
+
+
 def print_json_line(value: Any) -> None:
     """Print one JSON object on one line of stdout, at once."""
     click.echo(terminal_json(value))

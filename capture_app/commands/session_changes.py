@@ -35,6 +35,7 @@ from capture_app.terminal import (
     json_option,
     print_json,
     print_line,
+    print_result,
     print_table,
     show_count,
     talk,
@@ -55,10 +56,7 @@ _root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"),
 def rename(session: Path, name: str, as_json: bool) -> None:
     """Rename SESSION to NAME: its folder, its manifest and the results made from it."""
     folder = rename_session(session, name)
-    if as_json:
-        print_json({"session": str(folder), "before": str(session)})
-    else:
-        print_line(str(folder))
+    print_result(as_json, {"session": str(folder), "before": str(session)}, str(folder))
 
 
 @click.command(epilog=examples("capture-app sessions note sessions/burst-001 'second try, with wind'"))
@@ -68,10 +66,7 @@ def rename(session: Path, name: str, as_json: bool) -> None:
 def note(session: Path, text: str, as_json: bool) -> None:
     """Save TEXT, one line, as the note of SESSION; '' removes it."""
     set_note(session, text)
-    if as_json:
-        print_json({"session": str(session), "note": text})
-    else:
-        print_line(f"{session}: {text}" if text else f"{session}: no note")
+    print_result(as_json, {"session": str(session), "note": text}, f"{session}: {text or 'no note'}")
 
 
 @click.command(epilog=examples("capture-app sessions trash sessions/burst-001"))
@@ -105,10 +100,7 @@ def restore(session: Path | None, name: str, root: Path | None, as_json: bool) -
     if session is not None and len(session.parts) > 1:
         default = session.parent
     folder = restore_session(root or default, "" if session is None else session.name, name=name)
-    if as_json:
-        print_json({"session": str(folder)})
-    else:
-        print_line(str(folder))
+    print_result(as_json, {"session": str(folder)}, str(folder))
 
 
 def list_trash(root: Path, as_json: bool) -> None:
@@ -139,10 +131,7 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
             )
         click.confirm(f"Delete {count(len(found), 'session')} in {root} for good?", abort=True, err=True)
     deleted = empty_trash(root)
-    if as_json:
-        print_json({"root": str(root), "deleted": deleted})
-    else:
-        print_line(f"{root}: {deleted} deleted")
+    print_result(as_json, {"root": str(root), "deleted": deleted}, f"{root}: {deleted} deleted")
 
 
 WAIT_S = 20.0
@@ -180,11 +169,8 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
 
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=NewsLog(talk)))
-    if as_json:
-        print_json({"ok": all(one.ok for one in repaired), "sessions": repaired})
-    else:
-        for one in repaired:
-            print_line(_describe_result(one))
+    told = {"ok": all(one.ok for one in repaired), "sessions": repaired}
+    print_result(as_json, told, *map(_describe_result, repaired))
     failed = [one for one in repaired if not one.ok]
     if failed:
         raise BadInputError(f"{failed[0].session}: {failed[0].what}")
@@ -222,13 +208,16 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
     opened = TakeSheet.open(session)
     picture = contact_sheet(opened, width, show_count("images"))
     _write(out, encode_image(picture, suffix))
-    if as_json:
-        about = {"cameras": opened.cameras, "instants": opened.instants}
-        size = {"width": picture.shape[1], "height": picture.shape[0]}
-        verdict = judge(opened.session.manifest)
-        print_json({"session": str(session), "sheet": str(out), **about, **size, "verdict": verdict})
-    else:
-        print_line(str(out))
+    told = {
+        "session": str(session),
+        "sheet": str(out),
+        "cameras": opened.cameras,
+        "instants": opened.instants,
+        "width": picture.shape[1],
+        "height": picture.shape[0],
+        "verdict": judge(opened.session.manifest),
+    }
+    print_result(as_json, told, str(out))
 
 
 @click.command(epilog=examples("capture-app sessions wiggle sessions/burst-001 --out wiggle.gif"))
@@ -260,10 +249,8 @@ def wiggle(
     shown = opened.instants // 2 if instant is None else instant
     frames = list(wiggle_frames(opened, shown, width))
     _write(out, encode_animation(frames, fps, suffix))
-    if as_json:
-        print_json({"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)})
-    else:
-        print_line(str(out))
+    told = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}
+    print_result(as_json, told, str(out))
 
 
 def _check_file(out: Path, suffixes: tuple[str, ...], *, replace: bool) -> str:

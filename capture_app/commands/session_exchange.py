@@ -15,7 +15,7 @@ from capture_app.commands.session_text import print_session
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.export_session import FORMATS
 from capture_app.session.reading.reader import Session
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
+from capture_app.terminal import FiniteRange, json_option, print_json, print_result, show_count, talk
 from capture_app.usage import examples
 
 
@@ -234,9 +234,6 @@ def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, 
 
     options = ExportOptions(link=hard_link, **chosen)
     report = export_session(Session.open(session), name, out, options, show_count("images"))
-    if as_json:
-        print_json(report)
-    else:
-        print_line(report.folder)
+    print_result(as_json, report, report.folder)
     for note in report.notes:
         talk(note)

@@ -71,7 +71,7 @@ class SpooledBurst:
                 try:
                     journal.append(msgspec.json.encode(image), durable=False)
                 finally:
-                    journal.close(synced=False)
+                    journal.close()
             except OSError as error:
                 with suppress(OSError):
                     self.image_file(image).unlink(missing_ok=True)

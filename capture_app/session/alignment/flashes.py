@@ -161,9 +161,9 @@ def _read(container: Any, into: list[tuple[float, Array]]) -> None:
 NEAR_FRAMES = 0.9
 """Flashes that an offset brings this close together are the same, before it is known better."""
 LEAST = 3
-"""So many must agree: two fit by chance, where each camera missed some between its frames."""
+"""How many must agree: two fit by chance, where each camera missed some between its frames."""
 CANDIDATES = 6
-"""So many offsets are tried."""
+"""How many offsets are tried."""
 MOST = 30
 """More tell hardly more."""
 EDGE_S = 2.5e-4
@@ -171,7 +171,7 @@ EDGE_S = 2.5e-4
 LEAST_BAR_S = 4e-4
 """Where all edges leave less, some contradict each other: they are then trusted less."""
 READOUTS, EXPOSURES = 100, 3
-"""So many ways are tried that a camera may read its rows, and expose them."""
+"""How many ways are tried that a camera may read its rows, and expose them."""
 MOST_PPM = 3 * CRYSTAL_PPM
 
 Pair = tuple[Flash, Flash]

@@ -172,7 +172,7 @@ def parse_utc(text: bytes) -> float | None:
 Array = NDArray[np.float64]
 
 WORST_DILUTION = 5.0
-"""Of precision; better is good, says the format's README."""
+"""Dilution of precision; better is good, says the format's README."""
 FEWEST = 3
 """Fixes that a camera's time can rest on."""
 PAYLOAD_BYTES = 4_000_000

@@ -37,7 +37,7 @@ def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | str
 
 RATE_HZ = 16_000
 BIN_S = 0.004
-"""Of loudness."""
+"""The length of a bin of loudness."""
 WINDOW_S = 1.0
 WINDOWS = 80
 """At most, spread over the time that both recorded, where it is loudest."""

@@ -24,7 +24,7 @@ from capture_app.session.exporters.common.videos import at_instants, spacing_not
 from capture_app.session.format.calibration import CameraCalibration
 
 WIDTH, HEIGHT = 2704, 2028
-"""Of Neural 3D Video's own films. Its loaders take every film for one of these, and scale by that."""
+"""The size of Neural 3D Video's own films; its loaders take every film for one of these and scale by that."""
 POINTS = "points3D_downsample2.ply"
 """What 4DGaussians' loader calls the points that it starts from."""
 

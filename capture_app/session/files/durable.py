@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 FEW_SYNCS, MOST_SYNCS = 2, 16
-"""So few are made one after the other, and so many at the same time."""
+"""How few syncs are made one after the other, and how many at most at the same time."""
 PART = ".part"
 """Ending of a file that is still being written; a reader never looks at one."""
 
@@ -125,7 +125,7 @@ def _write_aside(path: Path, data: bytes, *, synced: bool) -> None:
     try:
         handle = os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
         try:
-            _write_all(handle, data)
+            write_all(handle, data)
             if synced:
                 os.fsync(handle)
         finally:
@@ -161,7 +161,8 @@ def make_folders_unsynced(folder: Path, inside: Path) -> tuple[Path, ...]:
     return (*changed, folder.parent)
 
 
-def _write_all(handle: int, data: bytes) -> None:
+def write_all(handle: int, data: bytes) -> None:
+    """Write all of the data to an open file. Raises OSError."""
     left = memoryview(data)
     while left:
         left = left[os.write(handle, left) :]
@@ -180,7 +181,7 @@ class AppendOnlyFile:
         """Add lines (without their newlines), all or none; `durable` waits until they are on the disk."""
         data = b"".join(line + b"\n" for line in lines)
         try:
-            _write_all(self._handle, data)
+            write_all(self._handle, data)
             if durable:
                 os.fdatasync(self._handle)
         except OSError as error:
@@ -190,12 +191,9 @@ class AppendOnlyFile:
             raise OSError(error.errno, error.strerror, str(self._path)) from error
         self._length += len(data)
 
-    def close(self, *, synced: bool = True) -> None:
-        """Sync and close. Calling it twice is harmless."""
+    def close(self) -> None:
+        """Close, whatever the disk says: what must be on it was synced before. Twice is harmless."""
         if self._open:
             self._open = False
-            try:
-                if synced:
-                    os.fsync(self._handle)
-            finally:
+            with suppress(OSError):
                 os.close(self._handle)

@@ -50,7 +50,7 @@ class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     picking: bool = False
     """More frames are picked than it has told of."""
     picked: Count | None = None
-    """Of frames that are sent as they come: the instants before this one are there or missing."""
+    """The instant before which all frames that are sent as they come are there or missing."""
     missing_runs: tuple[MissingRun, ...] = ()
     calibration: CameraCalibration | None = None
     true_clock: SimulatedClock | None = None
@@ -73,7 +73,7 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     note: str = ""
     """What the manifest is to keep as a note."""
     spare: Count = 0
-    """So many of the instants only make up for those that not every camera has."""
+    """How many of the instants only make up for those that not every camera has."""
     chosen: tuple[Count, ...] | None = None
     """The instants that the session has; None while that is not settled, or where it has all."""
     streamed: InstantRange | None = None

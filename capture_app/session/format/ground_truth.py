@@ -7,7 +7,7 @@ from capture_app.session.format.manifest import GROUND_TRUTH, Sha256
 
 TIMES = f"{GROUND_TRUTH}/times.json"
 TRUE_TIMES_JOURNAL = f"{GROUND_TRUTH}/times.ndjson"
-"""The same times, a line each as they come, of a burst that a crash may interrupt."""
+"""The true times, a line each as they come, of a burst that a crash may interrupt."""
 
 
 class TrueTime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -35,7 +35,7 @@ class VideoFrame(Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_u
     """One frame of a video; its fields are those of `ImageRecord`."""
 
     offset: Count
-    """Of its first byte in the video."""
+    """Where its first byte is in the video."""
     bytes: Positive
     sha256: Sha256
     leader_ns: int

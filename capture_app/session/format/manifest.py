@@ -114,7 +114,7 @@ class BurstRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     skipped: tuple[SkippedInstant, ...] = ()
     """Moments that would have been instants, had every camera had its frame; later ones took their place."""
     common_times: CommonTimes | None = None
-    """Of an imported recording: whether its cameras' times are of one clock; None where they always were."""
+    """Whether an imported recording's times are of one clock; None where they always were."""
 
 
 class ImageRecord(_Record, frozen=True, kw_only=True):
@@ -151,7 +151,7 @@ class FrameRecord(ImageRecord, frozen=True, kw_only=True):
     """A frame of a video as an image of its session: `path` is the video's; no manifest lists one."""
 
     offset: Count
-    """Of its first byte in the video."""
+    """Where its first byte is in the video."""
 
 
 class VideoRecord(_Record, frozen=True, kw_only=True):

@@ -79,7 +79,7 @@ def align_recording(
 
 
 def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
-    """The same frames at the recording's times, matched anew."""
+    """The frames at the recording's times, matched anew."""
     cameras = {
         name: [_at_common_time(frame, common.cameras[name]) for frame in frames]
         for name, frames in timeline.cameras().items()

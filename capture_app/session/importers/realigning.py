@@ -15,7 +15,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 _KEPT = ("sequence", "exposure_ns", "gain", "white_balance")
-"""Of an image, beside its bytes and its own time."""
+"""What is kept of an image, beside its bytes and its own time."""
 
 
 def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source: str) -> Session:

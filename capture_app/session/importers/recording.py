@@ -165,7 +165,9 @@ def import_recording(
     options = _with_layout(layout, options) if layout else options
     sources = layout.sources if layout else open_sources(paths, png=options.png, recording=options.recording)
     common = clock_state(sources, options)
-    timeline = make_timeline(sources, options, talk)
+    timeline = make_timeline(sources, options)
+    for remark in filter(None, (source.remark for source in sources)):
+        talk(remark)
     if common is not None and common.unknown:
         timeline = with_own_times(timeline)
         common = align_recording(

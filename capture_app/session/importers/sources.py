@@ -222,6 +222,6 @@ class Layout:
     """The calibration, where it is in the recording itself."""
     unit: str | None = None
     record: ExportRecord | None = None
-    """Of our own exports: the session that it was made of."""
+    """The session that an export of our own was made of."""
     remark: str = ""
     """What the user should know."""

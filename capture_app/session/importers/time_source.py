@@ -1,6 +1,6 @@
 """Chooses where a recording's times come from, and says whether they are of one clock."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -39,8 +39,8 @@ class TimeOptions:
         return self.fps is not None or self.timestamps is not None or self.times is not TimeSource.AUTO
 
 
-def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
-    """Find when every frame was taken and which are of one instant; assumptions are passed to `talk`.
+def make_timeline(sources: Sequence[Source], options: TimeOptions) -> Timeline:
+    """Find when every frame was taken and which are of one instant; assumptions are remarks of the sources.
 
     Raises BadInputError where nothing tells, or more than one thing does.
     """
@@ -60,17 +60,15 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callabl
     if options.fps is not None:
         return _by_times("the recording", times_by_rate(sources, options.fps), options)
     if options.times is not TimeSource.AUTO:
-        frames = {source.name: _own(source, options.times, talk) for source in sources}
+        frames = {source.name: _own(source, options.times) for source in sources}
         return _by_times("the recording", frames, options)
     if options.known is not None:
         return _shifted(options.known, options, "the recording")
     recorded = {source.name: times for source in sources if (times := source.embedded_times()) is not None}
     if len(recorded) == len(sources):
-        for remark in filter(None, (source.remark for source in sources)):
-            talk(remark)
         return _by_times("the recording", recorded, options)
     if options.synchronized or options.offsets_ms:
-        return _by_videos(sources, options, talk)
+        return _by_videos(sources, options)
     if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
         return timeline_by_times("the recording", {name: [TimedFrame(0, 0)] for name in names})
     suggestion = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
@@ -80,15 +78,15 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callabl
     )
 
 
-def _by_videos(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
+def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
     rates = {source.fps for source in sources if isinstance(source, Video)}
     if options.synchronized and rates:
         return timeline_by_rate(sources, max(rates))
-    frames = {source.name: _own(source, TimeSource.VIDEO, talk) for source in sources}
+    frames = {source.name: _own(source, TimeSource.VIDEO) for source in sources}
     return _by_times("the recording", frames, options)
 
 
-def _own(source: Source, times: TimeSource, talk: Callable[[str], None]) -> list[TimedFrame]:
+def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
     """The frames of one source by the times in its own files."""
     if times is TimeSource.VIDEO:
         if not isinstance(source, Video):
@@ -96,7 +94,9 @@ def _own(source: Source, times: TimeSource, talk: Callable[[str], None]) -> list
         if has_video_times():
             of_video = source.use_embedded_times()
             return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
-        talk(f"{source.path.name}: a constant {source.fps:g} frames a second is assumed, for want of PyAV")
+        source.remark = (
+            f"{source.path.name}: a constant {source.fps:g} frames a second is assumed, for want of PyAV"
+        )
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, ImageFolder):
         raise BadInputError(f"{source.path} is not a folder of images", hint=f"--times {times} is for images")
@@ -115,7 +115,7 @@ def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: 
 
 
 def _shifted(timeline: Timeline, options: TimeOptions, where: str) -> Timeline:
-    """The same frames, matched anew where a camera's times are moved."""
+    """The frames, matched anew where a camera's times are moved."""
     return _by_times(where, timeline.cameras(), options) if options.offsets_ms else timeline
 
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_PIXELS = 1 << 28
-"""Of an image that is decoded: more than any camera takes."""
+"""The largest image that is decoded: more than any camera takes."""
 
 
 def decode_image(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PARALLEL = 1e-3
-"""Of optical axes: the least mean squared sine of the angle between them and any one direction."""
+"""Optical axes with a smaller mean squared sine of the angle to any one direction are parallel."""
 
 
 def arc_order(session: Session) -> tuple[str, ...]:

@@ -137,7 +137,7 @@ class Verdict(Struct, frozen=True, kw_only=True):
     images: int = 0
     expected: int = 0
     dropped: int = 0
-    """Of the missing images, those that a camera dropped."""
+    """How many of the missing images a camera dropped."""
     substituted: int = 0
     late: int = 0
     stamps: str = ""
@@ -252,14 +252,9 @@ def skipped_text(skipped: Sequence[SkippedInstant]) -> str:
     """How many instants were skipped and why: "1 instant skipped: cam03 dropped 1 frame"; empty for none."""
     if not skipped:
         return ""
-    dropped: Counter[str] = Counter()
-    others: dict[str, None] = {}
-    for instant in skipped:
-        for gap in instant.missing:
-            if gap.dropped:
-                dropped[gap.camera] += 1
-            else:
-                others[f"{gap.camera}: {gap.reason}"] = None
+    gaps = [gap for instant in skipped for gap in instant.missing]
+    dropped = Counter(gap.camera for gap in gaps if gap.dropped)
+    others = dict.fromkeys(f"{gap.camera}: {gap.reason}" for gap in gaps if not gap.dropped)
     reasons = [f"{camera} dropped {count(frames, 'frame')}" for camera, frames in sorted(dropped.items())]
     why = ", ".join([*reasons, *others]) or "not every camera had its frame"
     return f"{count(len(skipped), 'instant')} skipped: {why}"

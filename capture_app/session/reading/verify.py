@@ -33,7 +33,7 @@ _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 20e-6
 """Frames of a longer burst are timed by the newest map of a clock, whose rate may be another by so much."""
 DECODED_EACH = 30
-"""Of a video every so many instants a frame is decoded in full; of all others the head is read."""
+"""Every so many instants a frame of a video is decoded in full; of all others the head is read."""
 
 
 class ProblemKind(StrEnum):
@@ -243,11 +243,11 @@ def _calibration(session: Session) -> Iterator[Problem]:
     except BadInputError as error:
         yield Problem(ProblemKind.UNREADABLE, CALIBRATION, str(error))
         return
-    known = {camera.name: camera for camera in session.manifest.cameras}
+    sizes = {one.name: (one.facts.width, one.facts.height) for one in session.manifest.cameras}
     for name, of in (calibration.cameras if calibration else {}).items():
-        if name not in known:
+        if name not in sizes:
             yield _contradiction(CALIBRATION, f"calibrates a camera {name} that the session does not have")
-        elif (of.width, of.height) != (known[name].facts.width, known[name].facts.height):
+        elif (of.width, of.height) != sizes[name]:
             yield _contradiction(
                 CALIBRATION, f"{name} is calibrated for {of.width}x{of.height} pixels, not its own size"
             )
@@ -259,9 +259,7 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
     except BadInputError as error:
         yield Problem(ProblemKind.UNREADABLE, "ground_truth/times.json", str(error))
         return
-    for true in times.images if times else ():
-        if true.sha256 is None:
-            continue
+    for true in (one for one in (times.images if times else ()) if one.sha256 is not None):
         where = ground_truth_path(true.camera, true.instant)
         path = session.ground_truth(true.camera, true.instant)
         if path is None:

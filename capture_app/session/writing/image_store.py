@@ -170,8 +170,7 @@ class TruthStore:
     def close(self) -> None:
         """Close the journal: all saved times are in it already."""
         if self._journal is not None:
-            with suppress(OSError):
-                self._journal.close(synced=False)
+            self._journal.close()
 
 
 class ImageStore:
@@ -249,8 +248,7 @@ class ImageStore:
 
     def close(self) -> None:
         """Close the journals: all that is saved is in them already."""
-        with suppress(OSError):
-            self._journal.close(synced=False)
+        self._journal.close()
         self.truth.close()
 
     def _check_new(self, image: StoredImage, begun: Set[Key]) -> None:

@@ -5,7 +5,7 @@ import os
 import shutil
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
@@ -50,7 +50,7 @@ RESERVED_BYTES = 1 << 16
 RESERVED_BYTES_PER_IMAGE = 1500
 """What the manifest and the checksums may need."""
 RESERVED_BYTES_PER_INSTANT, MOST_RESERVED_INSTANTS = 60, 400_000
-"""The same of a recording, of which nobody knows how long it will be."""
+"""Reserved for a recording, of which nobody knows how long it will be."""
 
 
 def reserve_room(folder: Path, plan: BurstPlan) -> None:
@@ -106,7 +106,7 @@ class SessionWriter:
         self._mutex = threading.RLock()
         self._images = ImageStore(folder)
         self.videos = VideoStore(folder)
-        """Of a recording, whose frames are no files of their own."""
+        """The videos of a recording, whose frames are no files of their own."""
         self.plan: BurstPlan | None = None
         """The plan of the burst, where `set_plan` was called or an interrupted session had one."""
         self._open = True
@@ -297,7 +297,8 @@ class SessionWriter:
     @contextmanager
     def _writing(self) -> Iterator[None]:
         with self._mutex:
-            self._check_open()
+            if not self._open:
+                raise BadInputError(f"{self.folder} is closed: nothing can be added any more")
             try:
                 yield
             except OSError as error:
@@ -306,15 +307,10 @@ class SessionWriter:
     def _has(self, camera: str, instant: int) -> bool:
         return self._images.get(camera, instant) is not None or self.videos.has(camera, instant)
 
-    def _check_open(self) -> None:
-        if not self._open:
-            raise BadInputError(f"{self.folder} is closed: nothing can be added any more")
-
     def _close(self) -> None:
         self.videos.close()
         self._open = False
         # All saved images are synced already: an error here loses none.
         self._images.close()
-        with suppress(OSError):
-            self._events.close(synced=False)
+        self._events.close()
         os.close(self._lock)

@@ -21,6 +21,7 @@ from capture_app.session.files.durable import (
     free_name,
     make_folders,
     sync_folder,
+    write_all,
     write_atomic,
 )
 from capture_app.session.format.journal import (
@@ -29,11 +30,11 @@ from capture_app.session.format.journal import (
     frame_line,
     frame_record,
     frames_path,
+    record_of_line,
 )
 from capture_app.session.format.manifest import VIDEOS, FrameRecord, VideoRecord, video_path
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import SET_ASIDE
-from capture_app.text import UNREADABLE
 
 
 @dataclass(slots=True)
@@ -44,11 +45,11 @@ class _Video:
     lines: AppendOnlyFile
     record: VideoRecord
     instants: "array[int]" = field(default_factory=lambda: array("Q"))
-    """Those that it has, in their order."""
+    """The instants that it has, in their order."""
     starts: "array[int]" = field(default_factory=lambda: array("Q"))
     """Where the line of each begins, in bytes."""
     length: int = 0
-    """Of all lines, in bytes."""
+    """The length of all lines, in bytes."""
 
     def find(self, instant: int) -> int | None:
         """The place of an instant among those that it has."""
@@ -143,8 +144,7 @@ class VideoStore:
                 if video.handle >= 0:
                     os.close(video.handle)
                     video.handle = -1
-                with suppress(OSError):
-                    video.lines.close(synced=False)
+                video.lines.close()
 
     def _in_order(self, video: _Video, instants_ns: Sequence[int]) -> Iterator[FrameRecord]:
         with (self._folder / frames_path(video.record.path)).open("rb") as file:
@@ -160,27 +160,23 @@ class VideoStore:
                 yield frame_record(video.record, frame, instant, instants_ns[instant])
 
     def _append(self, video: _Video, given: Sequence[StoredImage]) -> None:
-        end, lines, ends, blocks = video.record.bytes, [], [], []
-        frames = [frame for frame in given if video.find(frame.record.instant) is None]
-        for frame in frames:
-            assert isinstance(frame.source, bytes), "a frame of a video is no file"
-            lines.append(frame_line(frame.record, end, frame.true_ns))
-            blocks.append(frame.source)
-            end += len(frame.source)
-            ends.append(end)
+        end, frames = video.record.bytes, []
+        for frame in given:
+            if video.find(frame.record.instant) is None:
+                assert isinstance(frame.source, bytes), "a frame of a video is no file"
+                line, end = frame_line(frame.record, end, frame.true_ns), end + len(frame.source)
+                frames.append((frame, frame.source, line, end))
         try:
             os.lseek(video.handle, video.record.bytes, os.SEEK_SET)
-            for block in blocks:
-                left = memoryview(block)
-                while left:
-                    left = left[os.write(video.handle, left) :]
+            for _, data, _, _ in frames:
+                write_all(video.handle, data)
             os.fdatasync(video.handle)
-            video.lines.append(*lines, durable=True)
+            video.lines.append(*(line for _, _, line, _ in frames), durable=True)
         except OSError:
             with suppress(OSError):
                 os.ftruncate(video.handle, video.record.bytes)
             raise
-        for frame, line, frame_end in zip(frames, lines, ends, strict=True):
+        for frame, _, line, frame_end in frames:
             video.note(frame.record.instant, len(line) + 1, frame_end)
             self.knows_true_times |= frame.true_ns is not None
 
@@ -233,15 +229,8 @@ def _whole_frames(lines: Path, size: int) -> Iterator[tuple[bytes, VideoFrame]]:
     end = 0
     with lines.open("rb") as file:
         for line in file:
-            frame = _whole(line)
+            # A line that a crash has torn has no end.
+            frame = record_of_line(line, VideoFrame) if line.endswith(b"\n") else None
             if frame is not None and end <= frame.offset and frame.offset + frame.bytes <= size:
                 end = frame.offset + frame.bytes
                 yield line, frame
-
-
-def _whole(line: bytes) -> VideoFrame | None:
-    """The frame of a line that a crash has not torn."""
-    try:
-        return msgspec.json.decode(line, type=VideoFrame) if line.endswith(b"\n") else None
-    except UNREADABLE:
-        return None

@@ -183,7 +183,13 @@ class ExportedBurst:
             where = f"{folder / CALIBRATION}: {camera}"
             if camera not in calibration.cameras:
                 raise BadInputError(f"{where} is not calibrated, which {needed_by} needs")
-            _check_camera(where, calibration.cameras[camera], self.size(camera))
+            lens, (width, height) = calibration.cameras[camera], self.size(camera)
+            if (lens.width, lens.height) != (width, height):
+                made = f"{lens.width}x{lens.height}"
+                raise BadInputError(
+                    f"{where} is calibrated for {made} pixels, but its images are {width}x{height}"
+                )
+            check_lens(where, lens)
         return calibration
 
     def _in_order(self, camera: str) -> list[ImageRecord]:
@@ -216,10 +222,3 @@ def _check_times(burst: ExportedBurst) -> None:
                 raise BadInputError(
                     f"{where}: the times of {camera} go backwards at instant {image.instant}", hint=_VERIFY
                 )
-
-
-def _check_camera(where: str, camera: CameraCalibration, size: tuple[int, int]) -> None:
-    if (camera.width, camera.height) != size:
-        made, taken = f"{camera.width}x{camera.height}", f"{size[0]}x{size[1]}"
-        raise BadInputError(f"{where} is calibrated for {made} pixels, but its images are {taken}")
-    check_lens(where, camera)

@@ -84,9 +84,9 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
     Where a rig's images have several poses, it is the rig's sensors that stand still against each other: then
     the first sensor is the origin. Raises BadInputError for what is broken, not perspective, or moves.
     """
-    lenses = dict(_read(folder, "cameras", _text_cameras, _binary_cameras))
-    images: list[Image] = _read(folder, "images", _text_images, _binary_images)
-    rigs: list[Rig] = _read(folder, "rigs", _text_rigs, _binary_rigs) if _file(folder, "rigs") else []
+    lenses = dict(_read(folder, "cameras"))
+    images: list[Image] = _read(folder, "images")
+    rigs: list[Rig] = _read(folder, "rigs") if _file(folder, "rigs") else []
     if not images:
         raise BadInputError(f"{folder} has no images", hint="is the model empty?")
 
@@ -162,20 +162,15 @@ def _file(folder: Path, name: str) -> Path | None:
     return next((path for end in ("bin", "txt") if (path := folder / f"{name}.{end}").is_file()), None)
 
 
-def _read(
-    folder: Path,
-    name: str,
-    text: Callable[[list[list[str]]], Iterator[Any]],
-    binary: Callable[[BytesIO], Iterator[Any]],
-) -> list[Any]:
+def _read(folder: Path, name: str) -> list[Any]:
     """What a file of a model holds. Raises BadInputError, with the file, for one that is broken or lacks."""
     path = _file(folder, name) or folder / f"{name}.txt"
     try:
         data = path.read_bytes()
         if path.suffix == ".bin":
-            return list(binary(BytesIO(data)))
+            return list(_BINARY[name](BytesIO(data)))
         lines = data.decode("utf-8").splitlines()
-        return list(text([line.split() for line in lines if not line.startswith("#")]))
+        return list(_TEXT[name]([line.split() for line in lines if not line.startswith("#")]))
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
     except (ValueError, IndexError, KeyError, OverflowError, struct.error) as error:
@@ -242,3 +237,15 @@ def _binary_rigs(file: BytesIO) -> Iterator[Rig]:
             if kind == 0 and pose is not None:  # SensorType::CAMERA
                 sensors[key] = pose
         yield sensors
+
+
+_TEXT: dict[str, Callable[[list[list[str]]], Iterator[Any]]] = {
+    "cameras": _text_cameras,
+    "images": _text_images,
+    "rigs": _text_rigs,
+}
+_BINARY: dict[str, Callable[[BytesIO], Iterator[Any]]] = {
+    "cameras": _binary_cameras,
+    "images": _binary_images,
+    "rigs": _binary_rigs,
+}

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -72,8 +73,9 @@ def _read_sound(av: Any, container: Any) -> Sound | str:
     parts: list[Samples] = []
     start_s, length = 0.0, 0
     resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
-    for frame in container.decode(container.streams.audio[0]):
-        at_s = start_s + length / RATE_HZ if frame.pts is None else float(frame.pts * frame.time_base)
+    for frame in chain(container.decode(container.streams.audio[0]), [None]):
+        timed = frame is not None and frame.pts is not None
+        at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
         if not parts:
             start_s = at_s
         # A gap in the track stays one.
@@ -84,7 +86,6 @@ def _read_sound(av: Any, container: Any) -> Sound | str:
         for made in resampler.resample(frame):
             parts.append(made.to_ndarray().ravel().astype(np.float32))
             length += len(parts[-1])
-    parts += [made.to_ndarray().ravel().astype(np.float32) for made in resampler.resample(None)]
     samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
     return Sound(samples, start_s) if np.any(samples) else "it has no sound"
 

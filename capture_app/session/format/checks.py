@@ -60,6 +60,11 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
         data = read_regular(path)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+    return decode_struct(path, data, kind, newest)
+
+
+def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = None) -> _T:
+    """Decode JSON as `read_struct` does; `path` is where it is from."""
     try:
         if newest is not None:
             version = msgspec.json.decode(data, type=_Version).schema_version

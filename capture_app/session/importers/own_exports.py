@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError, SimulshotError
@@ -20,13 +19,12 @@ from capture_app.optional_packages import load_optional
 from capture_app.session.exchange import FRAMES, ExportRecord, message_class, read_record
 from capture_app.session.files.strangers import read_text
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references, inside
-from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord, Manifest
+from capture_app.session.format.checks import check_references, decode_struct, inside
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST, SCHEMA_VERSION, ImageRecord, Manifest
 from capture_app.session.importers.calibrations.views import View, Views, from_quaternion
 from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
 from capture_app.session.reading.decoding import image_size
-from capture_app.text import UNREADABLE
 
 Place = tuple[str, int]
 """A camera and an instant of the session that was exported."""
@@ -242,14 +240,10 @@ def _names(topics: Mapping[str, Sequence[_Message]]) -> dict[str, str]:
 
 
 def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
-    try:
-        manifest = msgspec.json.decode(attached[MANIFEST], type=Manifest)
-        calibration = None
-        if CALIBRATION in attached:
-            calibration = msgspec.json.decode(attached[CALIBRATION], type=Calibration)
-    except UNREADABLE as error:
-        raise BadInputError(f"{path}: what is attached is not a session's: {error}") from error
+    manifest = decode_struct(path / MANIFEST, attached[MANIFEST], Manifest, SCHEMA_VERSION)
     check_references(path / MANIFEST, manifest)
+    data = attached.get(CALIBRATION)
+    calibration = None if data is None else decode_struct(path / CALIBRATION, data, Calibration, 1)
     return ExportRecord(format="mcap", manifest=manifest, calibration=calibration)
 
 

@@ -3,7 +3,7 @@
 import csv
 import re
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
@@ -141,10 +141,6 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
             hint=f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}",
         )
     ns = 10 ** _TIMES[time.strip().lower()]
-
-    def nanoseconds(text: str) -> int:
-        return int((Decimal(text) * ns).to_integral_value())
-
     rows = []
     for line in reader:
         name = match_name((line[camera] or "").strip(), names)
@@ -154,9 +150,9 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
         rows.append(
             _Row(
                 camera=name,
-                frame=_parse(where, line[frame], int, "a frame number") if frame else None,
+                frame=_parse(where, line[frame], None) if frame else None,
                 group=(line[group] or "").strip() if group else None,
-                leader_ns=_parse(where, line[time], nanoseconds, "a time"),
+                leader_ns=_parse(where, line[time], ns),
             )
         )
     for name in names:
@@ -165,14 +161,15 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
     return rows
 
 
-def _parse(where: str, text: str | None, to_int: Callable[[str], int], what: str) -> int | None:
-    """The number in a cell, None for an empty one. Raises BadInputError where it is not `what`."""
-    if not (text or "").strip():
-        return None
+def _parse(where: str, text: str | None, ns: int | None) -> int | None:
+    """The time in a cell, in units of `ns`, or without one the frame number; None for an empty cell."""
+    cell = (text or "").strip()
     try:
-        return to_int(str(text).strip())
+        if not cell or ns is None:
+            return int(cell) if cell else None
+        return int((Decimal(cell) * ns).to_integral_value())
     except (ArithmeticError, ValueError):
-        raise BadInputError(f"{where}: {text!r} is not {what}") from None
+        raise BadInputError(f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}") from None
 
 
 def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> list[tuple[_Row, TimedFrame]]:

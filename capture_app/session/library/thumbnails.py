@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from capture_app.session.reading.decoding import decode_image, encode_image
+from capture_app.session.reading.sheet_pictures import fit
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,7 +42,7 @@ class ThumbnailCache:
         large = _decode(image, reduction=8)
         if large is None or large.shape[1] < WIDTH_PX:
             large = _decode(image)
-        return None if large is None else self._keep(kept, _shrink(large))
+        return None if large is None else self._keep(kept, fit(large, WIDTH_PX, WIDTH_PX * large.shape[0]))
 
     def _keep(self, path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
         """Keep it, and return it as it will be read again: coded with loss."""
@@ -68,11 +69,3 @@ def _decode(path: Path, reduction: int = 1) -> "NDArray[np.uint8] | None":
             return decode_image(file.read(MOST_BYTES), colour=True, reduction=reduction)
     except OSError:
         return None
-
-
-def _shrink(large: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
-    import cv2  # heavy: only where images are looked at
-    import numpy as np
-
-    height = max(1, round(large.shape[0] * WIDTH_PX / large.shape[1]))
-    return np.asarray(cv2.resize(large, (WIDTH_PX, height), interpolation=cv2.INTER_AREA), np.uint8)

@@ -44,20 +44,18 @@ def contact_sheet(
     for y in range(down):
         top = HEAD + y * (height + GAP)
         since = duration(sheet.since_start_ns(y), signed=True) if y else "first"
-        _write(whole, since.replace("µ", "u"), (6, top + 16), INK, room=GUTTER - 8)
-        spread = duration(sheet.spread_ns(y)).replace("µ", "u")
-        _write(whole, spread, (6, top + 34), MUTED, room=GUTTER - 8)
+        _write(whole, since, (6, top + 16), INK, room=GUTTER - 8)
+        _write(whole, duration(sheet.spread_ns(y)), (6, top + 34), MUTED, room=GUTTER - 8)
         for x, camera in enumerate(sheet.cameras):
             left = GUTTER + x * (width + GAP)
             image = sheet.load(camera, y, width)
             if image is not None:
-                scaled = _fit(image, width, height)
+                scaled = fit(image, width, height)
                 whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
             remark = sheet.place(camera, y).remark or ("" if image is not None else "cannot be read")
             if remark:
                 cv2.rectangle(whole, (left, top), (left + width - 1, top + height - 1), WARNING, 1)
-                text = remark.replace("µ", "u")
-                _write(whole, text, (left + 4, top + height - 6), WARNING, room=width - 8)
+                _write(whole, remark, (left + 4, top + height - 6), WARNING, room=width - 8)
             progress(y * across + x + 1, across * down)
     return whole
 
@@ -67,8 +65,9 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> Iterator["Pictu
 
     Raises BadInputError where the take has no such instant, or fewer than two pictures of it.
     """
-    places = [sheet.place(camera, instant) for camera in sheet.cameras]
-    there = [place.camera for place in places if place.image is not None]
+    import numpy as np
+
+    there = [camera for camera in sheet.cameras if sheet.place(camera, instant).image is not None]
     if len(there) < 2:
         raise BadInputError(
             f"{sheet.session.folder} has {count(len(there), 'picture')} of instant {instant}; "
@@ -79,7 +78,10 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> Iterator["Pictu
     for camera in there:
         image = sheet.load(camera, instant, width)
         if image is not None:
-            yield _centred(_fit(image, width, height), width, height)
+            fitted, whole = fit(image, width, height), np.zeros((height, width, 3), np.uint8)
+            top, left = (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2
+            whole[top : top + fitted.shape[0], left : left + fitted.shape[1]] = fitted
+            yield whole
 
 
 def encode_animation(frames: "list[Picture]", fps: float, suffix: str) -> bytes:
@@ -104,22 +106,14 @@ def encode_animation(frames: "list[Picture]", fps: float, suffix: str) -> bytes:
     return bytes(data.tobytes())
 
 
-def _fit(image: "Picture", width: int, height: int) -> "Picture":
+def fit(image: "Picture", width: int, height: int) -> "Picture":
+    """The picture as large as it fits into so many pixels."""
     import cv2
     import numpy as np
 
     scale = min(width / image.shape[1], height / image.shape[0])
     size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _centred(image: "Picture", width: int, height: int) -> "Picture":
-    import numpy as np
-
-    whole = np.zeros((height, width, 3), np.uint8)
-    top, left = (height - image.shape[0]) // 2, (width - image.shape[1]) // 2
-    whole[top : top + image.shape[0], left : left + image.shape[1]] = image
-    return whole
 
 
 def _write(
@@ -129,7 +123,7 @@ def _write(
     import cv2
 
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.45
-    ascii_text = text.encode("ascii", "replace").decode()
+    ascii_text = text.replace("µ", "u").encode("ascii", "replace").decode()
     while ascii_text and cv2.getTextSize(ascii_text, font, size, 1)[0][0] > room:
         ascii_text = ascii_text[:-1]
     cv2.putText(whole, ascii_text, at, font, size, colour, 1, cv2.LINE_AA)

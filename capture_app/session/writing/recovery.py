@@ -69,9 +69,8 @@ def is_intact(folder: Path, record: ImageRecord) -> bool:
     if record.path != image_path(record.camera, record.instant, suffix):
         return False
     file = folder / record.path
-    if file.is_symlink() or not file.is_file() or file.stat().st_size != record.bytes:
-        return False
-    return hashlib.sha256(file.read_bytes()).hexdigest() == record.sha256
+    same_size = not file.is_symlink() and file.is_file() and file.stat().st_size == record.bytes
+    return same_size and hashlib.sha256(file.read_bytes()).hexdigest() == record.sha256
 
 
 def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tuple[str, int], TrueTime]:
@@ -79,11 +78,9 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
     path = folder / TRUE_TIMES_JOURNAL
     if not path.exists():
         return {}
-    known: dict[tuple[str, int], TrueTime] = {}
     lines = lines_of_file(read_regular(path))
-    for line in lines:
-        if (true := record_of_line(line, TrueTime)) is not None:
-            known[true.camera, true.instant] = true
+    read = (record_of_line(line, TrueTime) for line in lines)
+    known = {(true.camera, true.instant): true for true in read if true is not None}
     safe = {(image.camera, image.instant) for image in images}
     kept = {of: true for of, true in known.items() if of in safe and _truth_is_intact(folder, true)}
     if len(kept) != len(lines):
@@ -93,9 +90,9 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
 
 def _truth_is_intact(folder: Path, true: TrueTime) -> bool:
     file = folder / ground_truth_path(true.camera, true.instant)
-    if true.sha256 is None:
-        return True
-    return file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == true.sha256
+    return true.sha256 is None or (
+        file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == true.sha256
+    )
 
 
 def _set_aside_all_but(folder: Path, kept: set[str]) -> None:
@@ -106,9 +103,10 @@ def _set_aside_all_but(folder: Path, kept: set[str]) -> None:
         if path.name.endswith(PART):
             path.unlink()
             continue
-        make_folders((folder / SET_ASIDE / name).parent, folder)
-        path.replace(free_name(folder / SET_ASIDE / name))
-        sync_folder((folder / SET_ASIDE / name).parent)
+        aside = folder / SET_ASIDE / name
+        make_folders(aside.parent, folder)
+        path.replace(free_name(aside))
+        sync_folder(aside.parent)
 
 
 def remove_leftovers(folder: Path) -> None:

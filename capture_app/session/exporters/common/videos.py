@@ -1,5 +1,6 @@
 """Videos of a burst: H.264 in MP4, every frame at its own time, counted in microseconds."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -34,29 +35,25 @@ def write_video(
     """
     av = load_optional("av", "export", "writing videos")
     width, height = size
-    odd = width % 2 or height % 2
-    last_us: int | None = None
+    last_us = -math.inf
     scaler = av.video.reformatter.Interpolation
     # Without accurate rounding every picture comes out darker by half a level.
     rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP
     try:
         # In milliseconds, MP4's default, the time before the first frame would lose its microseconds.
         with av.open(str(path), "w", format="mp4", options={"movie_timescale": "1000000"}) as container:
-            stream = container.add_stream(
-                "libx264rgb" if lossless else "libx264",
-                rate=Fraction(1_000_000_000, period_ns).limit_denominator(),
-            )
+            rate = Fraction(1_000_000_000, period_ns).limit_denominator()
+            stream = container.add_stream("libx264rgb" if lossless else "libx264", rate=rate)
             stream.width, stream.height = width, height
             stream.time_base = stream.codec_context.time_base = TIME_BASE
-            if lossless:
-                stream.pix_fmt, stream.options = "bgr24", _LOSSLESS
-            else:
-                stream.pix_fmt, stream.options = "yuv444p" if odd else "yuv420p", _QUALITY
+            unreduced = "yuv444p" if width % 2 or height % 2 else "yuv420p"
+            stream.pix_fmt, stream.options = ("bgr24", _LOSSLESS) if lossless else (unreduced, _QUALITY)
+            if not lossless:
                 stream.codec_context.colorspace = _BT601
                 stream.codec_context.color_range = _LIMITED_RANGE
             for since_ns, picture in frames:
                 since_us = (since_ns + 500) // 1000
-                if last_us is not None and since_us <= last_us:
+                if since_us <= last_us:
                     raise BadInputError(f"{path.name}: two frames within the same microsecond, {since_us}")
                 last_us = since_us
                 frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
@@ -133,6 +130,6 @@ def write_paired_videos(
 def spacing_notes(times_ns: Iterable[int], period_ns: int) -> list[str]:
     """A note where a program that counts frames at a constant rate would be misled by these times."""
     gaps = np.diff(np.array(list(times_ns), np.int64))
-    if len(gaps) == 0 or gaps.max() - gaps.min() <= period_ns // 20:
+    if len(gaps) == 0 or np.ptp(gaps) <= period_ns // 20:
         return []
     return ["the instants are unevenly spaced: programs that count frames at one rate get their times wrong"]

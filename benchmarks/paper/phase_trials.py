@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from benchmarks.simulated.aligner_bench import Bench
+from capture_app.camera_facts import PhaseControl
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
 
 S = 1_000_000_000
@@ -215,7 +216,7 @@ def restart_together(
 
 
 def _unknown_phase(number: int, tolerance_ns: int) -> CameraPhase:
-    return CameraPhase(str(number), "reset", None, 0.0, tolerance_ns)
+    return CameraPhase(str(number), PhaseControl.RESET, None, 0.0, tolerance_ns)
 
 
 def _camera_phase(number: int, bench: Bench, goal: Goal, tolerance_ns: int) -> CameraPhase:
@@ -223,4 +224,4 @@ def _camera_phase(number: int, bench: Bench, goal: Goal, tolerance_ns: int) -> C
     if estimate is None:
         return _unknown_phase(number, tolerance_ns)
     frame_ns = goal.instant(goal.index_of(bench.now_ns)) + estimate.error_ns
-    return CameraPhase(str(number), "reset", frame_ns, estimate.drift_ppm, tolerance_ns)
+    return CameraPhase(str(number), PhaseControl.RESET, frame_ns, estimate.drift_ppm, tolerance_ns)

@@ -13,9 +13,9 @@ import msgspec
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 

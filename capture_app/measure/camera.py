@@ -14,13 +14,13 @@ from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.injection import (
     FIRST_STRETCH_NS,
     INSIDE_ROW,
     InjectionActuator,
     InjectionHistory,
-    InjectionProfile,
 )
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
@@ -257,7 +257,7 @@ async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> M
     Raises CameraError where the camera refuses one, or gives no frames any more.
     """
     if facts.phase_control is PhaseControl.INJECTION:
-        problem = _injections(facts).problem
+        problem = InjectionActuator(facts).problem
         if problem:
             return Moves(commands=0, effective=0, reason=problem)
     elif facts.phase_control is not PhaseControl.FRAME_DURATION:
@@ -316,15 +316,6 @@ def _reason(effective: int, step_ns: float | None) -> str:
     if effective < LEAST_SHIFTS:
         return f"too few moves for rows to show: {LEAST_SHIFTS} are needed"
     return "" if step_ns is not None else "its stamps scatter too much for rows to show in its shifts"
-
-
-def _injections(facts: CameraFacts) -> InjectionActuator:
-    return InjectionActuator(
-        period_ns=facts.period_ns,
-        row_time_ns=facts.row_time_ns,
-        min_exposure_ns=facts.min_exposure_ns,
-        max_exposure_ns=facts.max_exposure_ns,
-    )
 
 
 SETTLING_FRAMES = 40

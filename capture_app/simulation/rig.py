@@ -15,7 +15,7 @@ from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent

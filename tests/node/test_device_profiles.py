@@ -5,7 +5,7 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.node.camera.device_profiles import FILE, MOST_LATENCIES, DeviceProfiles
-from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.actuators import InjectionProfile
 from tests.facts import make_facts
 
 PROFILE = InjectionProfile(10_840, 2, 3056.0)

@@ -1,8 +1,4 @@
-"""Moving a stream's phase: the interface, and restarts.
-
-An actuator: one way of moving the phase of a stream.
-
-Reset sampling: restart the stream until its phase is right, aimed with the start latencies seen so far.
+"""Moving a stream's phase: the interface, and reset sampling, which restarts it until its phase is right.
 
 A camera's start latency modulo its period is all that counts. Kernel densities of several widths, one wrapped
 normal density and a uniform one predict each next start, weighted by how well they predicted (Bayes), so
@@ -10,13 +6,14 @@ that a camera whose starts cannot be predicted is restarted at random, as in the
 """
 
 import random
-from abc import ABC, abstractmethod
 from cmath import phase, rect
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, exp, log, pi, sqrt
+from typing import ClassVar
 
-from capture_app.sync.phase.goal import Aim, Course, aim_to_meet, aim_to_stay
+from capture_app.sync.phase.goal import Drift, Setpoint, setpoint_to_meet, setpoint_to_stay
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 
@@ -30,27 +27,50 @@ class Move:
     """How much later than now the frames should come, in [0, period)."""
     period_ns: float
     tolerance_ns: int
-    aim_ns: float = 0.0
-    """How much later than the goal's own instant the wanted one is, in advance of the drift."""
+    off_centre_ns: float = 0.0
+    """How much later than the grid's own instant the wanted one is, in advance of the drift."""
 
 
 @dataclass(frozen=True, slots=True)
 class MoveEffect:
-    """The effect of a move: when a frame starts now, and how far the phase moved, None if it is not known."""
+    """How far a move has moved the phase, None if it is not known; times in ns."""
 
-    frame_local_ns: int
     shift_ns: int | None
     noise_ns: float
     latency_frames: int | None = None
     """Frames from the command until the phase had moved, None where that is not known."""
 
 
-class PhaseActuator(ABC):
-    """One way of moving a phase: when a move is worth it, its command, and what its effect teaches."""
+@dataclass(frozen=True, slots=True)
+class InjectionProfile:
+    """How a device responds to a long frame, kept for its next use."""
+
+    row_time_ns: int
+    gain: float
+    neutral_rows: float
+    """Longest exposure that does not stretch a frame, in rows."""
+
+    def shift_rows(self, rows: float) -> float:
+        """By how many rows an exposure of so many delays all frames after it."""
+        return max(0.0, self.gain * (rows - self.neutral_rows))
+
+
+class PhaseActuator:
+    """One way of moving a phase: when a move is worth it, its command, and what its effect teaches.
+
+    By itself it is that of a camera whose phase cannot be moved.
+    """
+
+    restarts: ClassVar[bool] = False
+    """Whether each move is a start of the stream, after which one frame may tell the phase."""
+    profile: InjectionProfile | None = None
+    """What long frames have shown about this device."""
+    latencies: Sequence[float] = ()
+    """Start latencies seen, modulo the period and as shares of it, newest last."""
 
     @property
     def problem(self) -> str:
-        """Why this camera can never be moved, in plain words; empty if it can."""
+        """Why this camera can never be moved though it should be, in plain words; empty if it can."""
         return ""
 
     @property
@@ -63,28 +83,38 @@ class PhaseActuator(ABC):
         """How far the last command moves the phase where that is so little that nobody waits for it."""
         return None
 
-    @abstractmethod
-    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
+    @property
+    def meets_bursts(self) -> bool:
+        """Whether a stream can be brought to the grid between the order of a burst and its first instant."""
+        return False
+
+    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
         """Where the stream should be moved to stay for `hold_ns`; None if nothing is to be done.
 
-        `meeting_ns` is the time until cameras that can only be restarted are to meet the goal, 0 for none.
+        `meeting_ns` is the time until cameras that can only be restarted are to meet the grid, 0 for none.
         """
+        return None
 
-    def aim_on_hold(self, course: Course) -> Aim | None:
+    def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
         """Where the stream should be moved while nothing may show in pictures; None for not at all."""
         return None
 
-    def aim_before_burst(self, course: Course, *, begins_ns: int, lasts_ns: int) -> Aim | None:
+    def setpoint_for_burst(self, drift: Drift, *, begins_ns: int, lasts_ns: int) -> Setpoint | None:
         """Where the stream should be moved for a burst that begins so much later, and lasts so long."""
-        return self.aim_on_hold(course)
+        return self.setpoint_on_hold(drift)
 
-    @abstractmethod
     def command(self, move: Move) -> CameraCommand | None:
         """The command that comes nearest to the wish; None if doing nothing does."""
+        return None
 
-    @abstractmethod
     def learn(self, effect: MoveEffect) -> None:
         """Learn from the effect of the last command."""
+
+    def note_start(self, local_ns: int, period_ns: float) -> None:
+        """Note that the stream was started at that local time, by a command of ours or not."""
+
+    def learn_start(self, first_frame_local_ns: int) -> None:
+        """Learn from the first frame of the stream just started."""
 
 
 LEAD_NS = 1_000_000_000
@@ -105,26 +135,22 @@ UNSURE = 1.05
 class ResetActuator(PhaseActuator):
     """Chooses how long to wait between stop and start; `aimed=False` waits U(0, period)."""
 
+    restarts = True
+
     def __init__(self, *, rng: random.Random, aimed: bool = True) -> None:
         self._rng = rng
         self._aimed = aimed
-        self._latencies: deque[float] = deque(maxlen=REMEMBERED)
-        """As shares of a period, newest last."""
+        self.latencies: deque[float] = deque(maxlen=REMEMBERED)
         self._credit = [0.0] * (len(WIDTHS) + 2)
         """Log-likelihood of the latencies, by kernel width; the normal and the uniform density's are last."""
         self._start_ns: int | None = None
         self._period_ns = 1.0
 
-    @property
-    def latencies(self) -> tuple[float, ...]:
-        """The start latencies seen, modulo the period and as shares of it, newest last."""
-        return tuple(self._latencies)
-
-    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
-        """Where the stream meets the goal in `meeting_ns`, or stays near it; None if no restart is needed."""
+    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
+        """Where the stream meets the grid in `meeting_ns`, or stays near it; None if no restart is needed."""
         if meeting_ns > 0:
-            return aim_to_meet(course, LEAD_NS, meeting_ns)
-        return None if aligned else aim_to_stay(course, LEAD_NS, hold_ns)
+            return setpoint_to_meet(drift, LEAD_NS, meeting_ns)
+        return None if aligned else setpoint_to_stay(drift, LEAD_NS, hold_ns)
 
     def command(self, move: Move) -> RestartStream:
         """Restart after a delay below one period."""
@@ -139,29 +165,29 @@ class ResetActuator(PhaseActuator):
         return RestartStream(delay_ns)
 
     def note_start(self, local_ns: int, period_ns: float) -> None:
-        """A stream was started at that local time without a command of ours."""
+        """Note a start that was not commanded here; of one that was, more is known."""
         if self._start_ns is None:
             self._start_ns, self._period_ns = local_ns, period_ns
 
-    def learn(self, effect: MoveEffect) -> None:
+    def learn_start(self, first_frame_local_ns: int) -> None:
         """Take in the latency of the start just seen."""
         if self._start_ns is None:
             return
-        latency = (effect.frame_local_ns - self._start_ns) / self._period_ns % 1.0
+        latency = (first_frame_local_ns - self._start_ns) / self._period_ns % 1.0
         self._start_ns = None
-        if self._latencies:
+        if self.latencies:
             densities = [self._density(width, latency) for width in WIDTHS]
             densities += [self._normal_density(latency), 1.0]
             for i, density in enumerate(densities):
                 self._credit[i] += max(-7.0, log(density))
         self._credit = [FORGETTING * credit for credit in self._credit]
-        self._latencies.append(latency)
+        self.latencies.append(latency)
 
     def _density(self, width: float, at: float) -> float:
         """Predicted density of a latency, as a share of a period; the newer a latency, the more it counts."""
         total = mass = 0.0
         weight = 1.0
-        for latency in reversed(self._latencies):
+        for latency in reversed(self.latencies):
             off = (at - latency + 0.5) % 1.0 - 0.5
             mass += weight * exp(-0.5 * (off / width) ** 2)
             total += weight
@@ -170,9 +196,9 @@ class ResetActuator(PhaseActuator):
 
     def _normal(self) -> tuple[float, float]:
         """Middle and width of the wrapped normal density that the latencies suggest."""
-        weights = [FORGETTING**age for age in range(len(self._latencies))]
+        weights = [FORGETTING**age for age in range(len(self.latencies))]
         total = sum(weights)
-        pairs = zip(weights, reversed(self._latencies), strict=True)
+        pairs = zip(weights, reversed(self.latencies), strict=True)
         resultant = sum((rect(w, 2.0 * pi * latency) for w, latency in pairs), 0j) / total
         variance = -2.0 * log(min(max(abs(resultant), 1e-9), 1.0)) / (2.0 * pi) ** 2
         # The fewer the latencies, the less they say about their spread.
@@ -186,7 +212,7 @@ class ResetActuator(PhaseActuator):
 
     def _likeliest_latency(self, half_window: float) -> float | None:
         """Middle of the window that most likely holds the next latency; None if all are alike."""
-        if not self._latencies:
+        if not self.latencies:
             return None
         best = max(self._credit)
         says = [exp(credit - best) for credit in self._credit]
@@ -197,11 +223,11 @@ class ResetActuator(PhaseActuator):
         for i in range(AIMS):
             off = (i / AIMS - at + 0.5) % 1.0 - 0.5
             density[i] += height * exp(-0.5 * (off / width) ** 2)
-        ages = [FORGETTING**age for age in range(len(self._latencies))]
+        ages = [FORGETTING**age for age in range(len(self.latencies))]
         for width, say in zip(WIDTHS, says, strict=False):
             height = (1.0 - BACKGROUND) * say / total / (sum(ages) * width * sqrt(2.0 * pi))
             near = min(AIMS // 2, ceil(4.0 * width * AIMS))
-            for latency, weight in zip(reversed(self._latencies), ages, strict=True):
+            for latency, weight in zip(reversed(self.latencies), ages, strict=True):
                 middle = round(latency * AIMS)
                 for i in range(middle - near, middle + near + 1):
                     off = i / AIMS - latency

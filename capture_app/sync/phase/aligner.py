@@ -1,52 +1,36 @@
-"""Keeps one camera's frames at the rig's goal: when to move the phase, and how far.
-
-Which actuator moves the phase of a camera.
-
-The phase command under way, until its effect shows, and what the effect teaches the actuator.
-"""
+"""Keeps one camera's frames on the rig's grid: when to move the phase, how far, and what came of it."""
 
 import random
 from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.actuators import Move, MoveEffect, PhaseActuator, ResetActuator
+from capture_app.sync.phase.actuators import InjectionProfile, Move, MoveEffect, PhaseActuator, ResetActuator
 from capture_app.sync.phase.alignment import SHORT_STAY_NS, Alignment, Reach, inner_of
 from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, PhaseEstimator
 from capture_app.sync.phase.frame_line import QUANTIZED_FRAMES
-from capture_app.sync.phase.goal import Course, Goal
-from capture_app.sync.phase.injection import FrameDurationActuator, InjectionActuator, InjectionProfile
+from capture_app.sync.phase.goal import Drift, Goal, Setpoint
+from capture_app.sync.phase.injection import FrameDurationActuator, InjectionActuator
 from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate, StampError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 
 def choose_actuator(
     camera: CameraFacts, *, rng: random.Random, profile: InjectionProfile | None, aimed: bool
-) -> PhaseActuator | None:
-    """Return the actuator of a camera, None where its phase cannot be moved.
+) -> PhaseActuator:
+    """Return the actuator of a camera.
 
     `profile` is what is known from before of its injections; `aimed=False` restarts at random times.
     """
     match camera.phase_control:
         case PhaseControl.INJECTION:
-            return InjectionActuator(
-                period_ns=camera.period_ns,
-                row_time_ns=camera.row_time_ns,
-                min_exposure_ns=max(camera.min_exposure_ns or 0, camera.exposure_ns or 0),
-                max_exposure_ns=camera.max_exposure_ns,
-                profile=profile,
-            )
+            return InjectionActuator(camera, profile)
         case PhaseControl.RESET:
             return ResetActuator(rng=rng, aimed=aimed)
         case PhaseControl.FRAME_DURATION:
-            return FrameDurationActuator(
-                period_ns=camera.period_ns,
-                row_time_ns=camera.row_time_ns,
-                min_duration_ns=camera.min_frame_duration_ns,
-                max_duration_ns=camera.max_frame_duration_ns,
-            )
+            return FrameDurationActuator(camera)
         case PhaseControl.NONE:
-            return None
+            return PhaseActuator()
 
 
 INJECTION_TIMEOUT_NS = 5_000_000_000
@@ -63,7 +47,7 @@ class _CommandUnderWay:
 class CommandTracker:
     """At most one command at a time for one camera; times in ns of the node's local clock."""
 
-    def __init__(self, phase: PhaseEstimator, actuator: PhaseActuator | None) -> None:
+    def __init__(self, phase: PhaseEstimator, actuator: PhaseActuator) -> None:
         self._phase = phase
         self._actuator = actuator
         self._under_way: _CommandUnderWay | None = None
@@ -86,16 +70,16 @@ class CommandTracker:
 
     def begin(self, command: CameraCommand, now_local_ns: int) -> bool:
         """Expect the effect of a command; False if it must wait for a smaller one before it."""
-        actuator = self._actuator
-        if actuator is not None and actuator.small_shift_ns is not None:
-            self._phase.expect_shift(actuator.small_shift_ns)
+        small_ns = self._actuator.small_shift_ns
+        if small_ns is not None:
+            self._phase.expect_shift(small_ns)
             return True
         if self._phase.shift_to_come(now_local_ns):
             return False
         self._under_way = _CommandUnderWay(command, now_local_ns, self._stream)
         self.corrections += 1
         if not isinstance(command, RestartStream):
-            self._phase.mark_disturbance(actuator.expected_shift_ns if actuator else None)
+            self._phase.mark_disturbance(self._actuator.expected_shift_ns)
         return True
 
     def update(self, now_local_ns: int, *, run_settled: bool) -> None:
@@ -117,16 +101,11 @@ class CommandTracker:
             self._under_way = None
             if overdue:
                 return
-            if isinstance(self._actuator, InjectionActuator):
-                self._learn(self._phase.last_ns, self._phase.last_shift_ns)
-        if isinstance(self._actuator, ResetActuator) and not self._start_learned and run_settled:
+            phase = self._phase
+            self._actuator.learn(MoveEffect(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames))
+        if not self._start_learned and run_settled:
             self._start_learned = True
-            self._learn(self._phase.nearest_frame_ns(self._first_frame_ns), None)
-
-    def _learn(self, frame_local_ns: int, shift_ns: int | None) -> None:
-        assert self._actuator is not None
-        phase = self._phase
-        self._actuator.learn(MoveEffect(frame_local_ns, shift_ns, phase.noise_ns, phase.last_latency_frames))
+            self._actuator.learn_start(self._phase.nearest_frame_ns(self._first_frame_ns))
 
 
 WARM_FRAMES = (30, 90)
@@ -141,8 +120,13 @@ JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
 _S = 1_000_000_000
-HOLD_NS = {"frame-duration": 0, "injection": 2 * _S, "reset": 10 * _S, "none": 2 * _S}
-"""How long a phase should last between two corrections: the aim centres the drift over it."""
+HOLD_NS = {
+    PhaseControl.FRAME_DURATION: 0,
+    PhaseControl.INJECTION: 2 * _S,
+    PhaseControl.RESET: 10 * _S,
+    PhaseControl.NONE: 2 * _S,
+}
+"""How long a phase should last between two corrections: the setpoint centres the drift over it."""
 
 
 class Aligner:
@@ -193,9 +177,7 @@ class Aligner:
     @property
     def meets_bursts(self) -> bool:
         """Whether a stream that drifts too fast to be held is brought to its goal for each burst."""
-        if not isinstance(self._actuator, InjectionActuator) or self._commands.under_way:
-            return False
-        return self.reach.drifts_fast and self._actuator.meets_bursts
+        return not self._commands.under_way and self.reach.drifts_fast and self._actuator.meets_bursts
 
     @property
     def corrections(self) -> int:
@@ -220,26 +202,23 @@ class Aligner:
     @property
     def injection_profile(self) -> InjectionProfile | None:
         """What the injections have shown about this device."""
-        return self._actuator.profile if isinstance(self._actuator, InjectionActuator) else None
+        return self._actuator.profile
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
         """Start latencies seen, modulo the period, newest last: for `learn_start_latency` at the next use."""
-        latencies = self._actuator.latencies if isinstance(self._actuator, ResetActuator) else ()
-        return tuple(round(latency * self._phase.period_ns) for latency in latencies)
+        return tuple(round(latency * self._phase.period_ns) for latency in self._actuator.latencies)
 
     def learn_start_latency(self, latency_ns: int) -> None:
         """Take in how long a start of this device took before, in ns from the command to the first frame."""
-        if isinstance(self._actuator, ResetActuator):
-            self._actuator.note_start(0, self._phase.period_ns)
-            self._actuator.learn(MoveEffect(latency_ns, None, 0.0))
+        self._actuator.note_start(0, self._phase.period_ns)
+        self._actuator.learn_start(latency_ns)
 
     def add_frame(self, stamp: FrameStamp) -> int:
         """Add a frame; return how many were dropped just before it."""
         dropped, phase = self._phase.add(stamp), self._phase
         self._commands.add_frame(stamp)
-        restarts = isinstance(self._actuator, ResetActuator)
-        if restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
+        if self._actuator.restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
             # Nine of ten restarts miss: if a start's first frame is as good as five, do not wait for five.
             steady = phase.first_off_ns() < self.reach.tolerance_ns / 4
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
@@ -252,8 +231,7 @@ class Aligner:
     def note_stream_start(self, local_ns: int) -> None:
         """Note that the stream was started or restarted at a local time; its next frame shows the latency."""
         self._alignment.clear()
-        if isinstance(self._actuator, ResetActuator):
-            self._actuator.note_start(local_ns, self._phase.period_ns)
+        self._actuator.note_start(local_ns, self._phase.period_ns)
 
     def forget_alignment(self) -> None:
         """Call the stream aligned no more: there is no clock to judge it by."""
@@ -298,32 +276,57 @@ class Aligner:
         its phase at `meeting_leader_ns`, if that is still to come.
         """
         self.settle_command(now_local_ns)
-        now_leader_ns = time_map.leader_from_local(now_local_ns)
-        now, hidden_ns = self.estimate(time_map, goal, now_leader_ns), self._phase.quantum_error_ns
+        now = self._judge(time_map, goal, now_local_ns)
+        if now is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
+            return None
+        inner_ns = inner_of(self.reach.tolerance_ns, now.quantum_error_ns)
+        is_open = self._alignment.is_open(now.error_ns, 2.0 * now.sigma_ns, now.frames, inner_ns)
+        if is_open and burst_leader_ns is None:
+            return None
+        drift = self._drift(now, inner_ns, now_local_ns)
+        if burst_leader_ns is not None:
+            first_ns, last_ns = burst_leader_ns
+            setpoint = self._actuator.setpoint_for_burst(
+                drift, begins_ns=first_ns - now.at_leader_ns, lasts_ns=last_ns - first_ns
+            )
+        elif hold:
+            setpoint = self._actuator.setpoint_on_hold(drift)
+        else:
+            meeting_ns = max(0, (meeting_leader_ns or now.at_leader_ns) - now.at_leader_ns)
+            setpoint = self._actuator.setpoint(
+                drift, hold_ns=self._hold_ns, aligned=self.within_reach, meeting_ns=meeting_ns
+            )
+        if setpoint is None:
+            return None
+        return self._command_towards(setpoint, time_map, goal, now, now_local_ns)
+
+    def _judge(self, time_map: TimeMap, goal: Goal, now_local_ns: int) -> PhaseEstimate | None:
+        """Judge the stream as it is now; return its error where it may be acted on."""
+        now = self.estimate(time_map, goal, time_map.leader_from_local(now_local_ns))
+        hidden_ns = self._phase.quantum_error_ns
         if now is None or not self.settled:
             if self._phase.unmoved and self._phase.known:
-                error_ns = self._error_ns(time_map, goal, now_local_ns)
+                frame_ns = self._phase.nearest_frame_ns(now_local_ns)
+                error_ns = goal.phase_error(time_map.leader_from_local(frame_ns))
                 self._alignment.judge_unmoved(error_ns, self.reach.tolerances_ns, hidden_ns)
             else:
                 self._alignment.clear()
             return None
         self.problem = self._find_problem(now, goal)
         self.reach.update(self._phase, now.drift_ppm)
-        doubt_ns, inner_ns = 2.0 * now.sigma_ns, inner_of(self.reach.tolerance_ns, hidden_ns)
         if self.problem:
             self._alignment.clear()
             return None
-        coarse = hidden_ns > doubt_ns
-        self._alignment.hurried = self.reach.stay_ns < SHORT_STAY_NS or coarse
+        doubt_ns = 2.0 * now.sigma_ns
+        self._alignment.hurried = self.reach.stay_ns < SHORT_STAY_NS or hidden_ns > doubt_ns
         self._alignment.judge(now.error_ns, doubt_ns, now.frames, self.reach.tolerances_ns, hidden_ns)
-        if self._actuator is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
-            return None
-        is_open = self._alignment.is_open(now.error_ns, doubt_ns, now.frames, inner_ns)
-        if is_open and burst_leader_ns is None:
-            return None
-        landing_ns = self._alignment.landing_ns(inner_ns)
-        still_coarse = coarse and now.frames < QUANTIZED_FRAMES
-        course = Course(
+        return now
+
+    def _drift(self, now: PhaseEstimate, inner_ns: int, now_local_ns: int) -> Drift:
+        """How the stream moves, and which errors are left as they are, within `inner_ns`."""
+        doubt_ns, landing_ns = 2.0 * now.sigma_ns, self._alignment.landing_ns(inner_ns)
+        still_coarse = now.quantum_error_ns > doubt_ns and now.frames < QUANTIZED_FRAMES
+        return Drift(
             now.error_ns + self._phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
             self._phase.period_ns,
@@ -333,27 +336,21 @@ class Aligner:
             landing_ns,
             inner_ns if self.within_reach or still_coarse else landing_ns - doubt_ns,
         )
-        if burst_leader_ns is not None:
-            first_ns, last_ns = burst_leader_ns
-            begins_ns, lasts_ns = first_ns - now_leader_ns, last_ns - first_ns
-            aim = self._actuator.aim_before_burst(course, begins_ns=begins_ns, lasts_ns=lasts_ns)
-        elif hold:
-            aim = self._actuator.aim_on_hold(course)
-        else:
-            meeting_ns = 0 if meeting_leader_ns is None else max(0, meeting_leader_ns - now_leader_ns)
-            aim = self._actuator.aim(
-                course, hold_ns=self._hold_ns, aligned=self.within_reach, meeting_ns=meeting_ns
-            )
-        if aim is None:
-            return None
-        landing_local_ns = now_local_ns + aim.lead_ns
+
+    def _command_towards(
+        self, setpoint: Setpoint, time_map: TimeMap, goal: Goal, now: PhaseEstimate, now_local_ns: int
+    ) -> CameraCommand | None:
+        """Return the command that moves the stream; None where none comes nearer, or one has to wait."""
+        leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
+        instant_local_ns = time_map.local_from_leader(goal.instant(goal.index_of(leader_ns)))
+        inner_ns = inner_of(self.reach.tolerance_ns, now.quantum_error_ns)
         move = Move(
             now_local_ns=now_local_ns,
-            wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim.wanted_ns),
-            shift_ns=round((aim.wanted_ns - aim.error_ns) % self._phase.period_ns),
+            wanted_local_ns=instant_local_ns + round(setpoint.wanted_ns),
+            shift_ns=round((setpoint.wanted_ns - setpoint.error_ns) % self._phase.period_ns),
             period_ns=self._phase.period_ns,
-            tolerance_ns=landing_ns,
-            aim_ns=aim.off_centre_ns,
+            tolerance_ns=self._alignment.landing_ns(inner_ns),
+            off_centre_ns=setpoint.off_centre_ns,
         )
         command = self._actuator.command(move)
         if command is None:
@@ -370,10 +367,6 @@ class Aligner:
         unalike_ns = max(UNALIKE * self._phase.noise_ns, 2_000.0)
         return frames < FRAMES_TO_OUTVOTE and self._phase.first_off_ns() > unalike_ns
 
-    def _error_ns(self, time_map: TimeMap, goal: Goal, local_ns: int) -> int:
-        """Distance from the goal of the frame nearest to a local time."""
-        return goal.phase_error(time_map.leader_from_local(self._phase.nearest_frame_ns(local_ns)))
-
     @property
     def _frames_needed(self) -> int:
         """Frames since the phase moved that tell where it is: one where it moved as expected."""
@@ -387,11 +380,6 @@ class Aligner:
         sigma_ns = self._phase.sigma_at(self._phase.last_ns)
         return frames >= SETTLED_FRAMES[1] or sigma_ns < self.reach.tolerance_ns / 4
 
-    def _wanted(self, time_map: TimeMap, goal: Goal, local_ns: float) -> int:
-        """Local time of the goal's instant nearest to a local time."""
-        leader_ns = time_map.leader_from_local(round(local_ns))
-        return time_map.local_from_leader(goal.instant(goal.index_of(leader_ns)))
-
     def _find_problem(self, now: PhaseEstimate, goal: Goal) -> str:
         doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns
         if abs(now.drift_ppm) - doubt_ppm > HOPELESS_PPM:
@@ -399,4 +387,4 @@ class Aligner:
                 f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
                 f" {1e9 / goal.period_ns:.3f}, too different to align"
             )
-        return self._actuator.problem if self._actuator else ""
+        return self._actuator.problem

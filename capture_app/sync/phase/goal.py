@@ -30,7 +30,7 @@ class Goal:
         return leader_ns - self.instant(self.index_of(leader_ns))
 
 
-LARGEST_AIM = 0.6
+LARGEST_LEAD = 0.6
 """Most that a stream is moved past its goal in advance of its drift, as a share of the tolerance; a quarter
 of that where half the tolerance is to be met."""
 BURST_SHARE = 0.25
@@ -38,11 +38,11 @@ BURST_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
-    """A stream's error now in ns, its drift in ns per ns, and its period."""
+class Drift:
+    """A stream's error now in ns, the rate by which it changes (ns per ns), and its period."""
 
     error_ns: float
-    drift: float
+    rate: float
     period_ns: float
     tolerance_ns: int
     grace_ns: float
@@ -56,7 +56,7 @@ class Course:
 
     def error_after(self, ns: float) -> float:
         """Error in ns after so much time, if nothing moves the stream."""
-        return self.error_ns + self.drift * ns
+        return self.error_ns + self.rate * ns
 
     def tolerates(self, error_ns: float) -> bool:
         """Whether an error can be left as it is."""
@@ -64,7 +64,7 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Aim:
+class Setpoint:
     """A wish for a move that takes effect `lead_ns` from now; times and errors in ns."""
 
     lead_ns: float
@@ -76,30 +76,30 @@ class Aim:
     """How far the wish itself is off the goal."""
 
 
-def aim_to_stay(course: Course, lead_ns: float, hold_ns: int) -> Aim:
+def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
     """Where a stream stays within its tolerance for longest: drift takes it through the middle."""
-    furthest_ns = LARGEST_AIM * course.landing_ns**2 / max(1, course.tolerance_ns)
-    wanted_ns = min(max(-course.drift * hold_ns / 2, -furthest_ns), furthest_ns)
-    return Aim(lead_ns, course.error_after(lead_ns), wanted_ns, wanted_ns)
+    furthest_ns = LARGEST_LEAD * drift.landing_ns**2 / max(1, drift.tolerance_ns)
+    wanted_ns = min(max(-drift.rate * hold_ns / 2, -furthest_ns), furthest_ns)
+    return Setpoint(lead_ns, drift.error_after(lead_ns), wanted_ns, wanted_ns)
 
 
-def aim_to_meet(course: Course, lead_ns: float, ahead_ns: float) -> Aim | None:
+def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint | None:
     """Where drift takes a stream to its goal at a moment to come; None if it will be there without a move."""
-    if course.tolerates(course.error_after(ahead_ns)):
+    if drift.tolerates(drift.error_after(ahead_ns)):
         return None
-    return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (ahead_ns - lead_ns), 0.0)
+    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (ahead_ns - lead_ns), 0.0)
 
 
-def aim_at_burst(
-    course: Course, lead_ns: float, ready_ns: float, scatter_ns: float, *, begins_ns: float, lasts_ns: float
-) -> Aim | None:
+def setpoint_for_burst(
+    drift: Drift, lead_ns: float, ready_ns: float, scatter_ns: float, *, begins_ns: float, lasts_ns: float
+) -> Setpoint | None:
     """Where drift takes a stream to its goal in the middle of a burst.
 
     None if the burst begins before `ready_ns`, when no long frame is on its way any more, or if its
     error will be small, or no larger than `scatter_ns`, by which moves miss.
     """
     middle_ns = begins_ns + lasts_ns / 2
-    small_ns = max(BURST_SHARE * course.tolerance_ns, scatter_ns)
-    if begins_ns < ready_ns or abs(course.error_after(middle_ns)) <= small_ns:
+    small_ns = max(BURST_SHARE * drift.tolerance_ns, scatter_ns)
+    if begins_ns < ready_ns or abs(drift.error_after(middle_ns)) <= small_ns:
         return None
-    return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (middle_ns - lead_ns), 0.0)
+    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (middle_ns - lead_ns), 0.0)

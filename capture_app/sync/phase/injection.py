@@ -1,27 +1,20 @@
-"""Frame injection: one long frame moves the phase by gain * row_time * (rows - neutral rows).
+"""Moving the phase by single frames: exposed for longer (injection), or of another duration.
 
-Gain and neutral rows differ by device and are learned from what the injections do.
-
-What injections did to a camera's phase, and the profile of the device that explains it best.
-
-shift = gain * row_time * (rows - neutral rows). Most sensors hold a long frame's length for one, two or three
-frames (the gain), but any real gain is met: whole ones are believed until they misfit.
-
-Frame-duration control: single frames are made longer or shorter by whole rows.
-
-Far from the goal one frame takes the whole shift; near it one row at a time holds the phase to half a row,
-without any frame with another exposure.
+An injection's shift is gain * row_time * (rows - neutral rows). Both differ by device and are learned from
+what injections do: most sensors hold a long frame's length for one, two or three frames (the gain), but any
+real gain is met, and whole ones are believed until they misfit. A duration changes by whole rows: far from
+the grid one frame takes the whole shift, near it a row at a time holds the phase, and no exposure changes.
 """
 
 from collections import deque
-from dataclasses import dataclass
 from itertools import combinations
 from math import ceil, floor, sqrt
 from statistics import median
 
-from capture_app.sync.phase.actuators import Move, MoveEffect, PhaseActuator
+from capture_app.camera_facts import CameraFacts
+from capture_app.sync.phase.actuators import InjectionProfile, Move, MoveEffect, PhaseActuator
 from capture_app.sync.phase.frame_line import SIGMA_FROM_MAD
-from capture_app.sync.phase.goal import Aim, Course, aim_at_burst, aim_to_stay
+from capture_app.sync.phase.goal import Drift, Setpoint, setpoint_for_burst, setpoint_to_stay
 from capture_app.sync.wire.camera_commands import InjectFrame, SetFrameDuration
 
 GAINS = (1.0, 2.0, 3.0)
@@ -50,20 +43,6 @@ FITTING_ROWS = 20.0
 NEAR_ROWS = 300.0
 MISSED_ROWS = 3.0
 REMEMBERED = 8
-
-
-@dataclass(frozen=True, slots=True)
-class InjectionProfile:
-    """How a device responds to a long frame, kept for its next use."""
-
-    row_time_ns: int
-    gain: float
-    neutral_rows: float
-    """Longest exposure that does not stretch a frame, in rows."""
-
-    def shift_rows(self, rows: float) -> float:
-        """By how many rows an exposure of so many delays all frames after it."""
-        return max(0.0, self.gain * (rows - self.neutral_rows))
 
 
 class InjectionHistory:
@@ -198,20 +177,13 @@ FRUITLESS = 8
 class InjectionActuator(PhaseActuator):
     """Turns wished shifts into exposures; learns gain and neutral rows in one or two injections."""
 
-    def __init__(
-        self,
-        *,
-        period_ns: int,
-        row_time_ns: int | None,
-        min_exposure_ns: int | None = None,
-        max_exposure_ns: int | None = None,
-        profile: InjectionProfile | None = None,
-    ) -> None:
-        self._history = InjectionHistory(period_ns=period_ns, row_time_ns=row_time_ns)
+    def __init__(self, camera: CameraFacts, profile: InjectionProfile | None = None) -> None:
+        self._history = InjectionHistory(period_ns=camera.period_ns, row_time_ns=camera.row_time_ns)
         self._row_ns = self._history.row_ns
-        self._period_ns = period_ns
-        self._min_ns = min_exposure_ns or 0
-        self._max_ns = max_exposure_ns if max_exposure_ns is not None else 10 * period_ns
+        self._period_ns = camera.period_ns
+        self._min_ns = max(camera.min_exposure_ns or 0, camera.exposure_ns or 0)
+        most_ns = camera.max_exposure_ns
+        self._max_ns = 10 * camera.period_ns if most_ns is None else most_ns
         self._asked: int | None = None
         self._latencies: deque[int] = deque([LEAD_FRAMES], maxlen=REMEMBERED_LATENCIES)
         self._confirmed = True
@@ -256,28 +228,30 @@ class InjectionActuator(PhaseActuator):
             return None
         return self.profile.shift_rows(self._asked) * self._row_ns
 
-    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
+    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
         """Where the stream stays within its tolerance for longest; None if it is going to be within it.
 
         Right at the goal while it is not sure where it lands.
         """
-        lead_ns = max(self._latencies) * course.period_ns
-        if self.sure and course.tolerance_ns * 2 < abs(course.drift) * lead_ns:
+        lead_ns = max(self._latencies) * drift.period_ns
+        if self.sure and drift.tolerance_ns * 2 < abs(drift.rate) * lead_ns:
             # It would be out again before the next injection counts: only bursts are worth one.
             return None
         waits_ns = (lead_ns, WAIT_NS) if aligned else (lead_ns,)
-        if any(abs(course.error_after(later_ns)) <= course.left_ns for later_ns in waits_ns):
+        if any(abs(drift.error_after(later_ns)) <= drift.left_ns for later_ns in waits_ns):
             return None
-        return aim_to_stay(course, lead_ns, hold_ns if self.sure else 0)
+        return setpoint_to_stay(drift, lead_ns, hold_ns if self.sure else 0)
 
-    def aim_before_burst(self, course: Course, *, begins_ns: int, lasts_ns: int) -> Aim | None:
+    def setpoint_for_burst(self, drift: Drift, *, begins_ns: int, lasts_ns: int) -> Setpoint | None:
         """Where the stream meets its goal in the middle of a burst; None where the effect is not sure."""
         if not self.sure:
             return None
-        lead_ns = max(self._latencies) * course.period_ns
-        ready_ns = self._burst_lead_frames * course.period_ns
+        lead_ns = max(self._latencies) * drift.period_ns
+        ready_ns = self._burst_lead_frames * drift.period_ns
         scatter_ns = 0.0 if self.profile is None else self._history.scatter_ns(self.profile)
-        return aim_at_burst(course, lead_ns, ready_ns, scatter_ns, begins_ns=begins_ns, lasts_ns=lasts_ns)
+        return setpoint_for_burst(
+            drift, lead_ns, ready_ns, scatter_ns, begins_ns=begins_ns, lasts_ns=lasts_ns
+        )
 
     def command(self, move: Move) -> InjectFrame | None:
         """One long frame; a shift that takes more than the longest exposure is done in part."""
@@ -342,7 +316,7 @@ class InjectionActuator(PhaseActuator):
                 # A whole period more is only worth it where it comes nearer by a good part of a row.
                 cost = abs(late_ns) + turns * TURN_ROWS * self._row_ns
                 # Beyond the tolerance it would have to be done again, however near it is to the aim.
-                cost += max(0.0, abs(move.aim_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns)
+                cost += max(0.0, abs(move.off_centre_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns)
                 doubted = cost + self._history.doubt_rows(profile, rows) * self._row_ns
                 if least_rows < rows <= self._most_rows() and cost < worth_ns and doubted < least:
                     best_rows, least = rows, doubted
@@ -362,19 +336,13 @@ DEADBAND_ROWS = 0.55
 class FrameDurationActuator(PhaseActuator):
     """Turns wished shifts into the duration of one frame; a step too long for one frame is done in part."""
 
-    def __init__(
-        self,
-        *,
-        period_ns: int,
-        row_time_ns: int | None,
-        min_duration_ns: int | None = None,
-        max_duration_ns: int | None = None,
-    ) -> None:
+    def __init__(self, camera: CameraFacts) -> None:
         """Without limits, a frame can only be made longer, up to four periods."""
-        self._row_ns = row_time_ns or FINEST_NS
-        self._base_rows = round(period_ns / self._row_ns)
-        least_ns = period_ns if min_duration_ns is None else min_duration_ns
-        most_ns = 4 * period_ns if max_duration_ns is None else max_duration_ns
+        self._row_ns = camera.row_time_ns or FINEST_NS
+        self._base_rows = round(camera.period_ns / self._row_ns)
+        least_ns, most_ns = camera.min_frame_duration_ns, camera.max_frame_duration_ns
+        least_ns = camera.period_ns if least_ns is None else least_ns
+        most_ns = 4 * camera.period_ns if most_ns is None else most_ns
         self._least_rows = min(0, -((self._base_rows * self._row_ns - least_ns) // self._row_ns))
         self._most_rows = max(0, most_ns // self._row_ns - self._base_rows)
         self.shift_ns = 0
@@ -397,16 +365,16 @@ class FrameDurationActuator(PhaseActuator):
         """What the last command does to the phase, None where it is more than a small step."""
         return self.shift_ns if abs(self.shift_ns) <= self.fine_ns else None
 
-    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
+    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
         """Straight at the goal: a step of a row costs nothing."""
-        lead_ns = course.latency_frames * course.period_ns
-        return Aim(lead_ns, course.error_after(lead_ns), 0.0, 0.0)
+        lead_ns = drift.latency_frames * drift.period_ns
+        return Setpoint(lead_ns, drift.error_after(lead_ns), 0.0, 0.0)
 
-    def aim_on_hold(self, course: Course) -> Aim | None:
+    def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
         """At the goal, if it is a few rows away at most: such a step shows in no picture."""
-        lead_ns = course.latency_frames * course.period_ns
-        error_ns = course.error_after(lead_ns)
-        return None if abs(error_ns) > self.fine_ns else Aim(lead_ns, error_ns, 0.0, 0.0)
+        lead_ns = drift.latency_frames * drift.period_ns
+        error_ns = drift.error_after(lead_ns)
+        return None if abs(error_ns) > self.fine_ns else Setpoint(lead_ns, error_ns, 0.0, 0.0)
 
     def command(self, move: Move) -> SetFrameDuration | None:
         """The duration of one frame; None while the error is within about half a row."""
@@ -424,6 +392,3 @@ class FrameDurationActuator(PhaseActuator):
             return None
         self.shift_ns = rows * self._row_ns
         return SetFrameDuration(round((self._base_rows + rows + INSIDE_ROW) * self._row_ns))
-
-    def learn(self, effect: MoveEffect) -> None:
-        """Nothing: the effect of a row is known exactly."""

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.sync.phase.goal import Goal
 
-WEIGHTS = {"none": 1000, "reset": 1}
+WEIGHTS = {PhaseControl.NONE: 1000, PhaseControl.RESET: 1}
 """Weight of a camera in the choice of the goal, by its phase control; others can move to any goal."""
 RESTART_NS = 800_000_000
 """About the time that one restart takes."""
@@ -35,18 +36,18 @@ class CameraPhase:
     """A camera's report of its phase: a frame's leader time in ns, None while its phase is not known."""
 
     name: str
-    phase_control: str
+    phase_control: PhaseControl
     frame_leader_ns: int | None
     drift_ppm: float
     tolerance_ns: int
 
 
 @dataclass(frozen=True, slots=True)
-class WeightedCourse:
+class WeightedDrift:
     """A camera's distance from the goal in ns now, its drift (ns per ns), tolerance in ns, and weight."""
 
     error_ns: float
-    drift: float
+    rate: float
     tolerance_ns: int
     weight: int
 
@@ -59,17 +60,17 @@ def time_needed_ns(outside: int, chance: float) -> int:
     return ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * RESTART_NS)
 
 
-def weight_inside(courses: Sequence[WeightedCourse], ahead_ns: float, period_ns: int) -> int:
+def weight_inside(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> int:
     """Weight of the cameras that will be within their tolerance of the goal so much later."""
     half = period_ns / 2
     return sum(
-        course.weight
-        for course in courses
-        if abs((course.error_ns + course.drift * ahead_ns + half) % period_ns - half) <= course.tolerance_ns
+        drift.weight
+        for drift in drifts
+        if abs((drift.error_ns + drift.rate * ahead_ns + half) % period_ns - half) <= drift.tolerance_ns
     )
 
 
-def best_shift(courses: Sequence[WeightedCourse], ahead_ns: float, period_ns: int) -> tuple[int, int]:
+def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> tuple[int, int]:
     """The shift of the goal in ns, in [-period/2, period/2), that suits most so much later, and their weight.
 
     Each camera is suited by an arc of goals; the answer is the middle of where most weight overlaps, so that
@@ -78,14 +79,14 @@ def best_shift(courses: Sequence[WeightedCourse], ahead_ns: float, period_ns: in
     """
     weight = 0
     edges: list[tuple[float, int]] = []
-    for course in courses:
-        if 2 * course.tolerance_ns >= period_ns:
-            weight += course.weight
+    for drift in drifts:
+        if 2 * drift.tolerance_ns >= period_ns:
+            weight += drift.weight
             continue
-        begin = (course.error_ns + course.drift * ahead_ns - course.tolerance_ns) % period_ns
-        end = (begin + 2 * course.tolerance_ns) % period_ns
-        edges += [(begin, course.weight), (end, -course.weight)]
-        weight += course.weight if end < begin else 0
+        begin = (drift.error_ns + drift.rate * ahead_ns - drift.tolerance_ns) % period_ns
+        end = (begin + 2 * drift.tolerance_ns) % period_ns
+        edges += [(begin, drift.weight), (end, -drift.weight)]
+        weight += drift.weight if end < begin else 0
     if not edges:
         return 0, weight
     # Where arcs end as others begin, both count.
@@ -117,15 +118,16 @@ class SharedGoal:
         An instant costs the time until then, or until all cameras outside its best window can have landed.
         """
         period_ns = self.goal.period_ns
-        courses = [c for c in (self._course(camera, now_leader_ns) for camera in cameras) if c]
+        drifts = [c for c in (self._drift(camera, now_leader_ns) for camera in cameras) if c]
         unknown = sum(
-            camera.phase_control == "reset" and camera.frame_leader_ns is None for camera in cameras
+            camera.phase_control == PhaseControl.RESET and camera.frame_leader_ns is None
+            for camera in cameras
         )
-        total_weight = sum(course.weight for course in courses)
+        total_weight = sum(drift.weight for drift in drifts)
         suits_all = unknown == 0 and all(
-            weight_inside(courses, ahead_ns, period_ns) == total_weight for ahead_ns in (0, KEEP_NS)
+            weight_inside(drifts, ahead_ns, period_ns) == total_weight for ahead_ns in (0, KEEP_NS)
         )
-        if suits_all or self._is_early(unknown, len(courses), now_leader_ns):
+        if suits_all or self._is_early(unknown, len(drifts), now_leader_ns):
             self.meeting_leader_ns = None
             return False
         chance = self._chance(cameras, now_leader_ns)
@@ -135,8 +137,8 @@ class SharedGoal:
         least = float("inf")
         best_ahead_ns, best_move_ns = 0.0, 0
         for ahead_ns in candidates:
-            shift_ns, weight = best_shift(courses, ahead_ns, period_ns)
-            if weight_inside(courses, ahead_ns, period_ns) >= weight:
+            shift_ns, weight = best_shift(drifts, ahead_ns, period_ns)
+            if weight_inside(drifts, ahead_ns, period_ns) >= weight:
                 shift_ns = 0
             needed_ns = time_needed_ns(unknown + min(total_weight - weight, MOST_OUTSIDE), chance)
             cost = max(ahead_ns, needed_ns) + EARLY_COST * max(0.0, needed_ns - ahead_ns)
@@ -162,21 +164,21 @@ class SharedGoal:
         meeting_leader_ns = max(now_leader_ns, self.meeting_leader_ns or now_leader_ns)
         uniform = 1.0
         for camera in cameras:
-            if camera.phase_control != "reset":
+            if camera.phase_control != PhaseControl.RESET:
                 continue
             uniform = min(uniform, 2.0 * camera.tolerance_ns / self.goal.period_ns)
             if camera.frame_leader_ns is None:
                 self._in_flight.add(camera.name)
             elif camera.name in self._in_flight:
                 self._in_flight.discard(camera.name)
-                course = self._course(camera, now_leader_ns)
+                drift = self._drift(camera, now_leader_ns)
                 ahead_ns = meeting_leader_ns - now_leader_ns
                 self._landings += 1
-                self._hits += weight_inside([course] if course else [], ahead_ns, self.goal.period_ns)
+                self._hits += weight_inside([drift] if drift else [], ahead_ns, self.goal.period_ns)
         expected = max(1e-6, min(0.9, PRIOR_GAIN * uniform))
         return (self._hits + 1.0) / (self._landings + 1.0 / expected)
 
-    def _course(self, camera: CameraPhase, now_leader_ns: int) -> WeightedCourse | None:
+    def _drift(self, camera: CameraPhase, now_leader_ns: int) -> WeightedDrift | None:
         weight = WEIGHTS.get(camera.phase_control)
         if weight is None or camera.frame_leader_ns is None:
             return None
@@ -185,4 +187,4 @@ class SharedGoal:
         drift = camera.drift_ppm * 1e-6
         since_ns = now_leader_ns - camera.frame_leader_ns
         error_ns = self.goal.phase_error(camera.frame_leader_ns) + drift * since_ns
-        return WeightedCourse(error_ns, drift, camera.tolerance_ns, weight)
+        return WeightedDrift(error_ns, drift, camera.tolerance_ns, weight)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
@@ -245,7 +246,9 @@ def _forecasts(cameras: Sequence[Member]) -> list[Forecast]:
     return [
         Forecast(
             member.report.frame_leader_ns,
-            0.0 if member.camera.phase_control == "frame-duration" else member.report.drift_ppm or 0.0,
+            0.0
+            if member.camera.phase_control == PhaseControl.FRAME_DURATION
+            else member.report.drift_ppm or 0.0,
         )
         for member in cameras
         if member.report.frame_leader_ns is not None

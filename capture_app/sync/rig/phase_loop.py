@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts, StampAccuracy
+from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
 from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
@@ -82,8 +82,8 @@ class PhaseLoop:
         for latency_ns in config.start_latencies_ns:
             self.aligner.learn_start_latency(latency_ns)
         self.tolerance_ns = config.tolerance_ns
-        self.can_move = camera.phase_control != "none"
-        self._restarts = camera.phase_control == "reset"
+        self.can_move = camera.phase_control != PhaseControl.NONE
+        self._restarts = camera.phase_control == PhaseControl.RESET
         self._reported_problem = ""
         self._reported = False
         """Whether the leader was told the phase as it is now."""

@@ -3,20 +3,29 @@
 from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace as replace_facts
 
 from benchmarks.simulated.aligner_bench import Bench
+from capture_app.camera_facts import PhaseControl
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.phase.actuators import Move
 from capture_app.sync.phase.injection import FrameDurationActuator
+from capture_app.sync.wire.messages import CLOCK
 
 ROW = 20_000
 PERIOD = 1667 * ROW
 
 
 def controller(least_rows: int = 800, most_rows: int = 6000) -> FrameDurationActuator:
-    return FrameDurationActuator(
-        period_ns=PERIOD, row_time_ns=ROW, min_duration_ns=least_rows * ROW, max_duration_ns=most_rows * ROW
+    camera = replace_facts(
+        CLOCK,
+        phase_control=PhaseControl.FRAME_DURATION,
+        period_ns=PERIOD,
+        row_time_ns=ROW,
+        min_frame_duration_ns=least_rows * ROW,
+        max_frame_duration_ns=most_rows * ROW,
     )
+    return FrameDurationActuator(camera)
 
 
 def move(later_ns: int) -> Move:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from capture_app.sync.phase.actuators import Move, MoveEffect, ResetActuator
+from capture_app.sync.phase.actuators import Move, ResetActuator
 
 MS = 1_000_000
 PERIOD_NS = 33_333_333
@@ -23,7 +23,7 @@ def tries(latency: Callable[[random.Random], float], tolerance_ns: int, *, aimed
             command = reset.command(move)
             assert 0 <= command.delay_ns < PERIOD_NS
             first_ns = now_ns + command.delay_ns + round(latency(rng))
-            reset.learn(MoveEffect(first_ns, None, 3000.0))
+            reset.learn_start(first_ns)
             total += n >= 20
             now_ns = first_ns + 5 * PERIOD_NS
             error_ns = (first_ns - wanted_ns + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
@@ -59,7 +59,7 @@ def test_a_latency_that_cannot_be_predicted_costs_no_more_than_chance() -> None:
 def test_the_first_start_of_all_is_learned_from_too() -> None:
     reset = ResetActuator(rng=random.Random(1))
     reset.note_start(0, PERIOD_NS)
-    reset.learn(MoveEffect(280 * MS, None, 3000.0))
+    reset.learn_start(280 * MS)
     command = reset.command(Move(10**9, 2 * 10**9, 0, PERIOD_NS, MS))
     first_ns = 10**9 + command.delay_ns + 280 * MS
     assert abs((first_ns - 2 * 10**9 + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2) < MS

@@ -9,7 +9,7 @@ from capture_app.sync.phase.shared_goal import (
     PATIENCE_NS,
     CameraPhase,
     SharedGoal,
-    WeightedCourse,
+    WeightedDrift,
     best_shift,
 )
 from capture_app.sync.rig.orders import Forecast, instant_of_least_spread, spread_ns
@@ -88,7 +88,7 @@ def test_whatever_cameras_say_a_goal_comes_of_it(
 
 @given(st.lists(st.floats(0, 33e6, exclude_max=True), min_size=1, max_size=12))
 def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) -> None:
-    courses = [WeightedCourse(e, 0.0, MS, 1) for e in errors]
+    courses = [WeightedDrift(e, 0.0, MS, 1) for e in errors]
     shift_ns, weight = best_shift(courses, 0.0, PERIOD)
 
     def suited(goal_ns: float, slack: float = 0.0) -> int:

@@ -142,7 +142,7 @@ class Tree:
 
     @property
     def digest(self) -> str:
-        """Of every datagram and when it arrived: the same for the same seed."""
+        """Digest of every datagram and when it arrived: the same for the same seed."""
         return self._digest.hexdigest()
 
     def run_until(self, end_true_ns: int) -> None:
@@ -253,7 +253,7 @@ class TreeResult:
 
     instants_s: list[float] = field(default_factory=list)
     errors_us: list[list[float]] = field(default_factory=list)
-    """Of each client at each instant; nan where it has no time map."""
+    """Errors of each client at each instant; nan where it has no time map."""
     within_95: int = 0
     """How many errors were within the stated 95 % uncertainty."""
     within_bound: int = 0
@@ -269,7 +269,7 @@ class TreeResult:
     busiest_relay_datagrams: int = 0
     datagrams: int = 0
     digest: str = ""
-    """Of every datagram and when it arrived: the same for the same seed."""
+    """Digest of every datagram and when it arrived: the same for the same seed."""
 
 
 def measure(tree: Tree) -> TreeResult:

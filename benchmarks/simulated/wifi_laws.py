@@ -34,7 +34,7 @@ class BimodalDelay:
 
     minimum_ns: int
     mean_ns: int
-    """Of those that wait."""
+    """The mean of those that wait."""
     quick_share: float
     gap_ns: int
     quick_ns: int = 20_000
@@ -57,7 +57,7 @@ class LinkStatistics:
     least_round_trip_us: Mapping[int, float]
     """On average over trials of so many messages."""
     late_share: float = 2 * LATE_SHARE
-    """Of the round trips, those over 10 ms."""
+    """Share of the round trips over 10 ms."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ OPTIONS = {
 MOST_FPS = 1000.0
 MOST_LISTED = 8
 MOST_MISSES = 10
-"""So many frames in a row that do not come, and it is gone."""
+"""How many frames in a row may not come before it is gone."""
 MISS_PAUSE_S = 0.05
 
 

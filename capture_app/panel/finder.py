@@ -12,7 +12,7 @@ from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, Panel, panel_of_m
 Floats = NDArray[np.float64]
 
 MIN_MARKERS = 3
-"""Of the four; something may stand before one."""
+"""How many of the four must be seen; something may stand before one."""
 MAX_ERROR = 0.15
 """Pitches that marker corners may lie off a flat frame, by a lens or a bent print: a quarter of a lamp."""
 BENDS, SHRINKS = np.linspace(-0.12, 0.2, 33), np.linspace(-0.08, 0.08, 17)

@@ -99,11 +99,11 @@ _FLOOR = 0.012
 _GLARE = 0.06
 """Share of a spot of glare that is not seen beside the lamp."""
 _OFFSET_SIGMA = 0.03
-"""Of the light that lamps throw back when they are off, against the ground beside them."""
+"""Deviation of the light that lamps throw back when off, against the ground beside them."""
 _LAGS = np.array([0.137, 0.476, 0.999, 2.387])
 """Means of the quarters of an exponential law."""
 _FREEDOM = 5.0
-"""Of Student's law for the misfit of a lamp, so that a few that something covers do not decide."""
+"""Degrees of freedom of Student's law for a lamp's misfit: a few that something covers do not decide."""
 
 
 @dataclass(frozen=True, slots=True)

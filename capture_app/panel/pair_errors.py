@@ -74,7 +74,7 @@ class RigErrors(Struct, frozen=True, kw_only=True):
     totals_near_truth: Held | None
     """Totals that are as near to the truth as the panel's uncertainty says."""
     largest_reading_error_ns: float | None
-    """Of all totals against the truth."""
+    """The largest difference of a total from the truth."""
     rate_error_ppm: float | None
     """By how much the panel's clock runs faster than the session's."""
     rate_uncertainty_ppm: float | None

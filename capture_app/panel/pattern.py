@@ -50,7 +50,7 @@ class Lamp:
     """A lamp: lit while (tick - start) mod period is less than `lit`; one of a group that is lit by turns."""
 
     x: float
-    """Of its middle, in pitches, as y."""
+    """Its middle, in pitches, as y."""
     y: float
     group: int
     """Lamps of a group are lit by turns: at any time those of one start."""
@@ -228,7 +228,7 @@ RATES_HZ = (30, 50, 60, 72, 75, 90, 100, 120, 144, 165, 240)
 RATE_TOLERANCE = 0.03
 """A screen's rate may differ by this share from the one its markers tell (59.94 Hz is 60)."""
 _FIRST_MARKER = 50
-"""Those below are on the usual calibration board, which may stand in the same picture."""
+"""Lower numbers are on the usual calibration board, which may stand in the same picture."""
 _MARKERS = 4
 _LED_KINDS = 6
 """Room for panels of LEDs before those of screens."""

@@ -166,7 +166,7 @@ class Photograph:
     motion: tuple[float, float] = (0.0, 0.0)
     """The camera moved so far in the exposure."""
     lamp_light: float = 0.8
-    """Of a lamp that is lit all the time."""
+    """Light of a lamp that is lit all the time."""
     ambient: float = 1.0
     uneven: float = 0.0
     """Lamps differ in brightness by this share (standard deviation), in all photographs alike."""
@@ -184,7 +184,7 @@ class Photograph:
     hidden: tuple[int, ...] = ()
     """Corners whose markers something covers."""
     scan_share: float = 0.95
-    """Of a refresh: what a screen needs to draw from one edge of the panel to the other."""
+    """Share of a refresh that a screen needs to draw from one edge of the panel to the other."""
     response_ns: float = 0.0
     """A screen's cells change so slowly (time constant)."""
     rate_error: float = 0.0

@@ -26,7 +26,7 @@ _GROUP_STEPS = 16
 SHORTEST_NS, LONGEST_NS, LONGEST_ROW_NS = 50e3, 24e6, 36e3
 """Exposures and row times that a camera may have that does not tell them."""
 CANDIDATES, FEW_CANDIDATES = 12, 4
-"""Of a shutter that is known, and of each that may be."""
+"""How many times are kept of a shutter that is known, and of each that may be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class _Group:
 TEMPER = 0.55
 """Misfits of neighbouring lamps have causes in common: so much of their log-likelihood counts."""
 SHARE = 0.95
-"""Of the cases in which the time is within its error bar."""
+"""Share of the cases in which the time is within its error bar."""
 _RIVAL, _RIVAL_TEMPER = 0.005, 0.6
 """A picture is refused where a time elsewhere has this chance; other lamps tell it, so that more counts."""
 _OPEN = 0.05
@@ -324,7 +324,7 @@ _SCREEN_MODEL_TICKS = 0.06
 _LED_MODEL_NS = 6_000.0
 """What is not known of where lamps' middles are, and of the switching of LEDs."""
 _PLACE_SHARE = 1.0
-"""Of the error of the markers' corners, how far all lamps may be off together."""
+"""How far all lamps may be off together, as a share of the error of the markers' corners."""
 _UNSEEN_BEND = 0.12
 """Pitches by which a lens may bend a panel of which only three markers are seen."""
 _TONE_SHARE = 0.12

@@ -22,7 +22,7 @@ class Admitted:
     """A phone that was let in."""
 
     name: str
-    """Of its camera in the rig; the same whenever it comes back."""
+    """Name of its camera in the rig; the same whenever it comes back."""
     key: str
     """Digest of the key that it proves itself by."""
 

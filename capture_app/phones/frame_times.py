@@ -10,7 +10,7 @@ BLOCK_US, BLOCKS = 3e6, 10
 HELD_FRAMES = 8
 """A stream's first frames wait for so many, whose least delay tells where its media times begin."""
 RATE_FRAMES, RATE_SHARE = 20, 0.05
-"""So many frames tell whether a browser keeps the rate that it says, to within this share."""
+"""How many frames tell whether a browser keeps the rate that it says, to within this share."""
 USUAL_RATE = 30.0
 LEAST_RATE, MOST_RATE = 1.0, 1000.0
 
@@ -63,7 +63,7 @@ class FrameTimes:
         self._sequence, self._last_us = 0, 0.0
         self._steps_us: list[float] = []
         self.period_ns: int | None = None
-        """Of the camera, as it keeps it; None while too few frames have come."""
+        """The camera's period, as it keeps it; None while too few frames have come."""
 
     def add(self, told: FrameTold) -> list[TimedFrame]:
         """Take in a frame; return those that can be told now, none while a stream begins."""

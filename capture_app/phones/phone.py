@@ -111,7 +111,7 @@ KIND = "phone"
 ORDER_S = 10.0
 MOST_EXPOSURE_US = 1e7
 PATIENCE_S = 15.0
-"""So long a picture is waited for, over a link that comes back, too."""
+"""How long a picture is waited for, over a link that comes back, too."""
 DELIVERY_NS = 100_000_000
 """A frame reaches a page at most so long after it is read out; assumed, as no browser tells."""
 NEVER = "its page is not open: open it on the phone again"
@@ -146,7 +146,7 @@ class Phone:
         self._times = FrameTimes(0.0)
         self._pictures: dict[tuple[str, int, bool], asyncio.Future[bytes]] = {}
         self.controls: tuple[ControlState, ...] = ()
-        """Those of its camera, as they stood when its page told of them last."""
+        """Its camera's controls, as they stood when its page told of them last."""
         self._orders: dict[int, asyncio.Future[str]] = {}
         self._last_order = 0
         self._on_frame: OnFrame | None = None

@@ -42,10 +42,10 @@ class Hello(FromPage, frozen=True, kw_only=True, tag="hello"):
     """The first words of a link."""
 
     page: Words
-    """Of this load of the page: pictures of another are gone."""
+    """Id of this load of the page: pictures of another are gone."""
     user_agent: Annotated[str, Meta(max_length=1000)] = ""
     model: Words = ""
-    """Of the phone, where the browser tells."""
+    """The phone's model, where the browser tells."""
     resolution_us: Annotated[float, Meta(ge=0.0, le=1e6)]
     """The step of the browser's clock."""
     reader: Words = ""

@@ -23,12 +23,12 @@ class GammaDelay:
 
     minimum_ns: int
     mean_ns: int
-    """Of all but those that come much later."""
+    """The mean of all but those that come much later."""
     shape: float = 2.0
     outlier_share: float = 0.0
     outlier_from_ns: int = 0
     outlier_ns: int = 20_000_000
-    """So much later at most, evenly from `outlier_from_ns` on."""
+    """The most that one comes later, evenly from `outlier_from_ns` on."""
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay of one datagram, in ns."""

@@ -38,7 +38,7 @@ QUICK_SHARE, QUICK_AFTER_NS = 0.0125, 1_100_000_000
 LATE_NS = 10_000_000
 """Messages over this are left out of all means."""
 LATE_SHARE = 0.0032
-"""Of each way: 64 round trips in 10,000."""
+"""Share of late ones each way: 64 round trips in 10,000."""
 PACE_NS = 3_430_000
 """Between two of the paper's messages: 34.3 s for 10,000."""
 

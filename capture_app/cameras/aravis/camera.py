@@ -140,7 +140,7 @@ _log = logging.getLogger(__name__)
 
 KIND = "aravis"
 FIRST_READINGS, READING_NS = 16, 1_000_000_000
-"""Of the counter: so many before the stream starts, and later one each so often."""
+"""How many readings of the counter come before the stream starts, and how often one comes later."""
 SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
 """For so long it is read more often, until it is known how fast it runs."""
 FIRST_FRAME_NS, SILENCE_NS, MOST_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
@@ -148,7 +148,7 @@ NEAR_NS = 2_000_000_000
 """A stamp that a counter's readings put this far from the frame's arrival is not of that counter."""
 MOST_TRIES = 3
 LATE_NS = 5_000_000
-"""So much after a frame is due its end is taken for granted."""
+"""How long after a frame is due its end is taken for granted."""
 
 
 class AravisCamera(Camera):

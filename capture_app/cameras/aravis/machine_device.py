@@ -30,7 +30,7 @@ class DeviceFrame:
     """One frame as the library delivered it."""
 
     number: int
-    """Of the transport: 16 bits without 0, or more."""
+    """The transport's number: 16 bits without 0, or more."""
     counter_ns: int
     """The camera's stamp, by its own counter."""
     arrival_ns: int

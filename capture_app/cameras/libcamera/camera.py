@@ -43,15 +43,15 @@ from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
 
 ASKED = 32
-"""So many different durations leave no second answer, for rows of 5 us and longer."""
+"""How many different durations leave no second answer, for rows of 5 us and longer."""
 FEWEST = 12
-"""Of fewer different ones, chance could make a row time."""
+"""With fewer different ones, chance could make a row time."""
 SPAN = 0.5
-"""Of the frame period: asked for are durations up to so much longer."""
+"""Share of the frame period by which the durations asked for are longer at most."""
 LONGEST_ROW_US = 250.0
 SHORTEST_ROW_US = 5.0
 _SEED = 1
-"""Of durations at random: those at even distances could all be multiples of two rows."""
+"""Durations are drawn at random: those at even distances could all be multiples of two rows."""
 _BELOW_US, _ABOVE_US = 0.5, 1.0
 """A driver that rounds reports up to half a microsecond more than there is, one that cuts up to one less."""
 

@@ -46,7 +46,7 @@ class PlayedFrame:
     """One frame that is played; `start_ns` is when it begins, in ns of the host's monotonic clock."""
 
     index: int
-    """Of the recorded frame."""
+    """Number of the recorded frame."""
     sequence: int
     stream: int
     start_ns: int

@@ -39,7 +39,7 @@ from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _UNIT_NS = 100_000
-"""Of the control of the exposure."""
+"""Step of the control of the exposure."""
 
 
 def exposure_limits_ns(device: VideoDevice) -> tuple[int | None, int | None]:
@@ -82,7 +82,7 @@ class _Control:
     unit: str | None = None
     """None for steps of that model."""
     scale: float = 1.0
-    """Of one step, in `unit`."""
+    """What one step is, in `unit`."""
 
 
 _CONTROLS = {

@@ -1,10 +1,8 @@
-"""Where the pictures of a simulated camera come from: a rendered scene, the LED panel, or a test card.
-
-The pictures of a simulated camera out of an MJPEG file: a real camera's load without the camera.
-"""
+"""Where the pictures of a simulated camera come from: a rendered scene, a test card, a file, or elsewhere."""
 
 from __future__ import annotations
 
+import importlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,11 +20,11 @@ if TYPE_CHECKING:
     from capture_app.simulation.rendering.scene import Scene
 
     GroundTruthArrays = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]
-    import numpy as np
-    from numpy.typing import NDArray
 
 TEST_CARD = "bars"
 LED_PANEL = "led-panel"
+SOURCES_ELSEWHERE = {LED_PANEL: ("capture_app.panel.simulated", "PanelView")}
+"""Module and class of what is no scene, by its name, so that it may lie above; made of a row time alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +144,7 @@ class SceneView(PictureSource):
 def open_picture_source(
     scene: str, view: str, *, camera: str, width: int, height: int, row_time_ns: int, scale: float = 1.0
 ) -> PictureSource:
-    """The test card of that size for the scene `bars`, the panel of LEDs for `led-panel`, else that view of a
+    """The test card of that size for the scene `bars`, a source of `SOURCES_ELSEWHERE`, else that view of a
     rendered scene, each at its own size.
 
     `scale` shrinks either. An empty `view` is the one named like the camera. Raises BadInputError for a scene
@@ -156,14 +154,14 @@ def open_picture_source(
         if view:
             raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
         return ColourBars(round(width * scale), round(height * scale), camera)
-    if scene == LED_PANEL:
-        from capture_app.panel.simulated import PanelView
-
+    if scene in SOURCES_ELSEWHERE:
         if view:
-            raise BadInputError(f"the panel {LED_PANEL!r} has no view {view!r}", hint="leave view= out")
+            raise BadInputError(f"the panel {scene!r} has no view {view!r}", hint="leave view= out")
         if scale != 1:
-            raise BadInputError(f"the panel {LED_PANEL!r} is of one size", hint="leave scale= out")
-        return PanelView(row_time_ns=row_time_ns)
+            raise BadInputError(f"the panel {scene!r} is of one size", hint="leave scale= out")
+        module, made_by = SOURCES_ELSEWHERE[scene]
+        source: PictureSource = getattr(importlib.import_module(module), made_by)(row_time_ns=row_time_ns)
+        return source
     from capture_app.simulation.rendering.scene import load
 
     loaded = load(scene, scale=scale)

@@ -60,7 +60,7 @@ class Scene:
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
         self._lock = threading.Lock()
         self._samples = len(SUBPIXELS)
-        """Of each pixel, and again for long exposures."""
+        """How many of each pixel, and again for long exposures."""
         self._drafts: dict[float, Scene] = {}
 
     def draft(self, scale: float) -> "Scene":

@@ -1,7 +1,4 @@
-"""What a camera is and can do: one struct, which drivers fill in, nodes send and sessions keep.
-
-Exposure, gain, white balance and focus: what cameras tell of them, and what they can be told.
-"""
+"""What a camera is and can do, its controls too: structs that drivers fill in, nodes send, sessions keep."""
 
 from collections.abc import Mapping
 from enum import StrEnum

@@ -1,7 +1,4 @@
-"""The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick.
-
-A group whose commands are imported when they are needed, so that scripting stays quick.
-"""
+"""The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick."""
 
 import asyncio
 import importlib
@@ -16,7 +13,7 @@ from click.core import ParameterSource
 
 from capture_app import __version__
 from capture_app.commands.options import (
-    AddressType,
+    ADDRESS,
     attached_sessions_option,
     cameras_option,
     open_option,
@@ -97,7 +94,7 @@ def load(name: str) -> click.Command:
 @click.version_option(__version__, prog_name="capture-app")
 @click.option(
     "--leader",
-    type=AddressType(),
+    type=ADDRESS,
     metavar="HOST:PORT",
     help="Show the rig of a leader that runs elsewhere.",
 )

@@ -3,8 +3,6 @@
 True time (`true_ns`) is the host's CLOCK_MONOTONIC, which all processes of one machine share, so that the
 error of an estimate made between simulated nodes is known. Only `now_ns` reads a clock.
 
-Whether this host is slewing its clock, as its own kernel tells; silently unknown where it does not.
-
 An NTP daemon that corrects the time makes CLOCK_MONOTONIC, which stamps frames and messages, run faster or
 slower for a while. CLOCK_MONOTONIC_RAW is the same hardware without that, and `adjtimex` tells which steady
 correction of its frequency is in force (adjtimex(2), clock_gettime(2)).

@@ -1,13 +1,4 @@
-"""This machine looked over: host, network, and what repairs it.
-
-What one look has found.
-
-This machine without its network: versions, clock, disks, cameras and who may use them.
-
-This machine's network: the leader, both ways to it, firewalls and WiFi.
-
-All looks at a machine, in the order in which they matter.
-"""
+"""This machine looked over: its clock, disks and cameras, the ways to leaders, and what repairs them."""
 
 import asyncio
 import os

@@ -23,6 +23,20 @@ if TYPE_CHECKING:
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")
 
 
+class ParsedType(click.ParamType[Any]):
+    """A type of options that a function reads; its BadInputError or ValueError is a usage error."""
+
+    def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
+        self.name, self._parse = name, parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the text; a value that is none, as a default may be, stays as it is."""
+        try:
+            return self._parse(value) if isinstance(value, str) else value
+        except (SimulshotError, ValueError) as error:
+            self.fail(str(error), param, ctx)
+
+
 class FiniteRange(click.FloatRange):
     """A range of finite numbers: click alone takes NaN for a number in any range."""
 

@@ -1,9 +1,4 @@
-"""Clocks whose rate changes.
-
-A clock whose rate is changed from outside: slewed by a daemon for a while, or drifting as it warms up.
-
-A clock whose rate follows a temperature: slow waves around a constant skew.
-"""
+"""Clocks whose rate changes: slewed for a while, drifting as they warm up, or following a temperature."""
 
 import random
 from dataclasses import dataclass, field

@@ -2,8 +2,6 @@
 
 A tree is cut below its root into shards. Each is simulated with a root of its own, so shards run in parallel
 and the result does not depend on the number of processes.
-
-What a tree of clocks is measured by: errors against the truth, and the load on root and relays.
 """
 
 import hashlib

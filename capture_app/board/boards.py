@@ -1,9 +1,4 @@
-"""The two boards: squares, markers, corners.
-
-A ChArUco board: its squares, its markers and its inner corners.
-
-A plain checkerboard, without markers: its squares, its inner corners, and where these are in pictures.
-"""
+"""The two boards, ChArUco and plain checkerboard: their squares, their markers and their inner corners."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -25,12 +20,33 @@ MIN_CORNERS = 6
 
 
 @dataclass(frozen=True)
-class CharucoBoard:
-    """Squares across and down, lengths in m, and the name of the markers' dictionary (as `4X4_50`)."""
+class Squares:
+    """Squares across and down, and their length in m."""
 
     across: int
     down: int
     square_m: float
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for squares that no print has."""
+        if not 0 < self.square_m < 10:
+            raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
+
+    @property
+    def shape(self) -> str:
+        """Squares across x squares down."""
+        return f"{self.across}x{self.down}"
+
+    @property
+    def corners(self) -> int:
+        """Inner corners, which are what is measured."""
+        return (self.across - 1) * (self.down - 1)
+
+
+@dataclass(frozen=True)
+class CharucoBoard(Squares):
+    """A board with the markers' length in m, and the name of their dictionary (as `4X4_50`)."""
+
     marker_m: float
     dictionary: str
 
@@ -39,8 +55,7 @@ class CharucoBoard:
         words = DICTIONARIES.get(self.dictionary.upper())
         if words is None:
             raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")
-        if not 0 < self.square_m < 10:
-            raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
+        super().__post_init__()
         if not 0 < self.marker_m < self.square_m:
             raise BadInputError("a board's markers must be smaller than its squares")
         if min(self.across, self.down) < 3 or self.corners < MIN_CORNERS:
@@ -55,16 +70,6 @@ class CharucoBoard:
                 "so that some would look alike",
                 hint="fewer squares, or a larger dictionary, such as 5X5_250",
             )
-
-    @property
-    def shape(self) -> str:
-        """Squares across x squares down."""
-        return f"{self.across}x{self.down}"
-
-    @property
-    def corners(self) -> int:
-        """Inner corners, which are what is measured."""
-        return (self.across - 1) * (self.down - 1)
 
     @property
     def markers(self) -> int:
@@ -107,18 +112,12 @@ PLAIN = "none"
 """What is typed for the markers' dictionary of a board that has none."""
 
 
-@dataclass(frozen=True)
-class Checkerboard:
-    """Squares across and down, and their length in m."""
-
-    across: int
-    down: int
-    square_m: float
+class Checkerboard(Squares):
+    """A board of squares alone."""
 
     def __post_init__(self) -> None:
         """Raise BadInputError for a shape whose corners cannot be numbered."""
-        if not 0 < self.square_m < 10:
-            raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
+        super().__post_init__()
         if min(self.across, self.down) < 4:
             raise BadInputError(f"a checkerboard of {self.shape} squares is too small", hint="such as 10x7")
         if self.across == self.down:
@@ -126,16 +125,6 @@ class Checkerboard:
                 f"a checkerboard of {self.shape} squares looks the same from all four sides",
                 hint="use one with more squares one way, such as 10x7",
             )
-
-    @property
-    def shape(self) -> str:
-        """Squares across x squares down."""
-        return f"{self.across}x{self.down}"
-
-    @property
-    def corners(self) -> int:
-        """Inner corners, which are what is measured."""
-        return (self.across - 1) * (self.down - 1)
 
     @property
     def is_ambiguous(self) -> bool:

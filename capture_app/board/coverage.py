@@ -2,8 +2,6 @@
 
 A view counts when the board stands differently from every view that counted before, so that a board that is
 held still counts once.
-
-Counts what the board covers in previews, which come one by one and not quite at one moment.
 """
 
 from collections.abc import Mapping

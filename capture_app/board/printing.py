@@ -1,11 +1,7 @@
-"""Pages at true size, and a board on one.
-
-A page to print at true size, as SVG or PDF, with a bar to check the printer's scale by.
+"""A page to print at true size, as SVG or PDF, with a bar to check the printer's scale by; a board on one.
 
 Lengths are in millimetres from the page's upper left corner. Everything is drawn as rectangles and text, so
 that both formats hold the same.
-
-A board on a page to print at true size.
 """
 
 from collections.abc import Iterator

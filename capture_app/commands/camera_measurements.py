@@ -1,9 +1,4 @@
-"""Characterize and calibrate-time.
-
-`capture-app cameras calibrate-time`: how late each camera's stamps are, by pictures of what all see.
-
-`capture-app cameras characterize`: measures one camera of this machine, and keeps what nodes use of it.
-"""
+"""`capture-app cameras calibrate-time` and `characterize`: what a user's own cameras are measured to be."""
 
 import asyncio
 from pathlib import Path

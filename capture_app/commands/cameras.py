@@ -1,7 +1,4 @@
-"""`capture-app cameras`: those of this machine, and those that a running rig's leader runs.
-
-`capture-app cameras controls`, `set` and `match`: exposure, gain, white balance and focus of a rig.
-"""
+"""`capture-app cameras`: those of this machine and of a running rig, and the rig's controls."""
 
 import asyncio
 from collections.abc import Sequence

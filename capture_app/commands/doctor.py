@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.options import AddressType, open_option, spool_option
+from capture_app.commands.options import ADDRESS, open_option, spool_option
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, talk
@@ -21,7 +21,7 @@ from capture_app.usage import examples
 @click.option(
     "--leader",
     "leaders",
-    type=AddressType(),
+    type=ADDRESS,
     multiple=True,
     metavar="HOST:PORT",
     help="A leader or relay that this machine is to reach. Repeatable.",

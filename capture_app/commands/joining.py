@@ -1,7 +1,4 @@
-"""How others become known to a leader: by --pin and --code, by asking at the terminal, phones by a page.
-
-Which leader a node joins that was told none: one of this machine or its network.
-"""
+"""Which leader a machine joins, and how the two become known to each other; phones by a page."""
 
 import asyncio
 import contextlib
@@ -12,10 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from capture_app.commands.options import run_until_stopped
-from capture_app.errors import BadInputError, NetworkError, SimulshotError, UnknownMachineError
+from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.net.reach import find_obstacle
-from capture_app.terminal import log_line, print_json_line, talk
+from capture_app.terminal import ParsedType, log_line, print_json_line, talk
 from capture_app.trust.identity import parse_pin
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import parse_code, show_code
@@ -31,42 +28,17 @@ LOOK_EVERY_S = 0.5
 """Between two looks at which phone code is shown."""
 
 
-class CodeType(click.ParamType[str]):
-    """A one-time code of a leader."""
-
-    name = "code"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Read the digits; a mistake is a usage error."""
-        try:
-            return parse_code(str(value))
-        except BadInputError as error:
-            self.fail(str(error), param, ctx)
-
-
-class PinType(click.ParamType[str]):
-    """The pin of a machine."""
-
-    name = "pin"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Read it as it was pasted; a mistake is a usage error."""
-        try:
-            return parse_pin(str(value))
-        except BadInputError as error:
-            self.fail(str(error), param, ctx)
-
-
+CODE, PIN = ParsedType("code", parse_code), ParsedType("pin", parse_pin)
 code_option = click.option(
     "--code",
-    type=CodeType(),
+    type=CODE,
     metavar="CODE",
     show_default="asked for at the terminal, where it is needed",
     help="One-time code that makes this machine known: capture-app trust invite, at the leader.",
 )
 _pin_option = click.option(
     "--pin",
-    type=PinType(),
+    type=PIN,
     metavar="PIN",
     help="Pin of the leader's machine, as its capture-app trust list shows it: no other is followed.",
 )
@@ -124,7 +96,7 @@ def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
 def ask_and_pair(leader: Address) -> tuple[Role, ...]:
     """Ask for codes at the terminal until one is right, and return what this machine may do there."""
     while True:
-        code = click.prompt("Its code, 8 digits", type=CodeType(), err=True)
+        code = click.prompt("Its code, 8 digits", type=CODE, err=True)
         try:
             return pair_with(leader, code)
         except UnknownMachineError as error:

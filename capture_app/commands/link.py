@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import FOLDER, AddressType, run_until_stopped
+from capture_app.commands.options import ADDRESS, FOLDER, run_until_stopped
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table, talk
 from capture_app.usage import examples
@@ -39,7 +39,7 @@ def print_outcome(outcome: "Outcome") -> None:
     help="With --serve: address to listen on.",
 )
 @click.option("--port", type=click.IntRange(1, 65535), default=DEFAULT_PORT, help="With --serve: UDP port.")
-@click.option("--connect", type=AddressType(), metavar="HOST:PORT", help="Run the client's end, and measure.")
+@click.option("--connect", type=ADDRESS, metavar="HOST:PORT", help="Run the client's end, and measure.")
 @click.option(
     "--replay",
     "recording",

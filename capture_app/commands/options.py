@@ -16,6 +16,7 @@ from platformdirs import user_state_path
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, name_like
 from capture_app.net.address import DEFAULT_PORT, Address, parse_address
+from capture_app.terminal import ParsedType
 from capture_app.trust.trust import OPEN_VARIABLE
 
 if TYPE_CHECKING:
@@ -27,19 +28,7 @@ ANY_PATH = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
-class AddressType(click.ParamType[Address]):
-    """An option that is HOST:PORT."""
-
-    name = "host:port"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Address:
-        """Read the text; a mistake is a usage error."""
-        if isinstance(value, Address):
-            return value
-        try:
-            return parse_address(str(value))
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
+ADDRESS = ParsedType("host:port", parse_address)
 
 
 def _speak_openly(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -70,7 +59,7 @@ _USUAL_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_POR
 
 _leader_option = click.option(
     "--leader",
-    type=AddressType(),
+    type=ADDRESS,
     default=_usual_leader,
     show_default=_USUAL_LEADER,
     metavar="HOST:PORT",
@@ -86,7 +75,7 @@ def leader_option(command: F) -> F:
 leaders_option = click.option(
     "--leader",
     "leaders",
-    type=AddressType(),
+    type=ADDRESS,
     multiple=True,
     show_default="that of this machine's newest rig, else the one that is found in the network",
     metavar="HOST:PORT",

@@ -1,11 +1,4 @@
-"""`capture-app panel read`.
-
-`capture-app panel show`.
-
-`capture-app panel sketch`.
-
-The group of `capture-app panel`.
-"""
+"""`capture-app panel`: show the time to cameras, read it from their pictures, build a panel of LEDs."""
 
 import asyncio
 import sys

@@ -6,7 +6,6 @@ import socket
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -14,27 +13,17 @@ from capture_app.commands.joining import find_leader, inviting_phones, make_know
 from capture_app.commands.options import leaders_option, open_option, run_until_stopped, spool_option
 from capture_app.errors import NetworkError
 from capture_app.net.address import ANY_HOST, Address, reachable_host
-from capture_app.terminal import json_option, log_line
+from capture_app.terminal import ParsedType, json_option, log_line
 from capture_app.usage import examples
 
 DEFAULT_PORT = 47011
 
 
-class SizeType(click.ParamType[tuple[int, int]]):
-    """The size of pictures, such as 1280x720."""
-
-    name = "size"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Read it; a mistake is a usage error."""
-        if isinstance(value, tuple):
-            return value
-        found = re.fullmatch(r"(\d{2,5})x(\d{2,5})", str(value))
-        if found is None:
-            self.fail(f"{value!r} is not WIDTHxHEIGHT", param, ctx)
-        return int(found[1]), int(found[2])
+def _parse_size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{2,5})x(\d{2,5})", text)
+    if found is None:
+        raise ValueError(f"{text!r} is not WIDTHxHEIGHT")
+    return int(found[1]), int(found[2])
 
 
 @click.command(epilog=examples("capture-app phones", "capture-app phones --leader 192.168.1.20"))
@@ -53,7 +42,7 @@ class SizeType(click.ParamType[tuple[int, int]]):
 )
 @click.option(
     "--size",
-    type=SizeType(),
+    type=ParsedType("size", _parse_size),
     default="1280x720",
     metavar="WxH",
     help="Width and height of the pictures that phones are asked for; a slow one takes half.",

@@ -8,7 +8,7 @@ import click
 from capture_app.clock import parse_clock
 from capture_app.commands.joining import make_known, pairing_options
 from capture_app.commands.options import (
-    AddressType,
+    ADDRESS,
     beacons_option,
     clock_option,
     host_option,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @click.command(epilog=examples("capture-app relay 192.168.1.20 --name gate"))
-@click.argument("parents", nargs=-1, required=True, type=AddressType(), metavar="LEADER...")
+@click.argument("parents", nargs=-1, required=True, type=ADDRESS, metavar="LEADER...")
 @name_option("Name of this relay.")
 @host_option
 @port_option

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import AddressType, attached_sessions_option, run_until_stopped
+from capture_app.commands.options import ADDRESS, attached_sessions_option, run_until_stopped
 from capture_app.net.address import LOOPBACK_HOSTS, Address
 from capture_app.terminal import json_option, print_json, print_line, talk
 from capture_app.usage import examples
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--leader",
-    type=AddressType(),
+    type=ADDRESS,
     metavar="HOST:PORT",
     show_default="the rig of this machine that runs, else a new one",
     help="Address of the leader whose rig is shown.",

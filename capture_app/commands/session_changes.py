@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import ANY_PATH, AddressType
+from capture_app.commands.options import ADDRESS, ANY_PATH
 from capture_app.commands.session_text import format_date
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.net.address import DEFAULT_PORT, Address
@@ -152,7 +152,7 @@ WAIT_S = 20.0
 )
 @click.option(
     "--listen",
-    type=AddressType(),
+    type=ADDRESS,
     default=str(Address("0.0.0.0", DEFAULT_PORT)),  # noqa: S104 - nodes are other machines
     metavar="HOST:PORT",
     help="Address to listen on: the one that the nodes know as their leader's.",

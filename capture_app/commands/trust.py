@@ -7,13 +7,13 @@ from datetime import UTC, datetime
 import click
 
 from capture_app.commands.joining import (
-    PinType,
+    PIN,
     ask_and_pair,
     code_option,
     joining_command,
     pair_with,
 )
-from capture_app.commands.options import AddressType, leader_option
+from capture_app.commands.options import ADDRESS, leader_option
 from capture_app.errors import UnknownMachineError
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
@@ -22,7 +22,7 @@ from capture_app.trust.pairing import show_code
 from capture_app.trust.trust import Trust
 from capture_app.usage import examples
 
-PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"
+EXAMPLE_PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"
 role_option = click.option(
     "--as",
     "role",
@@ -62,8 +62,8 @@ def list_command(as_json: bool) -> None:
         talk("no other machine is known here")
 
 
-@trust.command(epilog=examples(f"capture-app trust add {PIN}"))
-@click.argument("pin", type=PinType())
+@trust.command(epilog=examples(f"capture-app trust add {EXAMPLE_PIN}"))
+@click.argument("pin", type=PIN)
 @role_option
 @click.option("--name", default="", metavar="NAME", show_default="chosen for you", help="What to call it.")
 @json_option
@@ -114,7 +114,7 @@ def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
 
 
 @trust.command(epilog=examples('capture-app trust pair 192.168.1.20 --code "1234 5678"'))
-@click.argument("leader", type=AddressType())
+@click.argument("leader", type=ADDRESS)
 @code_option
 @json_option
 def pair(leader: Address, code: str | None, as_json: bool) -> None:

@@ -1,7 +1,4 @@
-"""How much of an exposure each lamp of a panel should shine, and how well that fits what a picture shows.
-
-How bright each lamp of a panel is in a picture, without the light of the room around it.
-"""
+"""How bright each lamp of a panel is in a picture, and how well that fits when it should have shone."""
 
 from dataclasses import dataclass
 

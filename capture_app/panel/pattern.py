@@ -4,8 +4,6 @@ The layout is the paper's (section 6.1): an array of 10 x 10 lamps of which one 
 then the next, and rows of 10 lamps, each lit ten times as long as those above. Lamps are LEDs, or cells of a
 screen whose tick is a refresh. Lengths are in pitches of the array, x to the right and y down from the
 frame's corner.
-
-Which panels there are; a panel's markers say which it is, so that nobody has to describe it.
 """
 
 from collections.abc import Iterator

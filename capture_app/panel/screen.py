@@ -1,7 +1,4 @@
-"""The page that draws the panel of a screen, whatever its refresh rate.
-
-A web server that serves one page, to this machine or to phones of the network.
-"""
+"""The page that draws the panel of a screen, whatever its refresh rate, and a server for it alone."""
 
 import base64
 import hashlib

@@ -1,13 +1,7 @@
-"""A panel as simulated cameras see it.
+"""Photographs of a panel, and the paper's LED panel (section 6.1) as simulated cameras see it.
 
-What a camera sees of a panel through a sharp lens: which pixels show what, whatever is lit.
-
-Photographs of a panel as a camera in some hand takes them: askew, blurred, noisy, with glare.
-
-Made without the arithmetic of `capture_app/panel`: each row of each lamp is watched at many moments of its
-exposure, and each pixel is traced back through the lens onto the panel.
-
-The paper's LED panel (section 6.1) as simulated cameras see it, and the time read off their pictures.
+Made without the arithmetic of the reader: each row of each lamp is watched at many moments of its exposure,
+and each pixel is traced back through the lens onto the panel.
 
 Two panels stand side by side: with a tick of 200 us a picture gives its time to microseconds within 20 ms,
 with 10 ms to a millisecond within a second. The reader is told nothing of the panel or of where it stands.

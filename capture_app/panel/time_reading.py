@@ -1,8 +1,6 @@
 """Reads the time off a picture of a panel, with an error bar, or says why it cannot.
 
-Searches a whole cycle of a panel for the times that a picture may have been taken at.
-
-How likely each time is that a picture of a panel may have been taken at.
+A whole cycle of the panel is searched, then how likely each time near the best ones is.
 """
 
 from dataclasses import dataclass, replace

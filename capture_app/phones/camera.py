@@ -1,7 +1,4 @@
-"""A phone as a camera: its frames as they are told, restarts aimed by its own clock, pictures left on it.
-
-The nodes of phones: each phone that comes is a camera of the rig for as long as it is there.
-"""
+"""A phone as a camera of the rig while it is there; its pictures stay on it until they are wanted."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,7 +1,4 @@
-"""One phone, however often its page comes and goes: its clock, its frames, the pictures it is asked for.
-
-The clock of a phone's browser against that of the gateway's machine, by the exchanges of its page.
-"""
+"""One phone, however often its page comes and goes: its clock, its frames, the pictures it is asked for."""
 
 import asyncio
 import logging

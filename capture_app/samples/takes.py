@@ -1,8 +1,4 @@
-"""A burst by the engine in virtual time, or unsynchronized.
-
-A burst as the engine takes it: leader and clients in virtual time, until the frames are picked.
-
-A burst as it is taken without synchronization: a message goes out, and each camera takes what comes next.
+"""A burst as the engine takes it in virtual time, or without: each camera takes what follows a message.
 
 The message's delays follow the naive WiFi trigger of the paper (section 5: mean 123 ms, standard deviation
 84 ms, at most 677 ms), as a Gamma law; nothing aligns the streams.

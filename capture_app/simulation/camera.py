@@ -1,8 +1,6 @@
 """A simulated camera in real time: the virtual sensor's frames, delivered when a real driver would.
 
-The exposure and gain of a simulated camera, held or chosen by itself.
-
-The picture and the truth of a simulated frame, rendered when they are saved.
+Their pictures and their truth are rendered when they are saved.
 """
 
 import asyncio

@@ -58,7 +58,7 @@ def list_cameras() -> list[CameraListing]:
 
 
 def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> SimulatedCamera:
-    """Open a simulated camera of a model of `simulation.devices.profiles` for the node `name`; see OPTIONS.
+    """Open a simulated camera of a model of `simulation.profiles` for the node `name`; see OPTIONS.
 
     Raises BadInputError for an unknown profile, scene, view, option or value, and NotAvailableError where
     this machine cannot render scenes.
@@ -96,8 +96,8 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
         clock,
         seed=camera_seed,
         fail_after_ns=fail_after_ns,
-        calibrated=_is_calibrated(options),
-        automatic=_is_automatic(options),
+        calibrated=not _says(options, "calibration", "none", otherwise="true"),
+        automatic=_says(options, "auto", "exposure"),
     )
 
 
@@ -121,18 +121,12 @@ def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfi
     return profile
 
 
-def _is_calibrated(options: Mapping[str, str]) -> bool:
-    text = options.get("calibration", "true")
-    if text not in ("true", "none"):
-        raise BadInputError(f"calibration={text} of a simulated camera", hint="none, or leave it out")
-    return text == "true"
-
-
-def _is_automatic(options: Mapping[str, str]) -> bool:
-    text = options.get("auto", "")
-    if text not in ("", "exposure"):
-        raise BadInputError(f"auto={text} of a simulated camera", hint="exposure, or leave it out")
-    return bool(text)
+def _says(options: Mapping[str, str], key: str, word: str, *, otherwise: str = "") -> bool:
+    """Whether an option says its one word, which is the only one that it takes but for what it else is."""
+    text = options.get(key, otherwise)
+    if text not in (word, otherwise):
+        raise BadInputError(f"{key}={text} of a simulated camera", hint=f"{word}, or leave it out")
+    return text == word
 
 
 def _seed(options: Mapping[str, str]) -> int:

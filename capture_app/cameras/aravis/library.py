@@ -43,19 +43,22 @@ def camera_errors(device: str) -> Iterator[None]:
         raise camera_error(device, error.domain, error.code, error.message) from error
 
 
+_WORDS = {
+    5: ("{} does not answer any more", "check its power and cable, then start it again"),
+    6: (
+        "there is no machine-vision camera {}",
+        "`capture-app cameras` lists the cameras; one that is on has an address in this network",
+    ),
+    10: ("{} is in use by another program", "close it: only one can control a camera"),
+}
+"""What is wrong and what to do, by the codes of the library's errors of devices."""
+
+
 def camera_error(device: str, domain: str, code: int, message: str) -> CameraError:
     """The library's error in words that say what to do."""
-    match code if domain == "arv-device-error-quark" else None:
-        case 6:
-            what = f"there is no machine-vision camera {device}"
-            hint = "`capture-app cameras` lists the cameras; one that is on has an address in this network"
-        case 10:
-            what, hint = f"{device} is in use by another program", "close it: only one can control a camera"
-        case 5:
-            what, hint = (
-                f"{device} does not answer any more",
-                "check its power and cable, then start it again",
-            )
-        case _:
-            what, hint = f"{device} failed: {message}", "another program, such as arv-viewer, may say more"
-    return CameraError(what, hint=hint)
+    if domain != "arv-device-error-quark" or code not in _WORDS:
+        return CameraError(
+            f"{device} failed: {message}", hint="another program, such as arv-viewer, may say more"
+        )
+    what, hint = _WORDS[code]
+    return CameraError(what.format(device), hint=hint)

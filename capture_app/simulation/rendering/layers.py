@@ -1,10 +1,6 @@
-"""What stands still and what moves in a picture.
+"""What a camera of the scene, a pinhole, sees: what stands still, lit once for all frames, and what moves.
 
-One camera of the scene: a pinhole without distortion, its rows read one after the other.
-
-What a camera sees of everything that stands still: cast and lit once, kept for all frames.
-
-The moving parts in a camera's picture, each row at its own time, and the shadows they throw.
+Rows are read one after the other, so moving parts and their shadows are cast for each row at its own time.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,9 +1,4 @@
-"""Procedural materials and prints.
-
-Procedural materials: wood, brick, wallpaper, cloth, leaves; sRGB pictures (BGR, uint8).
-
-What is printed or painted on things: pigments and letters, book spines, the face, blades, the ball.
-"""
+"""Procedural materials (wood, brick, cloth, leaves) and prints (book spines, a face): sRGB, BGR, uint8."""
 
 from collections.abc import Sequence
 

@@ -1,6 +1,4 @@
-"""The meshes and textures of what moves: a child of rigid parts, and the blades of a pinwheel.
-
-Poses of rigid parts over time: a child that jumps or walks, and a pinwheel that turns.
+"""What moves: a child of rigid parts that jumps or walks, and a pinwheel that turns; meshes, textures, poses.
 
 All motion is a smooth periodic function of time, for ever.
 """

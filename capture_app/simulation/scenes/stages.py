@@ -1,11 +1,7 @@
-"""The scene named `crossing`: two children walk past each other where wide pictures overlap.
+"""The scenes beside the studio: `crossing`, two children who pass each other, the `board`, the `pinwheel`.
 
-The scene named `board`: the studio's room and cameras, before which the board that calibrates is moved.
-
-The scene named `pinwheel`: little but the turning wheel, near, before a bare wall.
-
-A picture shows hardly anything that stands still, so whoever takes the wheel of two different moments for
-one gets the cameras' poses wrong.
+Of the pinwheel a picture shows hardly anything that stands still, so whoever takes the wheel of two
+different moments for one gets the cameras' poses wrong.
 """
 
 from dataclasses import replace

@@ -1,9 +1,4 @@
-"""The room named `studio`: what stands still in it, and where the cameras are.
-
-What stands in the studio's room: pictures, flags, bookcase, plant, crate, pouf and ball.
-
-The pictures on the studio's walls: posters and a painted sea.
-"""
+"""The room named `studio`: what stands still in it, the pictures on its walls, and where the cameras are."""
 
 import cv2
 import numpy as np

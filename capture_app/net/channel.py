@@ -114,7 +114,7 @@ def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
 MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
 """A node has two open at most; those below a relay have the address of the relay."""
 MOST_SILENT = 96
-"""So many may have said nothing yet: TLS takes memory from a stream's first moment on."""
+"""How many may have said nothing yet: TLS takes memory from a stream's first moment on."""
 WANTED_FILES = 8192
 MAX_HEADER_BYTES = 1 << 20
 FILES_OF_A_STREAM, OTHER_FILES = 2, 64

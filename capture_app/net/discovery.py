@@ -35,7 +35,7 @@ LOOK_EVERY_S = 5.0
 """Between two looks at which addresses this machine has: a network may come up later, or change."""
 GOODBYE_S = 1.0
 MOST_LABEL_LETTERS = 50
-"""Of a name: with the port it must be a label of DNS, of 63 bytes."""
+"""How long a name may be: with the port it must be a label of DNS, of 63 bytes."""
 
 Kind = Literal["leader", "relay"]
 
@@ -134,7 +134,7 @@ class FoundLeader:
     name: str
     addresses: tuple[Address, ...]
     version: str
-    """Of its simulshot."""
+    """The version of its simulshot."""
     is_relay: bool = False
     pin: str = ""
     """That it says it has; its streams have to prove it."""
@@ -242,7 +242,7 @@ class ReachableLeader:
     name: str
     address: Address
     version: str = ""
-    """Of its simulshot, as it says; empty for one of this machine."""
+    """The version of its simulshot, as it says; empty for one of this machine."""
     is_known: bool = True
     """Whether this machine knows a leader of the pin that it says it has, or asks nobody for a pin."""
     is_relay: bool = False

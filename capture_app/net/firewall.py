@@ -18,7 +18,7 @@ class Firewall:
     opening: str
     """The command that opens a port for UDP and TCP: has a {port}."""
     opening_udp: str
-    """The same for UDP alone."""
+    """What opens the port for UDP alone."""
     rules: str | None = None
     """Its rules, where this user may read them."""
 

@@ -15,7 +15,7 @@ from capture_app.sync.wire.messages import Group, NodeState
 from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
 
 BEACONS = Group("239.255.47.10", 47011)
-"""The same for all rigs: a beacon says which leader sent it."""
+"""One group for all rigs: a beacon says which leader sent it."""
 HOPS = 1
 """Time to live: no router passes it on, so that all who hear it are on the same network."""
 

@@ -33,7 +33,7 @@ QUESTION_GAPS_S = (0.0, 0.25, 0.5)
 PATIENCE_S = 1.5
 """Until a machine has answered, whose WiFi may have to wake up, or the kernel has looked for it."""
 LAST_S = 0.3
-"""Of that, for the stream after the datagrams."""
+"""How much of that is left for the stream after the datagrams."""
 _NEIGHBOURS = Path("/proc/net/arp")
 _IS_COMPLETE = 0x2
 

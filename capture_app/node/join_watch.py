@@ -12,7 +12,7 @@ from capture_app.sync.rig.time_client import TimeClient
 LOOK_EVERY_S = 0.25
 AGAIN_S = 10.0
 UNANSWERED = 2
-"""So many hellos without an answer, and the way to the leaders is looked into."""
+"""After how many hellos without an answer the way to the leaders is looked into."""
 
 
 class JoinWatch:

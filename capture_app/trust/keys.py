@@ -14,7 +14,7 @@ Address = tuple[str, int]
 MOST_KEYS = 20_000
 """Beyond, the key that was not used for the longest is forgotten."""
 MOST_OF_ONE = 2_000
-"""Of one machine. Beyond, the one that it was given first is forgotten: it takes no room of others."""
+"""How many one machine has. Beyond, its first is forgotten: it takes no room of others."""
 
 
 class Grant(Struct, frozen=True, kw_only=True):

@@ -149,12 +149,12 @@ TELL_EVERY_NS = 10_000_000_000
 FEW = 10
 """Fewer that came twice, or with a key of before the leader was started anew, are nobody's doing."""
 MOST_KINDS = 32
-"""So many places and reasons are told apart between two tellings."""
+"""How many places and reasons are told apart between two tellings."""
 
 
 @dataclass(frozen=True, slots=True)
 class DatagramsRefused:
-    """So many datagrams from a host were not taken in since this was told last, and why."""
+    """How many datagrams from a host were not taken in since this was told last, and why."""
 
     host: str
     why: Refused

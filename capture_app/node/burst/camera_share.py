@@ -120,13 +120,13 @@ def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""
 SHORT_TIMEOUT_NS = 2_000_000_000
-"""So long, where it left the burst before without a word."""
+"""How long a camera is waited for that left the burst before without a word."""
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
 AFTER_LAST_INSTANT_NS = 2_000_000_000
 """A camera is waited for from so long after its last frame on."""
 ADVANCE_BYTES = 1 << 18
-"""So much of an image is something: a slow link brings less than a whole one in all that time."""
+"""How much of an image counts as something: a slow link brings less than a whole one in all that time."""
 
 
 @dataclass(slots=True)

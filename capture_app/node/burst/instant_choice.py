@@ -31,9 +31,9 @@ class CameraInstants:
     """What a camera has told of the instants that were ordered, by their numbers."""
 
     there: frozenset[int]
-    """Those of which it has a frame."""
+    """Instants of which it has a frame."""
     missing: frozenset[int]
-    """Those of which it has none."""
+    """Instants of which it has none."""
 
 
 def choose_instants(

@@ -13,7 +13,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 
 DISK_THREADS = 8
 MAX_BATCH = 128
-"""So many images are synced together at most: the first of them waits for the last."""
+"""How many images are synced together at most: the first of them waits for the last."""
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -33,7 +33,7 @@ class ResumedBursts:
         self._all_resumed = asyncio.Event()
 
     def sessions(self) -> tuple[BurstSession, ...]:
-        """Those that are open."""
+        """The sessions that are open."""
         return tuple(session for session in self._open.values() if not session.finished.is_set())
 
     async def resume_all(

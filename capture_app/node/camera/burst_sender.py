@@ -17,7 +17,7 @@ from capture_app.node.wire import messages
 
 ANSWER_TIMEOUT_S = 30.0
 MAX_IN_FLIGHT = 64
-"""So many images are sent ahead of the leader's answers, that its disk is synced for many at a time."""
+"""How many images are sent ahead of the leader's answers: its disk is synced for many at a time."""
 ASK_AGAIN_S = 0.05
 
 Answer = messages.ImageAck | messages.ReportAck | messages.Refusal

@@ -31,7 +31,7 @@ class PickedStream:
     most_bytes: int = RING_BYTES
     """The most memory that frames may take that are not on a disk yet: the camera goes on."""
     over: int = 0
-    """So many instants are decided."""
+    """How many instants are decided."""
     ended: bool = False
     """Nothing more is picked."""
     runs: list[MissingRun] = field(default_factory=list)
@@ -107,13 +107,13 @@ class BurstUpload:
     is_committed: bool = False
     """Whether the leader has said which instants it wants."""
     wanted: frozenset[int] | None = None
-    """Those; None for all."""
+    """The instants that the leader wants; None for all."""
     is_over: bool = False
     """Nothing of it is to be sent any more: the leader has it, or does not want it."""
     on_commit: Callable[[], None] = lambda: None
     """Called when no further instants are wanted."""
     stream: PickedStream | None = None
-    """Of a burst whose frames are sent as they are picked."""
+    """What is known of a burst whose frames are sent as they are picked; None for any other."""
 
     @property
     def is_picking(self) -> bool:
@@ -222,7 +222,7 @@ class BurstUpload:
         self._let_go(lambda _: True)
 
     def lost_instants(self) -> list[int]:
-        """Those that are wanted of what was announced, and are neither here nor with the leader."""
+        """The instants that are wanted of what was announced, and are neither here nor with the leader."""
         if self.stream is not None:
             return []
         here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}

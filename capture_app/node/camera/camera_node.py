@@ -63,7 +63,7 @@ def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tupl
 
 DEFAULT_TOLERANCE_NS = 100_000
 RESET_TOLERANCE_NS = 2_000_000
-"""The same for a camera that can only restart its stream, whose start latency is uncertain by as much."""
+"""How far off the grid a camera may be that can only restart its stream: a start is uncertain by as much."""
 
 
 class CameraNode:

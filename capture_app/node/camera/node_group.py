@@ -17,7 +17,7 @@ class NodeGroup:
         self._nodes, self._log = nodes, log
         self._retry_s = retry_s
         self._failed: set[str] = set()
-        """Those that wait for their next try."""
+        """The nodes that wait for their next try."""
 
     async def run(self) -> None:
         """Run all of them until cancelled.

@@ -57,7 +57,7 @@ class ControlKeeper:
         """What is held because somebody asked for it."""
         self._seen: dict[Control, float | None] = {}
         self._live: set[Control] = set()
-        """Those whose driver tells what the camera chooses."""
+        """Controls whose driver tells what the camera chooses."""
         self._locked: set[Control] = set()
         self._in_burst = False
         self._burst_changed = asyncio.Event()

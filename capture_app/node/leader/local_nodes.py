@@ -128,7 +128,7 @@ class LocalNodes:
         """The server of the phones that are cameras here."""
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
-        """Of those that are not being ended; a name is free again when its process is gone."""
+        """A watch for each node that is not being ended; a name is free again when its process is gone."""
         self._specs: dict[str, str] = {}
         """The node that was started last for each spec."""
         self._adding = asyncio.Lock()
@@ -142,7 +142,7 @@ class LocalNodes:
 
     @property
     def names(self) -> Collection[str]:
-        """Of the nodes that run."""
+        """The names of the nodes that run."""
         return self._children.keys()
 
     async def add_camera(self, spec: str, name: str | None = None, taken: Collection[str] = ()) -> str:

@@ -24,7 +24,7 @@ COARSE_WAIT_S = 5.0
 """A clock that has just become less accurate than asked for may be better again within so long."""
 LOOK_EVERY_NS = 10_000_000_000
 GUESSED_PIXELS_PER_BYTE = 4
-"""Of a camera's JPEG, before any of its images is known."""
+"""What a camera's JPEG is taken to have before any of its images is known."""
 MARGIN = 1.1
 
 
@@ -170,7 +170,7 @@ class RateReview:
 
     @property
     def off(self) -> Mapping[str | None, HostOffRate]:
-        """Those that do, by name."""
+        """The clocks that run oddly, by name."""
         return self._jury.off
 
     def look(self, engine: Leader, now_ns: int) -> list[HostOffRate | HostAtRate]:

@@ -23,7 +23,7 @@ from capture_app.node.pairing import Enrolment, check_allowed, is_node, peer_of
 from capture_app.node.wire import messages, operating, pairing
 
 UNDECIDED_S = 0.1
-"""So long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
+"""How long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
 WorkingOn = dict[tuple[int, int], tuple[BurstSession, str]]
 """By a leader's run and a burst's number, the session and the camera that a stream brings images of."""
 

@@ -66,7 +66,7 @@ def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
 
 
 def present_cameras(views: Sequence[ClientView]) -> list[ClientView]:
-    """Those that are not lost and can take pictures."""
+    """The nodes that are not lost and can take pictures."""
     return [
         view
         for view in views

@@ -19,7 +19,7 @@ from capture_app.node.wire.status import RigStatus
 TICK_S = 0.1
 """A status is sent at most once in so long."""
 KEEPALIVE_S = 3.0
-"""And at least once in so long, so that an operator notices a leader that is gone without a word."""
+"""A status is sent at least once in so long: an operator notices a leader that is gone without a word."""
 
 
 class RigState:

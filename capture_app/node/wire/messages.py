@@ -18,7 +18,7 @@ from capture_app.session.format.manifest import ImageRecord, Sha256
 from capture_app.trust.keys import Grant
 
 LONGEST_S = 31 * 86_400.0
-"""Of a recording, and of what is waited for."""
+"""The longest recording, and the longest time that is waited for anything."""
 JsonValue = int | float | str | bool | None
 
 
@@ -103,9 +103,9 @@ class ImageReceipt(Message, frozen=True, kw_only=True):
 
     instant: Count
     sha256: Sha256
-    """Of the whole image."""
+    """The checksum of the whole image."""
     bytes: Count
-    """Of the image and its ground truth."""
+    """How many there are of the image and its ground truth."""
     stored: bool
 
 
@@ -174,9 +174,9 @@ class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     """Further instants, to make up for those that not every camera has; 0: instants must be consecutive,
     None: the leader's choice."""
     before: Count = 0
-    """So many of the frames are taken before the leader hears of this; 0 leaves nodes time to prepare."""
+    """How many of the frames are taken before the leader hears of this; 0 leaves nodes time to prepare."""
     name: str = ""
-    """Of the take: its session's folder begins with it. A valid name, or empty for the usual one."""
+    """The name of the take: its session's folder begins with it. A valid name, or empty for the usual one."""
     note: str = ""
     """Kept in the manifest."""
 

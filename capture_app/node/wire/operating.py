@@ -165,7 +165,7 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
     """What was asked for has been done."""
 
     names: tuple[str, ...] = ()
-    """Of the cameras that were started."""
+    """The cameras that were started."""
 
 
 Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | EndBurst | StopRig | ExposeAppPhones

@@ -30,7 +30,7 @@ class NodeStatus(Report, frozen=True, kw_only=True):
     fps: float | None = None
     """Frames a second that have really come lately, drops not counted."""
     exposure_ns: int | None = None
-    """Of the newest frame, as its gain; a camera with automatic exposure changes both."""
+    """The newest frame's, as the gain; a camera with automatic exposure changes both."""
     gain: float | None = None
     disk_free_bytes: int | None = None
     """Room in the node's spool."""
@@ -70,7 +70,7 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     recording: bool = False
     """It is a recording: `expected` are the frames until now."""
     transfer: tuple[CameraTransfer, ...] = ()
-    """Of each camera, by name."""
+    """How much has come of each camera, by name."""
     skipped: tuple[SkippedInstant, ...] = ()
     """Moments that were left out, as not every camera had its frame; later ones took their place."""
 

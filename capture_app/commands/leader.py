@@ -176,6 +176,7 @@ async def _run_leader(
     from capture_app.net.discovery import announced, announced_hosts
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.requests import ask_phone_invitation
+    from capture_app.node.wire.operating import AddCamera
     from capture_app.rig_process import recorded_rig
 
     host, sessions = options.host, options.sessions
@@ -195,13 +196,13 @@ async def _run_leader(
                 address = {"leader": str(node.address), "port": node.address.port}
                 print_json_line({"event": "listening", **address, "sessions": str(sessions)})
             for spec in cameras:
-                await node.add_camera(spec)
+                await node.orders.carry_out(AddCamera(spec=spec))
             record.enter_context(recorded_rig(node.own_address, sessions, log))
             async with contextlib.AsyncExitStack() as phones:
                 if with_phones:
                     ask = functools.partial(ask_phone_invitation, node.own_address)
                     await phones.enter_async_context(inviting_phones(ask, as_json))
-                await node.wait_until_unwanted()
+                await node.orders.stop_wanted.wait()
             log_line("stopped by an operator")
 
 
@@ -224,7 +225,7 @@ def _show_code(node: "LeaderNode") -> None:
     if os.tcgetpgrp(handle) != os.getpgrp() or not os.read(handle, 4096):
         asyncio.get_running_loop().remove_reader(handle)
         return
-    invited = node.invite(Role.CAMERA)
+    invited = node.enrolment.invite(Role.CAMERA)
     talk(
         f"code {show_code(invited.code)}, for one machine, within {invited.good_for_s // 60} minutes; there:"
     )

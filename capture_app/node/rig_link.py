@@ -44,15 +44,11 @@ class RigLink:
     """A leader and its cameras. All but `updates` raise SimulshotError: the leader's own, or NetworkError."""
 
     def __init__(self, leader: Address) -> None:
-        self._leader = leader
+        self.leader = leader
+        """Where the leader is reached from here; `RigStatus.leader` is what other machines are told."""
         self._channel: Channel[Any] | None = None
         self._wish: operating.PreviewsWanted | None = None
         self._news_ns = 0
-
-    @property
-    def leader(self) -> Address:
-        """Where the leader is reached from here; `RigStatus.leader` is what other machines are told."""
-        return self._leader
 
     async def updates(self) -> AsyncIterator[Update]:
         """Yield what changes, for ever: for one reader at a time.
@@ -64,7 +60,7 @@ class RigLink:
         failures = 0
         while True:
             try:
-                async with await connect(self._leader, messages.FromLeader) as channel:
+                async with await connect(self.leader, messages.FromLeader) as channel:
                     self._channel = channel
                     await channel.send(operating.WatchRequest())
                     if self._wish is not None:
@@ -97,47 +93,47 @@ class RigLink:
 
     def burst(self, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
         """Take a burst and yield its progress until it is done; leaving it early does not cancel it."""
-        return ask_burst(self._leader, request)
+        return ask_burst(self.leader, request)
 
     async def cancel_burst(self, burst: int) -> None:
         """Wait no longer for the images of a burst: it is saved with what has come."""
-        await give_order(self._leader, operating.CancelBurst(burst=burst))
+        await give_order(self.leader, operating.CancelBurst(burst=burst))
 
     async def invite(self) -> Invited:
         """Make a code by which one further machine with a camera becomes known to the leader."""
-        return await ask_invitation(self._leader, Role.CAMERA)
+        return await ask_invitation(self.leader, Role.CAMERA)
 
     async def invite_phone(self) -> operating.PhoneInvited:
         """Serve the page by which the next phone becomes a camera; asked again, the present one."""
-        return await ask_phone_invitation(self._leader)
+        return await ask_phone_invitation(self.leader)
 
     async def end_burst(self, burst: int) -> None:
         """Let a recording, or a long burst, end now: it is saved with what was taken."""
-        await give_order(self._leader, operating.EndBurst(burst=burst))
+        await give_order(self.leader, operating.EndBurst(burst=burst))
 
     async def add_camera(self, spec: str, name: str | None = None) -> None:
         """Start a camera of the leader's machine; returns when its process runs, before it has joined."""
-        await give_order(self._leader, operating.AddCamera(spec=spec, name=name))
+        await give_order(self.leader, operating.AddCamera(spec=spec, name=name))
 
     async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
         """Start so many further simulated cameras on the leader's machine."""
-        await give_order(self._leader, operating.AddSimulated(cameras=cameras, scene=scene))
+        await give_order(self.leader, operating.AddSimulated(cameras=cameras, scene=scene))
 
     async def remove_camera(self, name: str) -> None:
         """End a node of the leader's (`NodeStatus.on_leader`), or forget one that is lost."""
-        await give_order(self._leader, operating.RemoveCamera(name=name))
+        await give_order(self.leader, operating.RemoveCamera(name=name))
 
     async def detail(self, name: str) -> NodeDetail:
         """Ask a node for what is too much for the status: once or twice a second, not more."""
-        return await ask_detail(self._leader, name)
+        return await ask_detail(self.leader, name)
 
     async def match_cameras(self, source: str) -> list[ControlledCamera]:
         """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
-        return await match_cameras(self._leader, source)
+        return await match_cameras(self.leader, source)
 
     async def stop_rig(self) -> None:
         """End the leader's process and the cameras that are its children; bursts are saved as they are."""
-        await give_order(self._leader, operating.StopRig())
+        await give_order(self.leader, operating.StopRig())
 
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
         match message:

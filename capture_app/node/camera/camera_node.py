@@ -103,7 +103,7 @@ class CameraNode:
                 self._member = RigMember(options, instance, camera, uploader, peers)
                 await self._member.run(client_socket(family), watch)
             finally:
-                await camera.stop()
+                await camera.camera.stop()
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:
@@ -287,7 +287,8 @@ class RigMember:
 
     def _upload(self, picked: events.BurstPicked[CapturedFrame]) -> None:
         """Begin the upload of a burst that was picked, or go on with it."""
-        ready, name, camera = with_device_clock(picked), self.options.name, self._camera
+        ready, name = with_device_clock(picked), self.options.name
+        facts, camera = self._camera.facts, self._camera.camera
         if ready.further:
             missing = missing_images(name, ready.gaps)
             self._uploader.extend_burst(
@@ -295,8 +296,8 @@ class RigMember:
             )
             return
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
-        record = camera_record(name, camera.facts, ready, corrections, tolerance_ns, camera.device_clock)
-        truth = true_clock(self._clock, camera.facts)
+        record = camera_record(name, facts, ready, corrections, tolerance_ns, camera.device_clock)
+        truth = true_clock(self._clock, facts)
         report = camera_report(record, ready, camera.calibration, truth, tuple(self._happened))
         self._happened.clear()
         if ready.trigger is None:

@@ -22,14 +22,13 @@ from capture_app.camera_facts import (
     ControlValue,
     StampAccuracy,
 )
-from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock
+from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.udp import Pump
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.news import Log
-from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
@@ -212,7 +211,8 @@ class CameraSupervisor:
         self._set_stamp: StampAccuracy | None = None
         self.camera: Camera
         """The one that is open, once it was."""
-        self._facts: CameraFacts
+        self.facts: CameraFacts
+        """What the camera is and can do, and what is known of its stamps."""
         self._failed: asyncio.Future[Exception]
         self._started_ns = 0
         self._engine: Client[CapturedFrame] | None = None
@@ -224,21 +224,6 @@ class CameraSupervisor:
         self.controls = ControlKeeper(self)
         """Exposure, gain, white balance and focus."""
         self._streams_before = self._last_stream = 0
-
-    @property
-    def facts(self) -> CameraFacts:
-        """What the camera is and can do."""
-        return self._facts
-
-    @property
-    def calibration(self) -> CameraCalibration | None:
-        """The camera's own calibration, where it is known."""
-        return self.camera.calibration
-
-    @property
-    def device_clock(self) -> DeviceClock | None:
-        """The clock that the camera stamps by, where that is one of its own."""
-        return self.camera.device_clock
 
     async def start(self) -> None:
         """Open the camera and start its stream. Raises what the camera raises."""
@@ -254,16 +239,12 @@ class CameraSupervisor:
         # A camera that was opened again counts its streams from the start; the engine's count goes on.
         self._streams_before = self._last_stream + 1
         await self.camera.start(self._deliver, on_failure)
-        self._facts = self._said_facts()
+        self.facts = self._said_facts()
 
     def set_stamp(self, stamp: StampAccuracy) -> None:
         """Go by what was measured just now of how late the camera's stamps are."""
         self._set_stamp = stamp
         self.note_exposure()
-
-    async def stop(self) -> None:
-        """Stop the stream and let go of the camera."""
-        await self.camera.stop()
 
     def attach(
         self, engine: Client[CapturedFrame], pump: Pump, viewfinder: "Viewfinder | None" = None
@@ -302,7 +283,7 @@ class CameraSupervisor:
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
                 # Too late for the start aimed at: the same place in a later period is as good.
-                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self._facts.period_ns)
+                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self.facts.period_ns)
             try:
                 await self.camera.apply(command)
             except CameraError as error:
@@ -313,7 +294,7 @@ class CameraSupervisor:
                 self._engine.stream_started(given_ns + command.delay_ns)
 
     async def _reopen(self) -> None:
-        before = self._facts
+        before = self.facts
         while True:
             await asyncio.sleep(self._retry_s)
             try:
@@ -323,9 +304,9 @@ class CameraSupervisor:
                 await self.camera.stop()
                 self._tell_engine(str(reason))
         # A camera that was unplugged forgets its exposure; that makes it no other camera.
-        if replace(self._facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
+        if replace(self.facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
             raise CameraError(
-                f"another camera is connected now: {self._facts.model}", hint="start the node again"
+                f"another camera is connected now: {self.facts.model}", hint="start the node again"
             )
         if self._engine is not None:
             self._engine.stream_started(self._started_ns)
@@ -343,8 +324,8 @@ class CameraSupervisor:
 
     def note_exposure(self) -> None:
         """Look whether the camera exposes otherwise now, and tell the engine."""
-        if (facts := self._said_facts()) != self._facts and self._engine is not None:
-            self._facts = facts
+        if (facts := self._said_facts()) != self.facts and self._engine is not None:
+            self.facts = facts
             self._engine.update_camera(facts)
 
     def _tell_engine(self, failure: str) -> None:

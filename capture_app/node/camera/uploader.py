@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from capture_app.cameras.base import CapturedFrame
@@ -12,7 +13,7 @@ from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_sender import BurstSender, PausedError, PostponedError
 from capture_app.node.camera.burst_upload import BurstUpload
-from capture_app.node.camera.encoding import FrameEncoder, note_useless_spool
+from capture_app.node.camera.encoding import EncodingError, encode_frame, lower_priority
 from capture_app.node.camera.spool import Spool
 from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream
@@ -56,7 +57,7 @@ class Uploader:
         self._to_encode = asyncio.Event()
         self._to_sync = asyncio.Event()
         self._space_is_due = False
-        self._encoder = FrameEncoder(log, spool)
+        self._thread = ThreadPoolExecutor(1, "encode", initializer=lower_priority)
         self._stream: Channel[Any] | None = None
 
     @property
@@ -125,7 +126,7 @@ class Uploader:
                 tasks.create_task(self._sync_spool())
                 tasks.create_task(self._watch_space())
         finally:
-            self._encoder.close()
+            self._thread.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
         """Let another node use the spool."""
@@ -155,12 +156,52 @@ class Uploader:
                 await self._to_encode.wait()
                 continue
             spooling = burst.spooling
-            await self._encoder.encode_next(burst)
+            await self._encode_next(burst)
             self._space_is_due |= burst.spooling != spooling
             if burst.is_over and burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
             self._news.set()
             self._to_sync.set()
+
+    async def _encode_next(self, burst: BurstUpload) -> None:
+        """Encode the first frame of a burst that has one, and move it to its images."""
+        picked, image = burst.frames[0], None
+        try:
+            loop = asyncio.get_running_loop()
+            image = await loop.run_in_executor(self._thread, self._encode, burst, picked)
+        except EncodingError as error:
+            burst.report_lost([picked.instant], str(error))
+            self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
+        # While it was encoded, the leader may have refused the burst.
+        if burst.frames and burst.frames[0] is picked:
+            burst.frames.popleft()
+            if burst.stream is not None:
+                burst.stream.note_encoded(picked)
+            if image is not None:
+                burst.images.append(image)
+
+    def _encode(self, burst: BurstUpload, picked: Pick[CapturedFrame]) -> ImageUpload:
+        """Encode a frame into the spool where there is room, else into memory; in a thread of its own."""
+        with_truth = burst.stream is None or not burst.stream.video
+        image, data = encode_frame(burst.report, picked, with_truth=with_truth)
+        # It can be sent from here at once, while the spool's disk takes its time.
+        burst.in_memory[picked.instant] = data
+        if self.spool is None or not burst.spooling:
+            return image
+        try:
+            if burst.spooled is None:
+                burst.spooled = self.spool.create_burst(burst.report_to_keep())
+            burst.spooled.add_image(image, data)
+        except SimulshotError as error:
+            self._note_useless_spool(burst, error)
+        else:
+            burst.unsynced[picked.instant] = image
+        return image
+
+    def _note_useless_spool(self, burst: BurstUpload, error: SimulshotError) -> None:
+        """Keep a burst in memory from now on, as the spool cannot take it; the next one tries again."""
+        burst.spooling = False
+        self._log.say(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
 
     async def _keep_ends(self) -> None:
         """Keep in the spool what is missing of bursts that have ended."""
@@ -187,7 +228,7 @@ class Uploader:
                         await asyncio.to_thread(spooled.sync, images.values())
                 except SimulshotError as error:
                     burst.unsynced.clear()
-                    note_useless_spool(burst, error, self._log)
+                    self._note_useless_spool(burst, error)
                     continue
                 for instant in images:
                     if burst.unsynced.pop(instant, None) is not None:

@@ -22,12 +22,9 @@ from capture_app.node.leader.watchers import RigState
 from capture_app.node.news import FollowerNews
 from capture_app.node.pairing import Enrolment
 from capture_app.node.wire.messages import ToLeader
-from capture_app.node.wire.operating import AddCamera
-from capture_app.node.wire.pairing import Invited
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedLeader
 
 
@@ -47,7 +44,7 @@ class LeaderNode:
         self._rates = RateReview()
         self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
         self._keys = KeyIssuer(options.trust, sealed, self.news)
-        self._enrolment = Enrolment(options.trust, self.news)
+        self.enrolment = Enrolment(options.trust, self.news)
         self._pump = Pump(sealed or engine, options.clock, self._drain)
         self.bursts = ActiveBursts(options, engine, self._pump)
         self._local: LocalNodes | None = None
@@ -55,10 +52,8 @@ class LeaderNode:
             self._local = LocalNodes(self.own_address, options.spool, self.news, self.address.host)
         viewfinders = Viewfinders()
         self._rig = RigState(self.address, self.bursts, viewfinders, self._local, self._rates)
-        self._orders = OperatorOrders(engine, self.bursts, self._local, self._pump)
-        service = LeaderService(
-            self._rig, self.bursts, self._orders, viewfinders, self._enrolment, self._keys
-        )
+        self.orders = OperatorOrders(engine, self.bursts, self._local, self._pump)
+        service = LeaderService(self._rig, self.bursts, self.orders, viewfinders, self.enrolment, self._keys)
         self._server = TransferServer(ToLeader, service.serve, trust=options.trust)
 
     @classmethod
@@ -115,19 +110,6 @@ class LeaderNode:
     def status(self) -> RigStatus:
         """The whole rig at this moment."""
         return self._rig.status()
-
-    def invite(self, role: Role) -> Invited:
-        """Make a code by which one machine becomes known. Raises UnknownMachineError where none needs it."""
-        return self._enrolment.invite(role)
-
-    async def add_camera(self, spec: str) -> str:
-        """Run a camera of this machine and return its name. Raises what `LocalNodes.add_camera` raises."""
-        (name,) = (await self._orders.carry_out(AddCamera(spec=spec))).names
-        return name
-
-    async def wait_until_unwanted(self) -> None:
-        """Wait until an operator wants this leader to end."""
-        await self._orders.stop_wanted.wait()
 
     async def wait_until_ready(self, timeout_s: float, *, nodes: int = 1) -> None:
         """Wait until at least that many nodes are here and all of them are ready.

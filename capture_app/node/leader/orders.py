@@ -23,7 +23,7 @@ class OperatorOrders:
         self._engine, self._bursts, self._local, self._pump = engine, bursts, local, pump
         self._options = bursts.options
 
-    async def carry_out(self, order: operating.Order) -> operating.Done:
+    async def carry_out(self, order: operating.Order) -> operating.Done | operating.PhoneInvited:
         """Do what is asked, and return when it is done. Raises the errors of what is asked."""
         names: tuple[str, ...] = ()
         match order:
@@ -41,14 +41,12 @@ class OperatorOrders:
             case operating.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
                 for follower in self._options.followers:
                     follower.expose(exposure_ns, iso)
+            case operating.InvitePhone():
+                return await self._nodes().phones.invitation()
             case operating.StopRig():
                 self._options.news.add("stopped by an operator")
                 self.stop_wanted.set()
         return operating.Done(names=names)
-
-    async def invite_phone(self) -> operating.PhoneInvited:
-        """Return the page of the next phone, served from now on. Raises what ended the server of it."""
-        return await self._nodes().phones.invitation()
 
     def _nodes(self) -> LocalNodes:
         if self._local is None:

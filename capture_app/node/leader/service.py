@@ -160,8 +160,6 @@ class LeaderService:
                 await self._watchers.serve(channel)
             case operating.ViewfinderOpened():
                 await self._viewfinders.serve(channel, message)
-            case operating.InvitePhone():
-                await channel.send(await self._orders.invite_phone())
             case operating.KeepStamp():
                 await channel.send(await self._viewfinders.ask(message, operating.StampKept))
             case operating.DetailRequest():
@@ -174,6 +172,7 @@ class LeaderService:
                 | operating.RemoveCamera()
                 | operating.CancelBurst()
                 | operating.EndBurst()
+                | operating.InvitePhone()
                 | operating.StopRig()
                 | operating.ExposeAppPhones()
             ):

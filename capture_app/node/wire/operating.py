@@ -168,17 +168,12 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
     """The cameras that were started."""
 
 
-Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | EndBurst | StopRig | ExposeAppPhones
+Order = (
+    AddCamera | AddSimulated | RemoveCamera | InvitePhone | CancelBurst | EndBurst | StopRig | ExposeAppPhones
+)
 """What an operator can ask a leader to do, beside a burst."""
 FromOperator = (
-    WatchRequest
-    | PreviewsWanted
-    | PreviewSeen
-    | DetailRequest
-    | ControlsRequest
-    | KeepStamp
-    | InvitePhone
-    | Order
+    WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | Order
 )
 FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept
 ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept | PhoneInvited | Done

@@ -15,7 +15,8 @@ import numpy as np
 from benchmarks.report import new_parser, print_rows, talk
 from benchmarks.time_offsets.scene_light import scene_light
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.lamp import LightOffset, measure_light_offsets
+from reconstruction.time_offsets.camera_time import CameraTime
+from reconstruction.time_offsets.lamp import measure_light_offsets
 from tests.reconstruction.time_offsets.blinking import BlinkCamera, Lamp, blink_times, write_blinks
 
 FIRST_ROWS_NS, SECOND_ROWS_NS = 33_000, 58_000
@@ -36,7 +37,7 @@ COLUMNS = {
 }
 
 
-def measure(root: Path, case: str, trial: int) -> tuple[float, LightOffset]:
+def measure(root: Path, case: str, trial: int) -> tuple[float, CameraTime]:
     """The true lateness of the second camera, ms, and what the lamp told of it."""
     first_ms, second_ms, wrong = CASES[case]
     rng = np.random.default_rng(1000 + trial)

@@ -13,33 +13,10 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.kept import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.lamp import LIGHT, NO_LAMP, LightOffset, measure_light_offsets
-from reconstruction.time_offsets.motion_alignment import SOURCE, MotionAlignment
-from reconstruction.time_offsets.rig_offsets import CameraOffset, measure_rig_offsets
-
-
-class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """How much later than its times say a camera's images were taken, against the reference's; or why not."""
-
-    offset_ms: float | None = None
-    sd_ms: float | None = None
-    """A standard deviation."""
-    source: str = ""
-    """What it was measured by: light, motion, or reference."""
-    against: tuple[str, ...] = ()
-    """The cameras that what moves was compared with."""
-    edges: int | None = None
-    """Number of a lamp's edges by which it was measured."""
-    reason: str = ""
-    """Why it cannot be told."""
-    rate_ppm: float | None = None
-    """How much faster the times of a recording without common times must run to be the reference's."""
-    rate_sd_ppm: float | None = None
-    at_ms: float | None = None
-    """The time of its own at which the offset is this one."""
-    row_time_ns: float | None = None
-    """What its pictures tell of the readout of a row."""
-    row_time_sd_ns: float | None = None
+from reconstruction.time_offsets.camera_time import CameraTime
+from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
+from reconstruction.time_offsets.motion_alignment import MotionAlignment
+from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets
 
 
 class TimeResult(Struct, frozen=True, kw_only=True):
@@ -86,11 +63,11 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
         cameras, calibration = _common_times(dataset, reference, progress)
     progress.last("offsets")
     if apply:
-        realign_session(dataset.session, aligned, SOURCE)
+        realign_session(dataset.session, aligned, MOTION)
     return TimeResult(
         session=str(session),
         reference=next(name for name, one in cameras.items() if one.source == REFERENCE),
-        cameras=cameras,
+        cameras={name: one.rounded() for name, one in cameras.items()},
         calibration=calibration,
         seconds=time.monotonic() - began,
         applied=apply,
@@ -103,21 +80,19 @@ def _common_times(
     """The offset of each camera, by a lamp where it shows one, else by what moves; the calibration used."""
     progress.step("lamp")
     lit = measure_light_offsets(dataset, reference)
-    cameras = {name: _light_time(one) for name, one in lit.items()}
-    untold = [name for name, one in cameras.items() if one.offset_ms is None]
+    untold = [name for name, one in lit.items() if one.offset_ms is None]
     if not untold:
-        return cameras, ""
-    if len(untold) < len(cameras):
-        reference = next(name for name, one in cameras.items() if one.source == REFERENCE)
+        return lit, ""
+    if len(untold) < len(lit):
+        reference = next(name for name, one in lit.items() if one.source == REFERENCE)
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig = _calibrated(dataset, Path(scratch), progress)
         moved = measure_rig_offsets(rig, reference, progress)
     for name in untold:
-        cameras[name] = _camera_time(moved[name])
-        if cameras[name].reason and lit[name].reason != NO_LAMP:
-            both = f"{cameras[name].reason}; {lit[name].reason}"
-            cameras[name] = CameraTime(reason=both)
-    return cameras, rig.source
+        by_light, lit[name] = lit[name].reason, moved[name]
+        if moved[name].reason and by_light != NO_LAMP:
+            lit[name] = CameraTime(reason=f"{moved[name].reason}; {by_light}")
+    return lit, rig.source
 
 
 def _calibrated(dataset: Dataset, scratch: Path, progress: Progress) -> Rig:
@@ -127,39 +102,12 @@ def _calibrated(dataset: Dataset, scratch: Path, progress: Progress) -> Rig:
     return rig
 
 
-def _light_time(found: LightOffset) -> CameraTime:
-    if found.offset_ms is None or found.sd_ms is None:
-        return CameraTime(reason=found.reason)
-    rows_ns, rows_sd_ns = found.row_time_ns, found.row_time_sd_ns
-    return CameraTime(
-        offset_ms=round(found.offset_ms, 3),
-        sd_ms=round(found.sd_ms, 3),
-        source=REFERENCE if found.sd_ms == 0 else LIGHT,
-        edges=found.edges,
-        row_time_ns=None if rows_ns is None else round(rows_ns),
-        row_time_sd_ns=None if rows_sd_ns is None else round(rows_sd_ns),
-    )
-
-
-def _camera_time(found: CameraOffset) -> CameraTime:
-    if found.offset_ms is None or found.sd_ms is None:
-        return CameraTime(reason=found.reason)
-    if found.sd_ms == 0:
-        return CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)
-    return CameraTime(
-        offset_ms=round(found.offset_ms, 3),
-        sd_ms=round(found.sd_ms, 3),
-        source=SOURCE,
-        against=found.pairs,
-    )
-
-
 def _aligned_time(found: CameraTimes) -> CameraTime:
     if found.offset_ns is None or found.uncertainty_ns is None:
         return CameraTime(reason=found.reason)
     return CameraTime(
-        offset_ms=round(found.offset_ns / 1e6, 3),
-        sd_ms=round(found.uncertainty_ns / 2e6, 3),
+        offset_ms=found.offset_ns / 1e6,
+        sd_ms=found.uncertainty_ns / 2e6,
         source=found.source,
         rate_ppm=found.rate_ppm,
         rate_sd_ppm=None if found.rate_uncertainty_ppm is None else found.rate_uncertainty_ppm / 2,

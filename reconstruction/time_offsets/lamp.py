@@ -11,9 +11,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from capture_app.session.format.common_times import REFERENCE
 from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
+from reconstruction.time_offsets.camera_time import CameraTime
 
 STEP = 2
 """Images so many apart differ fully by a lamp that was switched between them."""
@@ -298,22 +300,6 @@ NO_LAMP = "no lamp blinks before it"
 
 
 @dataclass(frozen=True)
-class LightOffset:
-    """How much later than its times say the middle of a camera's exposures was, against the reference's.
-
-    Of the first row, or the middle one where the session tells no row time. `offset_ms` and `sd_ms` are None
-    where that cannot be told, and `reason` says why; `row_time_ns` is what its pictures tell, with its error.
-    """
-
-    offset_ms: float | None = None
-    sd_ms: float | None = None
-    reason: str = ""
-    edges: int = 0
-    row_time_ns: float | None = None
-    row_time_sd_ns: float | None = None
-
-
-@dataclass(frozen=True)
 class SeenLamp:
     """What one camera saw: rough times (ms, by its own) and directions of all edges, exact ones of some.
 
@@ -329,7 +315,7 @@ class SeenLamp:
     reason: str = ""
 
 
-def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dict[str, LightOffset]:
+def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dict[str, CameraTime]:
     """The offset of every camera, by a lamp that blinks before it; that of the reference is 0.
 
     `reference` None: the camera that tells most of the lamp's edges.
@@ -338,7 +324,7 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
     first = reference or max(seen, key=lambda name: len(seen[name].exact))
     if len(seen[first].exact) < LEAST_EDGES:
         blinks = f"the lamp tells nothing of {first}: {seen[first].reason}"
-        return {name: LightOffset(reason=of.reason or blinks) for name, of in seen.items()}
+        return {name: CameraTime(reason=of.reason or blinks) for name, of in seen.items()}
     edges = {}
     for name, of in seen.items():
         numbers = _same_edges(seen[first], of)
@@ -347,7 +333,7 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
             edges[name] = exact
     solved = _solve(first, edges, seen) if len(edges) > 1 else {}
     few = f"it shares fewer than {LEAST_EDGES} of the lamp's edges with {first}"
-    return {name: solved.get(name) or LightOffset(reason=of.reason or few) for name, of in seen.items()}
+    return {name: solved.get(name) or CameraTime(reason=of.reason or few) for name, of in seen.items()}
 
 
 def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
@@ -415,7 +401,7 @@ def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:
 
 def _solve(
     first: str, edges: Mapping[str, Mapping[int, EdgeTime]], seen: Mapping[str, SeenLamp]
-) -> dict[str, LightOffset]:
+) -> dict[str, CameraTime]:
     """Least squares over all edges: when each was, and of each camera its offset, row time and bend.
 
     The camera's own time of an edge = the edge's - offset - error of the row time * row + bend * direction.
@@ -442,9 +428,10 @@ def _solve(
     solved = {}
     for camera, name in enumerate(names):
         at, row_ns = count + 3 * camera, 1e6 * seen[name].rows.row_ms
-        solved[name] = LightOffset(
-            0.0 if name == first else float(found[at]),
-            0.0 if name == first else float(np.hypot(spread[at], SYSTEMATIC_MS)),
+        solved[name] = CameraTime(
+            offset_ms=0.0 if name == first else float(found[at]),
+            sd_ms=0.0 if name == first else float(np.hypot(spread[at], SYSTEMATIC_MS)),
+            source=REFERENCE if name == first else LIGHT,
             edges=len(edges[name]),
             row_time_ns=row_ns * (1 + float(found[at + 1])),
             row_time_sd_ns=row_ns * float(spread[at + 1]),

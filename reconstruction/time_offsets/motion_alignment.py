@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.crossings import SYSTEMATIC_MS, OffsetFit
 from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets, RoughOffset
-from reconstruction.time_offsets.rig_offsets import likely_pairs
+from reconstruction.time_offsets.rig_offsets import MOTION, likely_pairs
 
 SIDE_PX = 160
 """Pictures are made this small: what is asked is only how much changes."""
@@ -98,7 +98,6 @@ TRIAL_INSTANTS = 8
 MOST_INSTANTS = 60
 DISTINCT = 1.5
 """The offset that is right has so many times as many crossings that agree as any other."""
-SOURCE = "motion"
 
 
 class MotionAlignment:
@@ -110,7 +109,7 @@ class MotionAlignment:
         self.progress = progress
         self.offsets = PairOffsets(rig)
         self._pairs = {frozenset(pair) for pair in likely_pairs(rig)}
-        self._activity = lru_cache(maxsize=None)(self._measure_activity)
+        self._activity = lru_cache(maxsize=None)(partial(measure_activity, self.dataset))
 
     def measure(self) -> dict[str, CameraTimes]:
         """Each camera's times against the first's, by the times of the session."""
@@ -158,7 +157,4 @@ class MotionAlignment:
         # What an instant's points share their number does not average out.
         sds_ms = np.array([np.hypot(one.sd_ms, SYSTEMATIC_MS) for one in fit.instants])
         moments = Moments(camera_ms / 1e3, reference_ms / 1e3, sds_ms / 1e3)
-        return fit_clock_line(moments, SOURCE, systematic_s=2 * SYSTEMATIC_MS / 1e3)
-
-    def _measure_activity(self, camera: str) -> Activity:
-        return measure_activity(self.dataset, camera)
+        return fit_clock_line(moments, MOTION, systematic_s=2 * SYSTEMATIC_MS / 1e3)

@@ -37,6 +37,8 @@ MARGIN_PX = 16
 MAX_DRIFT_PX = 0.5
 """A point followed to the neighbouring image and back must return to within this."""
 WINDOW_PX = 15
+MATCH_RATIO = 0.8
+"""Greatest distance of a match against that of the second best."""
 LEVELS = 4
 """Levels of the pyramid in which points are followed."""
 
@@ -79,11 +81,6 @@ def find_moving_points(
     at = (np.array([point.pt for point in keypoints]) + 0.5) / scale - 0.5 + np.array([left, top])
     roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7)).astype(np.float32)
     return MovingPoints(at, roots, _follow(image, before, at), _follow(image, after, at))
-
-
-def match_moving_points(a: MovingPoints, b: MovingPoints, ratio: float = 0.8) -> tuple[Array, Array]:
-    """Indices (n,) into a and b of points that are each other's best match."""
-    return match_descriptors(a.descriptors, b.descriptors, ratio)
 
 
 def _follow(image: Array, other: Array | None, at: Array) -> Array:
@@ -189,16 +186,19 @@ class PairOffsets:
                 return OffsetFit(reason=f"{name} has no calibration")
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return OffsetFit(reason="both cameras stand at the same place")
-        asked: Sequence[int] = self.dataset.instants(first)
         times = ImageTimes(self.dataset, (first, second))
         near = rough or RoughOffset(0.0, self.reach_ms)
         others = {
             other: times.at_ms(second, other) + near.offset_ms for other in self.dataset.instants(second)
         }
+        asked: Sequence[int] = self.dataset.instants(first)
         if rough is not None:
-            asked = self._shared(first, asked, list(others.values()), max_instants)
+            low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
+            asked = [k for k in asked if low <= times.at_ms(first, k) <= high]
         elif max_instants is not None:
-            asked = self._choose_instants((first, second), max_instants)
+            asked = self.dataset.instants(first, second)
+        if max_instants is not None:
+            asked = self._spread(asked, (first, second) if rough is None else (first,), max_instants)
         found = [
             self._match(times, first, now, second, other)
             for now in asked
@@ -219,26 +219,16 @@ class PairOffsets:
             fitted = fitted.in_doubt_of(fit(views))
         return fitted.later(near.offset_ms)
 
-    def _shared(
-        self, first: str, asked: Sequence[int], others_ms: Sequence[float], limit: int | None
-    ) -> Sequence[int]:
-        """The first's instants at which the second has images too, those with motion before the first."""
-        times = ImageTimes(self.dataset, (first,))
-        both = [k for k in asked if min(others_ms) <= times.at_ms(first, k) <= max(others_ms)]
-        if limit is None or not both or self.all_moves:
-            return both if limit is None else evenly_spread(both, limit)
-        return choose_moving_instants(self.rig.motion, (first,), both, limit)
-
-    def _choose_instants(self, pair: tuple[str, str], limit: int) -> list[int]:
-        both = self.dataset.instants(*pair)
-        if self.all_moves:
-            return evenly_spread(both, limit)
-        return choose_moving_instants(self.rig.motion, pair, both, limit)
+    def _spread(self, instants: Sequence[int], cameras: Sequence[str], limit: int) -> Sequence[int]:
+        """Some of the instants, those with motion before the cameras."""
+        if self.all_moves or not instants:
+            return evenly_spread(instants, limit)
+        return choose_moving_instants(self.rig.motion, cameras, instants, limit)
 
     def _match(self, times: "ImageTimes", first: str, now: int, second: str, other: int) -> Matched:
         """What moves in both images: instant, px and ms in the first, path before the second."""
         here, there = self._points(first, now), self._points(second, other)
-        a, b = match_moving_points(here, there)
+        a, b = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
         at_a = here.at[a]
         path = [there.before[b], there.at[b], there.after[b]]
         beside = self._neighbours(second, other)

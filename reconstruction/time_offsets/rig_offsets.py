@@ -1,15 +1,16 @@
 """Time offsets of all cameras of a rig against one of them, from the offsets of their pairs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from capture_app.session.format.common_times import REFERENCE
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import angle_deg
 from reconstruction.session.camera_motion import measure_camera_motion
+from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
@@ -20,21 +21,9 @@ WIDEST_DEG = 60.0
 MAX_INSTANTS = 24
 """Instants of each pair that are looked at."""
 
+MOTION = "motion"
+"""What an offset was measured by."""
 Pair = tuple[str, str]
-
-
-@dataclass(frozen=True)
-class CameraOffset:
-    """How much later than its times say a camera's images were taken, against the reference's.
-
-    `offset_ms` and `sd_ms` (a standard deviation) are None where that cannot be told, and `reason` says why;
-    `pairs` are the cameras it was measured against.
-    """
-
-    offset_ms: float | None = None
-    sd_ms: float | None = None
-    reason: str = ""
-    pairs: tuple[str, ...] = ()
 
 
 def measure_rig_offsets(
@@ -45,7 +34,7 @@ def measure_rig_offsets(
     preferred: str | None = None,
     max_instants: int = MAX_INSTANTS,
     finder: PairOffsets | None = None,
-) -> dict[str, CameraOffset]:
+) -> dict[str, CameraTime]:
     """The offset of every camera of a calibrated rig; that of the reference is 0.
 
     `reference` None: a camera that most others can be measured against, the `preferred` one if it is such.
@@ -87,7 +76,7 @@ def adjust_offsets(
     reference: str | None,
     measured: Mapping[Pair, OffsetFit],
     preferred: str | None = None,
-) -> dict[str, CameraOffset]:
+) -> dict[str, CameraTime]:
     """Least squares over the pairs (first, second): the second's offset minus the first's.
 
     `reference` and `preferred` as of `measure_rig_offsets`.
@@ -100,7 +89,7 @@ def adjust_offsets(
     reference = reference or max(names, key=lambda name: (len(_joined_to(name, known)), name == preferred))
     joined = _joined_to(reference, known)
     others = [name for name in names if name in joined and name != reference]
-    found = {reference: CameraOffset(0.0, 0.0, pairs=_partners(reference, known))}
+    found = {reference: CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)}
     if others:
         rows = [pair for pair in known if pair[0] in joined]
         design = np.zeros((len(rows), len(others)))
@@ -117,10 +106,11 @@ def adjust_offsets(
         factor = max(1.0, float(np.sqrt((left**2).sum() / spare))) if spare else 1.0
         errors = factor * np.sqrt(np.diagonal(np.linalg.inv(normal)))
         for name, offset, sd in zip(others, offsets, errors, strict=True):
-            found[name] = CameraOffset(float(offset), float(sd), pairs=_partners(name, known))
+            against = tuple(other for pair in known if name in pair for other in pair if other != name)
+            found[name] = CameraTime(offset_ms=float(offset), sd_ms=float(sd), source=MOTION, against=against)
     for name in names:
         if name not in found:
-            found[name] = CameraOffset(reason=_why(name, measured, known))
+            found[name] = CameraTime(reason=_why(name, measured, known))
     return {name: found[name] for name in names}
 
 
@@ -131,10 +121,6 @@ def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
         before = len(joined)
         joined |= {name for pair in pairs if joined & set(pair) for name in pair}
     return joined
-
-
-def _partners(name: str, pairs: Mapping[Pair, object]) -> tuple[str, ...]:
-    return tuple(other for pair in pairs if name in pair for other in pair if other != name)
 
 
 def _why(name: str, measured: Mapping[Pair, OffsetFit], known: Mapping[Pair, object]) -> str:

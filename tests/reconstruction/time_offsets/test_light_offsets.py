@@ -7,7 +7,8 @@ import numpy as np
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.lamp import LightOffset, measure_light_offsets
+from reconstruction.time_offsets.camera_time import CameraTime
+from reconstruction.time_offsets.lamp import measure_light_offsets
 from tests.reconstruction.conftest import Reconstruct, texture
 from tests.reconstruction.time_offsets.blinking import BlinkCamera, Lamp, blink_times, write_blinks
 
@@ -38,7 +39,7 @@ def blinks(root: Path, lamp: Lamp | None = None, **cameras: BlinkCamera) -> Sess
     return write_blinks(root, "lamp", cameras, lamp, seed=5)
 
 
-def offsets(session: Session) -> dict[str, LightOffset]:
+def offsets(session: Session) -> dict[str, CameraTime]:
     return measure_light_offsets(Dataset.open(session.folder), "a")
 
 

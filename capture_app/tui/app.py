@@ -1,16 +1,11 @@
-"""The app: four modes on a rig, what holds in all of them, and the one worker that hears of the rig.
-
-What is asked before the screen closes: whether the rig goes on, and whether running jobs may end.
-
-Opens the screen on a rig, and returns when it is closed.
-"""
+"""The app: four modes on a rig, what holds in all of them, and the one worker that hears of the rig."""
 
 import asyncio
 import contextlib
 import os
 import signal
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -19,7 +14,6 @@ from textual import work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
-from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import LinkLost, RigLink
@@ -27,27 +21,16 @@ from capture_app.node.wire.status import NewsLine, RigStatus
 from capture_app.rig_process import AttachedRig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, printable
-from capture_app.tui.jobs.job import Job, JobState
-from capture_app.tui.jobs.job_list import JobList
 from capture_app.tui.jobs.jobs_view import JobsView
+from capture_app.tui.jobs.run import Run, RunState
+from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.keys import HelpScreen, keys_file_text, unknown_names
 from capture_app.tui.library.session_rows import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
-from capture_app.tui.mode import ModeScreen
+from capture_app.tui.mode import ModeScreen, ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.view import RigView
-from capture_app.tui.rig_record import (
-    LinkChanged,
-    Mishap,
-    ModeRequested,
-    NewsReceived,
-    RigMessage,
-    RigRecord,
-    SessionsRequested,
-    ShowSessions,
-    StatusChanged,
-    message_of,
-)
+from capture_app.tui.rig_record import Mishap, RigRecord, SessionsRequested, Told
 from capture_app.tui.settings import KEYS_FILE, Settings
 from capture_app.tui.shoot.view import ShootView
 from capture_app.tui.themes import DARK, PLAIN, THEMES
@@ -56,7 +39,8 @@ from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
 LEAVE, STOP, STAY = "leave", "stop", "stay"
 NAMED_JOBS = 2
-"""So many are named; of the others the number is told."""
+"""How many jobs are named; of the others the number is told."""
+STOP_TIMEOUT_S = 10.0
 
 
 def quit_question(
@@ -94,9 +78,6 @@ def quit_question(
     return Question("\n\n".join(lines), answers, title="Quit?")
 
 
-STOP_TIMEOUT_S = 10.0
-
-
 class SimulshotApp(App[None]):
     """The screen of a rig, wherever its leader runs."""
 
@@ -107,7 +88,7 @@ class SimulshotApp(App[None]):
     COMMAND_PALETTE_BINDING = "ctrl+p"
     BINDINGS: ClassVar[list[BindingType]] = [
         *(
-            Binding(str(number), f"go('{mode}')", title, id=f"app.{mode}", show=False)
+            Binding(str(number), f"switch_mode('{mode}')", title, id=f"app.{mode}", show=False)
             for number, (mode, title) in enumerate(MODES.items(), 1)
         ),
         Binding("question_mark", "help", "Help", id="app.help", key_display="?"),
@@ -122,10 +103,10 @@ class SimulshotApp(App[None]):
         sessions: Path,
         local: bool = True,
         started: bool = False,
-        clock: Callable[[], float] = time.monotonic,
+        record: RigRecord | None = None,
         sharp_terminal: SharpTerminal | None = None,
     ) -> None:
-        """`sessions`: the folder that is shown; `clock`: seconds that only grow, for what runs over time.
+        """`sessions`: the folder that is shown; `record`: where what the rig tells is kept.
 
         `local`: the leader is on this machine; `started`: it was started for this screen; `sharp_terminal`:
         what draws still pictures, None for glyphs.
@@ -138,9 +119,8 @@ class SimulshotApp(App[None]):
         self._local = local
         self._started = started
         self.sharp_terminal = sharp_terminal
-        self._record = RigRecord(clock)
-        self.jobs = JobList(sessions)
-        self._told_jobs: set[Job] = set()
+        self._record = record or RigRecord()
+        self.runs = Runs(sessions, self._tell_run)
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
         for theme in THEMES.values():
@@ -157,69 +137,74 @@ class SimulshotApp(App[None]):
             self.show_mishap(warning, "warning")
         if wrong := unknown_names(self._settings.keys):
             self.show_mishap(f"{KEYS_FILE} names actions that do not exist: {', '.join(wrong)}", "warning")
-        self._settings.on_change = self._save_soon
+        self._settings.on_change = self._save_settings
         with contextlib.suppress(NotImplementedError, ValueError):  # not in the main thread, as in tests
             asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, self.exit)
         self.screen_change_signal.subscribe(self, self._tell_screen)
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
-        self.jobs.watch(self._tell_job)
-        self.run_worker(self.jobs.find_earlier(), group="jobs")
+        self.run_worker(self.runs.read(), group="jobs")
 
     async def on_unmount(self) -> None:
-        """End the jobs: their results are there whole or not at all."""
-        await self.jobs.close()
+        """End the runs: their results are there whole or not at all."""
+        await self.runs.close()
 
     def _mode_screen(self, mode: str) -> ModeScreen:
-        return ModeScreen(mode, self._view(mode))
-
-    def _view(self, mode: str) -> Widget:
+        view: ModeView
         if mode == "rig":
-            return RigView(self._source, self._record, self._settings, self._sessions, local=self._local)
-        if mode == "shoot":
-            return ShootView(self._source, self._settings)
-        if mode == "sessions":
-            samples = find_samples(self._sessions)
-            return SessionsView(self._sessions, self.jobs, samples=samples, settings=self._settings)
-        return JobsView(self.jobs)
+            view = RigView(self._source, self._record, self._settings, self._sessions, local=self._local)
+        elif mode == "shoot":
+            view = ShootView(self._source, self._record, self._settings)
+        elif mode == "sessions":
+            view = SessionsView(self._sessions, self.runs, find_samples(self._sessions), self._settings)
+        else:
+            view = JobsView(self.runs)
+        return ModeScreen(mode, view, self._record)
 
-    # The rig
+    # What screens are told; those that are not seen read the record when they are
 
     @work(group="rig")
     async def _follow(self) -> None:
-        """Tell the screens that are seen what changes; the others read the record when they are."""
         async for update in self._source.updates():
-            if isinstance(update, RigStatus) and self._record.lost:
-                self._post(lambda: LinkChanged(""))
             self._record.add(update)
             if isinstance(update, RigStatus):
-                self.jobs.hold_for(update)
+                self.runs.hold(update.burst is not None and not update.burst.done)
             elif isinstance(update, LinkLost):
-                self.jobs.hold(False)
-            self._post(partial(message_of, update))
+                self.runs.hold(False)
+            self._tell(update)
 
-    def _post(self, message: Callable[[], RigMessage]) -> None:
+    def _tell(self, what: object) -> None:
         for screen in self.screen_stack:
-            screen.post_message(message())
+            screen.post_message(Told(what))
+            if isinstance(screen, ModeScreen):
+                screen.view.post_message(Told(what))
 
-    def _tell_screen(self, screen: Screen[object]) -> None:
+    def _tell_screen(self, _: Screen[object]) -> None:
         """Tell a screen that is now seen how the rig is."""
-        screen.post_message(LinkChanged(self._record.lost))
         if self._record.status is not None:
-            screen.post_message(StatusChanged(self._record.status))
+            self._tell(self._record.status)
+        if self._record.lost:
+            self._tell(LinkLost(self._record.lost))
+
+    def _tell_run(self, run: Run | None) -> None:
+        """Say in every mode that a run has come to its end."""
+        self._tell(self.runs)
+        if run is None or run.state not in (RunState.DONE, RunState.FAILED):
+            return
+        what = f"{run.command.title} of {printable(run.session.name)}"
+        if run.state is RunState.FAILED:
+            self.notify(f"{what} failed: {run.message}", severity="error", markup=False, timeout=10)
+        elif run.result is not None:
+            self.notify(f"{what} is done: o in Sessions shows it", markup=False)
+        else:
+            self.notify(f"{what}: {run.message}", markup=False)
 
     # What views ask for
-
-    def on_mode_requested(self, message: ModeRequested) -> None:
-        """Go to a mode."""
-        self.switch_mode(message.mode)
 
     async def on_sessions_requested(self, message: SessionsRequested) -> None:
         """Go to the sessions of a folder."""
         await self.switch_mode("sessions")
-        screen = self.screen_stack[0]
-        if isinstance(screen, ModeScreen):
-            screen.view.post_message(ShowSessions(message.folder, message.session))
+        self.screen.query_one(SessionsView).open_folder(message.folder, message.session)
 
     def on_mishap(self, message: Mishap) -> None:
         """Show what went wrong, and keep it in the news."""
@@ -229,14 +214,10 @@ class SimulshotApp(App[None]):
         """Show a sentence about what went wrong until it is read, and keep it in the news."""
         news = NewsLine(unix_ns=time.time_ns(), text=printable(text), level=level)
         self._record.add(news)
-        self._post(lambda: NewsReceived(news))
+        self._tell(news)
         self.notify(news.text, severity=level, markup=False, timeout=10)
 
     # Doing
-
-    def action_go(self, mode: str) -> None:
-        """Go to a mode."""
-        self.switch_mode(mode)
 
     def action_help(self) -> None:
         """Show the keys of the present screen."""
@@ -245,7 +226,11 @@ class SimulshotApp(App[None]):
         actions = [each.binding for each in self.screen.active_bindings.values()]
         names = {binding.key: self.get_key_display(binding) for binding in actions}
         folder = "" if self._settings.folder is None else str(self._settings.folder)
-        self.push_screen(HelpScreen(actions, names, folder))
+        self.push_screen(HelpScreen(actions, names, folder), self._leave_help)
+
+    def _leave_help(self, wants_file: bool | None) -> None:
+        if wants_file and self._settings.folder is not None:
+            self._write_keys(self._settings.folder)
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """Everything that has a key here, for the palette, and the themes."""
@@ -257,16 +242,12 @@ class SimulshotApp(App[None]):
                 yield SystemCommand(binding.description, f"key {self.get_key_display(binding)}", act)
         yield SystemCommand("Theme", "dark, light, without colour, and others", self.action_change_theme)
 
-    def on_help_screen_write_keys(self) -> None:
-        """Write the file in which keys are changed, where there is none yet."""
-        self._write_keys()
-
     # Leaving
 
     async def action_quit(self) -> None:
         """Close the screen; ask first where that ends something, or leaves a rig behind."""
         status = None if self._record.lost else self._record.status
-        jobs = [job.standing for job in self.jobs.unfinished]
+        jobs = [str(run) for run in self.runs.unfinished]
         question = quit_question(status, started=self._started, local=self._local, jobs=jobs)
         if isinstance(self.screen, Question):
             self.exit()  # asked again, without an answer: leave, and let the rig be
@@ -292,25 +273,12 @@ class SimulshotApp(App[None]):
         else:
             self.exit()
 
-    def _tell_job(self, job: Job) -> None:
-        """Say in every mode that a job has come to its end."""
-        ended = job.state in (JobState.DONE, JobState.FAILED)
-        if ended and not job.is_found and job not in self._told_jobs:
-            self._told_jobs.add(job)
-            what = f"{job.kind.title} of {printable(job.session.name)}"
-            if job.state is JobState.FAILED:
-                self.notify(f"{what} failed: {job.message}", severity="error", markup=False, timeout=10)
-            elif job.result is not None:
-                self.notify(f"{what} is done: o in Sessions shows it", markup=False)
-            else:
-                self.notify(f"{what}: {job.message}", markup=False)
-
     # Settings
 
     @work(thread=True, exclusive=True, group="settings")
-    def _write_keys(self) -> None:
-        assert self._settings.folder is not None
-        path = self._settings.folder / KEYS_FILE
+    def _write_keys(self, folder: Path) -> None:
+        """Write the file in which keys are changed, where there is none yet."""
+        path = folder / KEYS_FILE
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("x", encoding="utf-8") as file:
@@ -321,9 +289,6 @@ class SimulshotApp(App[None]):
         except OSError as error:
             words = f"{path} cannot be written: {error}"
         self.call_from_thread(self.notify, printable(words), markup=False, timeout=10)
-
-    def _save_soon(self) -> None:
-        self._save_settings()
 
     @work(thread=True, exclusive=True, group="settings")
     def _save_settings(self) -> None:

@@ -11,6 +11,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
 from textual.screen import ModalScreen, Screen
+from textual.widget import Widget
 from textual.widgets import Button, Input, Static
 
 from capture_app.text import printable
@@ -19,14 +20,6 @@ Result = TypeVar("Result")
 
 BESIDE, BUTTON_EXTRA = 56, 7
 """Cells for answers beside each other, else one is below the other; what a button adds to its words."""
-_CSS = """
-{0} {{ align: center middle; background: $background 60%; }}
-{0} > Vertical {{
-    width: 64; max-width: 90%; height: auto; max-height: 90%; padding: 1 2;
-    background: $panel; border: round $primary;
-}}
-{0} .question {{ width: 1fr; height: auto; margin-bottom: 1; }}
-"""
 
 
 class Dialog(Screen[Result]):
@@ -38,6 +31,31 @@ class Dialog(Screen[Result]):
     def dismiss(self, result: Result | None = None) -> AwaitComplete:
         """Close and give the result; nothing where it is not on top."""
         return super().dismiss(result) if self.is_active else AwaitComplete()
+
+
+class BoxDialog(Dialog[Result], ModalScreen[Result]):
+    """A box over the screen that was there."""
+
+    DEFAULT_CSS = """
+    BoxDialog { align: center middle; background: $background 60%; }
+    BoxDialog > Vertical {
+        width: 64; max-width: 90%; height: auto; max-height: 90%; padding: 1 2;
+        background: $panel; border: round $primary;
+    }
+    BoxDialog .question { width: 1fr; height: auto; margin-bottom: 1; }
+    BoxDialog .wrong { color: $error; height: auto; }
+    """
+
+    def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
+        super().__init__()
+        self._box = Vertical(*children)
+        if title:
+            self._box.border_title = Content(printable(title))
+        self._box.border_subtitle = Content(subtitle)
+
+    def compose(self) -> ComposeResult:
+        """The box."""
+        yield self._box
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,43 +71,29 @@ CANCEL = Answer("", "esc", "Cancel")
 """The answer None, to be clicked where Escape is not thought of."""
 
 
-class Question(Dialog[str | None], ModalScreen[str | None]):
+class Question(BoxDialog[str | None]):
     """Asks and gives the value of the answer; None where it was closed by Escape."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "leave", "Cancel", id="question.cancel"),
+        Binding("escape", "dismiss", "Cancel", id="question.cancel"),
         Binding("left,up", "app.focus_previous", "Answer before", show=False, id="question.left"),
         Binding("right,down", "app.focus_next", "Answer after", show=False, id="question.right"),
     ]
-    DEFAULT_CSS = (
-        _CSS.format("Question")
-        + """
+    DEFAULT_CSS = """
     Question #answers { height: auto; }
     Question Button { margin-right: 1; min-width: 0; padding: 0 1; }
     """
-    )
 
     def __init__(self, text: str, answers: Sequence[Answer], *, title: str = "") -> None:
         """The first answer has the focus."""
-        super().__init__()
-        self._text, self._answers, self._title = printable(text), tuple(answers), printable(title)
-
-    def compose(self) -> ComposeResult:
-        """The question above its answers."""
-        fits = sum(len(answer.label) + BUTTON_EXTRA for answer in self._answers) <= BESIDE
-        row = Horizontal if fits else Vertical
-        box = Vertical(
-            Static(Content(self._text), classes="question"),
-            row(
-                *(
-                    Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}", compact=True)
-                    for answer in self._answers
-                ),
-                id="answers",
-            ),
-        )
-        box.border_title = Content(self._title) if self._title else None
-        yield box
+        self._answers = tuple(answers)
+        fits = sum(len(answer.label) + BUTTON_EXTRA for answer in answers) <= BESIDE
+        buttons = [
+            Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}", compact=True)
+            for answer in answers
+        ]
+        row = (Horizontal if fits else Vertical)(*buttons, id="answers")
+        super().__init__(title, Static(Content(printable(text)), classes="question"), row)
 
     def on_key(self, event: events.Key) -> None:
         """Give the answer of a key."""
@@ -97,48 +101,29 @@ class Question(Dialog[str | None], ModalScreen[str | None]):
             if event.character == answer.key:
                 event.stop()
                 self.dismiss(answer.value)
-                return
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
         """Give the answer that was clicked."""
         self.dismiss((event.button.id or "").removeprefix("answer-") or None)
 
-    def action_leave(self) -> None:
-        """Give no answer."""
-        self.dismiss(None)
 
-
-class TextQuestion(Dialog[str | None], ModalScreen[str | None]):
+class TextQuestion(BoxDialog[str | None]):
     """Asks for a line of text; None where it was closed by Escape."""
 
+    DEFAULT_CSS = "TextQuestion Input { border: none; height: 1; padding: 0 1; background: $surface; }"
+
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "leave", "Cancel", id="question.cancel-text"),
+        Binding("escape", "dismiss", "Cancel", id="question.cancel-text"),
     ]
-    DEFAULT_CSS = (
-        _CSS.format("TextQuestion")
-        + """
-    TextQuestion .wrong { color: $error; height: auto; }
-    TextQuestion Input { border: none; height: 1; padding: 0 1; background: $surface; }
-    """
-    )
 
     def __init__(
         self, text: str, value: str = "", *, check: Callable[[str], str] | None = None, title: str = ""
     ) -> None:
         """`check` returns what is wrong with a text, or nothing."""
-        super().__init__()
-        self._text, self._value, self._title = printable(text), value, printable(title)
         self._check = check or (lambda _: "")
-
-    def compose(self) -> ComposeResult:
-        """The question, the line, and what is wrong with it."""
-        box = Vertical(
-            Static(Content(self._text), classes="question"),
-            Input(self._value, select_on_focus=False),
-            Static("", classes="wrong"),
-        )
-        box.border_title = Content(self._title) if self._title else None
-        yield box
+        self._wrong = Static("", classes="wrong")
+        question = Static(Content(printable(text)), classes="question")
+        super().__init__(title, question, Input(value, select_on_focus=False), self._wrong)
 
     def on_mount(self) -> None:
         """Type at once."""
@@ -146,13 +131,9 @@ class TextQuestion(Dialog[str | None], ModalScreen[str | None]):
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Say at once what is wrong."""
-        self.query_one(".wrong", Static).update(Content(self._check(event.value)))
+        self._wrong.update(Content(self._check(event.value)))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Take it where nothing is wrong."""
         if not self._check(event.value):
             self.dismiss(event.value)
-
-    def action_leave(self) -> None:
-        """Give no text."""
-        self.dismiss(None)

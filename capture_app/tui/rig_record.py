@@ -1,16 +1,16 @@
-"""What the rig has told so far.
+"""What the rig has told so far, for views that open later; and the messages between the app and its views."""
 
-What the screen has heard of the rig so far: for views that open later, and for what runs over time.
-
-What a rig tells, as messages of the screen: the app posts them to the screens that are open.
-"""
-
+import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from textual.message import Message
+from textual.widget import Widget
 
+from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import LinkLost, Update
 from capture_app.node.wire.status import NewsLine, Preview, RigStatus
 
@@ -18,18 +18,18 @@ NEWS_KEPT = 500
 PHASE_KEPT_S = 35.0
 
 
+@dataclass(slots=True)
 class RigRecord:
     """The latest status, the last news, and each camera's phase error over the last half minute."""
 
-    def __init__(self, clock: Callable[[], float]) -> None:
-        """`clock`: seconds that only grow."""
-        self.clock = clock
-        self.status: RigStatus | None = None
-        self.lost = ""
-        """Why the leader does not answer; empty while it does."""
-        self.news: deque[NewsLine] = deque(maxlen=NEWS_KEPT)
-        self.phases: dict[str, deque[tuple[float, int | None]]] = {}
-        """Of each camera its phase error in ns, from when on, by the clock; None: not known."""
+    clock: Callable[[], float] = time.monotonic
+    """Seconds that only grow."""
+    status: RigStatus | None = None
+    lost: str = ""
+    """Why the leader does not answer; empty while it does."""
+    news: deque[NewsLine] = field(default_factory=lambda: deque(maxlen=NEWS_KEPT))
+    phases: dict[str, deque[tuple[float, int | None]]] = field(default_factory=dict)
+    """By camera its phase error in ns, from when on, by the clock; None: not known."""
 
     def add(self, update: Update) -> None:
         """Take note of an update."""
@@ -62,68 +62,21 @@ def phases_at(phases: Iterable[tuple[float, int | None]], times: Iterable[float]
     steps = iter(phases)
     following = next(steps, None)
     value: int | None = None
-    for time in times:
-        while following is not None and following[0] <= time:
+    for moment in times:
+        while following is not None and following[0] <= moment:
             value = following[1]
             following = next(steps, None)
         found.append(value)
     return found
 
 
-class StatusChanged(Message, bubble=False):
-    """The rig is not as it was, or a screen opens and has not heard of it yet."""
+class Told(Message, bubble=False):
+    """Something that is shown is not as it was: the rig, its link or its news, a picture, the runs."""
 
-    def __init__(self, status: RigStatus) -> None:
+    def __init__(self, what: object) -> None:
+        """`what`: an update of the rig, or the runs."""
         super().__init__()
-        self.status = status
-
-
-class NewsReceived(Message, bubble=False):
-    """Something happened."""
-
-    def __init__(self, news: NewsLine) -> None:
-        super().__init__()
-        self.news = news
-
-
-class PreviewReceived(Message, bubble=False):
-    """A camera sees this."""
-
-    def __init__(self, preview: Preview) -> None:
-        super().__init__()
-        self.preview = preview
-
-
-class LinkChanged(Message, bubble=False):
-    """The leader does not answer, for this reason; empty: it does again."""
-
-    def __init__(self, reason: str) -> None:
-        super().__init__()
-        self.reason = reason
-
-
-RigMessage = StatusChanged | NewsReceived | PreviewReceived | LinkChanged
-
-
-def message_of(update: Update) -> RigMessage:
-    """The message that tells an update."""
-    match update:
-        case RigStatus():
-            return StatusChanged(update)
-        case NewsLine():
-            return NewsReceived(update)
-        case Preview():
-            return PreviewReceived(update)
-        case LinkLost():
-            return LinkChanged(update.reason)
-
-
-class ModeRequested(Message):
-    """A view asks for another mode: rig, shoot, sessions or jobs."""
-
-    def __init__(self, mode: str) -> None:
-        super().__init__()
-        self.mode = mode
+        self.what = what
 
 
 class SessionsRequested(Message):
@@ -135,18 +88,18 @@ class SessionsRequested(Message):
         self.session = session
 
 
-class ShowSessions(Message, bubble=False):
-    """The app tells the mode Sessions to show a folder, and one session in it where it is named."""
-
-    def __init__(self, folder: Path, session: str | None) -> None:
-        super().__init__()
-        self.folder = folder
-        self.session = session
-
-
 class Mishap(Message):
     """An action failed: the shell shows why, and what to do, and keeps it in the news."""
 
     def __init__(self, error: Exception) -> None:
         super().__init__()
         self.error = error
+
+
+@contextmanager
+def telling(widget: Widget) -> Iterator[None]:
+    """Let a view say on the screen what goes wrong in a block, and go on after it."""
+    try:
+        yield
+    except SimulshotError as error:
+        widget.post_message(Mishap(error))

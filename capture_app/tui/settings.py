@@ -31,7 +31,7 @@ class Settings:
     """Keys by action, as keys.toml has them: {"shoot.take": "space,enter"}."""
     warnings: list[str] = field(default_factory=list)
     """What could not be read, a sentence each."""
-    on_change: Callable[[], None] | None = None
+    on_change: Callable[[], object] = lambda: None
     """Called when a choice differs from what is on disk."""
     choices: dict[str, Choice] = field(default_factory=dict)
 
@@ -40,11 +40,9 @@ class Settings:
         """Read the files of the user's config folder, or of another."""
         settings = cls(user_config_path("simulshot", appauthor=False) if folder is None else folder)
         settings.choices = {
-            name: value
-            for name, value in settings._read(CHOICES_FILE, json.loads).items()
-            if isinstance(value, Choice)
+            name: value for name, value in settings._read(CHOICES_FILE).items() if isinstance(value, Choice)
         }
-        for action, key in _flat(settings._read(KEYS_FILE, tomllib.loads)):
+        for action, key in _flat(settings._read(KEYS_FILE)):
             if isinstance(key, str) and key.strip(", "):
                 settings.keys[action] = key
             else:
@@ -60,10 +58,8 @@ class Settings:
 
     def remember(self, name: str, value: Choice) -> None:
         """Keep a choice for the next start."""
-        if name in self.choices and self.choices[name] == value:
-            return
-        self.choices[name] = value
-        if self.on_change is not None:
+        if self.choices.get(name) != value:
+            self.choices[name] = value
             self.on_change()
 
     def save(self) -> None:
@@ -74,11 +70,12 @@ class Settings:
         text = json.dumps(self.choices, indent=2, sort_keys=True)
         write_atomic_unsynced(self.folder / CHOICES_FILE, text.encode() + b"\n")
 
-    def _read(self, name: str, parse: Callable[[str], Any]) -> dict[str, Any]:
+    def _read(self, name: str) -> dict[str, Any]:
         assert self.folder is not None
         path = self.folder / name
         try:
-            found = parse(path.read_text(encoding="utf-8"))
+            text = path.read_text(encoding="utf-8")
+            found = json.loads(text) if name == CHOICES_FILE else tomllib.loads(text)
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, RecursionError) as error:

@@ -8,6 +8,7 @@ from typing import Any
 from textual.widgets._toast import Toast
 
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.fake_rig import FakeRig
@@ -16,7 +17,11 @@ from tests.waiting import looked_at, patience
 
 def make_app(rig: FakeRig, **different: Any) -> SimulshotApp:
     """The app on this rig, its clock at rest, without a config folder."""
-    plain: dict[str, Any] = {"settings": Settings(), "sessions": Path("sessions"), "clock": lambda: 100.0}
+    plain: dict[str, Any] = {
+        "settings": Settings(),
+        "sessions": Path("sessions"),
+        "record": RigRecord(lambda: 100.0),
+    }
     return SimulshotApp(rig, **plain | different)
 
 

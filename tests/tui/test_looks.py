@@ -12,6 +12,7 @@ import pytest
 from capture_app.cameras.v4l2 import driver
 from capture_app.node.wire.status import NewsLine, NodeDetail
 from capture_app.sync.wire.messages import NodeState
+from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle
 from tests.tui.fake_rig import UNIX_NS, FakeRig, make_node
@@ -104,7 +105,7 @@ def test_a_screen_looks_as_it_did(
 ) -> None:
     rig, now = FakeRig(cameras), [100.0]
     rig.details["cam00"] = DETAIL
-    app = make_app(rig, settings=Settings(choices={"theme": theme}), clock=lambda: now[0])
+    app = make_app(rig, settings=Settings(choices={"theme": theme}), record=RigRecord(lambda: now[0]))
 
     async def before(pilot: Any) -> None:
         await play(rig, now, pilot)

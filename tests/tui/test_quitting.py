@@ -6,7 +6,7 @@ from textual.widgets import Button, Static
 
 from capture_app.text import ProgressStep
 from capture_app.tui.app import quit_question
-from capture_app.tui.jobs.job import COMPARE, Job, JobState
+from capture_app.tui.jobs.run import Run, RunState
 from tests.tui.driving import make_app, settle
 from tests.tui.fake_rig import FakeRig, make_node
 
@@ -14,11 +14,16 @@ from tests.tui.fake_rig import FakeRig, make_node
 async def test_a_running_job_is_named_with_how_far_it_is_and_staying_comes_first(tmp_path: Path) -> None:
     rig = FakeRig()
     rig.nodes = (make_node("cam00", on_leader=True),)
-    job = Job(COMPARE, tmp_path / "burst-001", None, "", 1, JobState.RUNNING, ProgressStep(2, 9, "scale"))
+    run = Run(
+        kind="compare",
+        session=tmp_path / "burst-001",
+        state=RunState.RUNNING,
+        step=ProgressStep(2, 9, "scale"),
+    )
     app = make_app(rig)
     async with app.run_test(size=(100, 30)) as pilot:
         await settle(pilot)
-        question = quit_question(rig.status(), started=True, local=True, jobs=(job.standing,))
+        question = quit_question(rig.status(), started=True, local=True, jobs=(str(run),))
         assert question is not None
         app.push_screen(question)
         await settle(pilot)

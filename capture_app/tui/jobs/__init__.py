@@ -1,4 +1,4 @@
-"""Jobs: child processes of both commands, in a queue, and what they found.
+"""Jobs: commands that the screen starts on sessions, one after the other, and what they found.
 
-Knows sessions and their results on disk; no rig. `library` uses it to start jobs.
+Knows sessions and their results on disk; no rig. `library` uses it to start commands.
 """

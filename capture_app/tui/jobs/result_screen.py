@@ -1,11 +1,11 @@
-"""A result on the whole screen: verdict, figures, and pictures switched between both conditions by a key.
+"""A result on the whole screen: verdict, figures, and pictures switched between both conditions by a key."""
 
-A result in words: verdict and tables as lines of the screen.
-"""
-
+import asyncio
 import os
 import re
+from collections.abc import Iterator
 from functools import partial
+from itertools import count, groupby, zip_longest
 from pathlib import Path
 from typing import ClassVar
 
@@ -14,15 +14,14 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.timer import Timer
 from textual.widget import Widget
 
 from capture_app.errors import BadInputError
 from capture_app.text import printable
-from capture_app.tui.jobs.job import Job
-from capture_app.tui.jobs.results import ResultPicture, ResultTable, StudyResult
+from capture_app.tui.jobs.results import ResultPicture, ResultTable, StudyResult, read_result
+from capture_app.tui.jobs.run import Run
 from capture_app.tui.question import Dialog
-from capture_app.tui.rig_record import Mishap
+from capture_app.tui.rig_record import Mishap, telling
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
@@ -51,43 +50,43 @@ def figure_lines(result: StudyResult, width: int) -> list[Content]:
 
 def _table(table: ResultTable, width: int) -> list[Content]:
     """A table as lines: groups above the conditions, numbers to the right."""
-    columns = len(table.columns)
-    cells = [tuple(printable(cell) for cell in row) for row in table.rows]
-    widths = [
-        max([len(table.columns[at]), *(len(row[at + 1]) for row in cells if at + 1 < len(row))])
-        for at in range(columns)
-    ]
-    spans = _spans(table, widths)
-    name = max(12, min(max((len(row[0]) for row in cells), default=12), width - sum(widths) - 2 * columns))
+    rows = [tuple(printable(cell) for cell in row) for row in table.rows]
+    columns = zip_longest(table.columns, *(row[1:] for row in rows), fillvalue="")
+    widths = [max(map(len, column)) for column in columns]
+    longest = max((len(row[0]) for row in rows), default=12)
+    name = max(12, min(longest, width - sum(widths) - 2 * len(widths)))
     lines = [Content.styled(printable(table.caption), "bold $primary").truncate(width, ellipsis=True)]
     if any(table.groups):
         groups = "".join(
-            f"  {_cut(group.replace('Things at rest', 'At rest'), room):>{room}}" for group, room in spans
+            f"  {_cut(group.replace('Things at rest', 'At rest'), room):>{room}}"
+            for group, room in _spans(table, widths)
         )
         lines.append(Content.styled(f"{'':<{name}}{groups}", "$foreground-muted"))
     heads = "".join(f"  {head:>{room}}" for head, room in zip(table.columns, widths, strict=True))
     lines.append(Content.styled(f"{'':<{name}}{heads}", "$foreground-muted"))
-    for row in cells:
-        line = Content(f"{_cut(row[0], name):<{name}}")
-        for at, (cell, room) in enumerate(zip(row[1:], widths, strict=False)):
-            synced = at % 2 == 0
-            style = "$foreground" if columns == 1 else "bold $success" if synced else "$error"
-            if "rest" in table.groups[at] or "still" in table.columns[at]:
-                style = "$foreground-muted"
-            line += Content.styled(f"  {cell:>{room}}", style)
-        lines.append(line)
+    styles = [_style(table, at) for at in range(len(widths))]
+    for row in rows:
+        cells = zip(row[1:], widths, styles, strict=False)
+        parts = [Content.styled(f"  {cell:>{room}}", style) for cell, room, style in cells]
+        lines.append(Content("").join([Content(f"{_cut(row[0], name):<{name}}"), *parts]))
     return lines
 
 
-def _spans(table: ResultTable, widths: list[int]) -> list[tuple[str, int]]:
-    """Each group of neighbouring columns and the cells that it spans."""
-    spans: list[tuple[str, int]] = []
-    for at, (group, room) in enumerate(zip(table.groups, widths, strict=True)):
-        if spans and group and group == table.groups[at - 1]:
-            spans[-1] = (group, spans[-1][1] + room + 2)
-        else:
-            spans.append((group, room))
-    return spans
+def _style(table: ResultTable, at: int) -> str:
+    """How the figures of a column look: synchronized and offset in turn; what is at rest, in neither."""
+    if "rest" in table.groups[at] or "still" in table.columns[at]:
+        return "$foreground-muted"
+    if len(table.columns) == 1:
+        return "$foreground"
+    return "$error" if at % 2 else "bold $success"
+
+
+def _spans(table: ResultTable, widths: list[int]) -> Iterator[tuple[str, int]]:
+    """Each group of neighbouring columns and the cells that it spans; columns without one are alone."""
+    columns = zip(count(), table.groups, widths, strict=False)
+    for (group, _), found in groupby(columns, key=lambda column: (column[1], column[1] or column[0])):
+        rooms = [room for _, _, room in found]
+        yield group, sum(rooms) + 2 * (len(rooms) - 1)
 
 
 def _cut(text: str, width: int) -> str:
@@ -109,7 +108,7 @@ class ResultScreen(Dialog[None]):
         Binding("b", "blink", "Blink", id="result.blink"),
         Binding("f,tab", "figures", "Figures", id="result.figures", key_display="f"),
         Binding("o", "report", "Report", id="result.report"),
-        Binding("escape,backspace", "close", "Back", id="result.back", key_display="esc"),
+        Binding("escape,backspace", "dismiss", "Back", id="result.back", key_display="esc"),
     ]
     DEFAULT_CSS = """
     ResultScreen { background: $background; }
@@ -124,13 +123,14 @@ class ResultScreen(Dialog[None]):
     ResultScreen.-wide #result-verdict { display: none; }
     """
 
-    def __init__(self, job: Job, result: StudyResult) -> None:
+    def __init__(self, run: Run, result: StudyResult) -> None:
         super().__init__()
-        self._job, self._result = job, result
+        self._run, self._result = run, result
         self._at = 0
-        self._offset = False
+        self.shows_offset = False
+        """The offset side is seen."""
         self._figures = not result.pictures
-        self._blinking: Timer | None = None
+        self._blinks = False
         self._title = Lines(id="result-title")
         self._verdict = Lines(id="result-verdict")
         self._words = Lines(id="result-figures")
@@ -152,49 +152,40 @@ class ResultScreen(Dialog[None]):
         yield KeyFooter()
 
     def on_mount(self) -> None:
-        """Show it."""
-        self._lay_out()
+        """Begin to blink, as soon as that is wanted."""
+        self.set_interval(BLINK_S, self._blink)
 
     def on_resize(self) -> None:
         """Side by side where there is room for both."""
         self._lay_out()
 
     @property
-    def shows_offset(self) -> bool:
-        """Whether the offset side is seen."""
-        return self._offset
-
-    @property
     def picture(self) -> ResultPicture | None:
         """The picture that is seen."""
-        return self._result.pictures[self._at] if self._result.pictures else None
+        return next(iter(self._result.pictures[self._at :]), None)
 
     # Doing
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only what this result has."""
-        picture = self.picture
         seen = not self._figures or self._is_wide
         return {
-            "switch": seen and picture is not None and picture.offset is not None,
-            "blink": seen and picture is not None and picture.offset is not None,
+            "switch": seen and self._has_two_sides,
+            "blink": seen and self._has_two_sides,
             "move": seen and len(self._result.pictures) > 1,
             "figures": bool(self._result.pictures) and not self._is_wide,
-            "report": self._result.report is not None,
+            "report": self._run.report is not None,
         }.get(action, True)
 
     def action_switch(self) -> None:
         """Show the other condition."""
-        self._stop_blinking()
+        self._blinks = False
         self._turn()
 
     def action_blink(self) -> None:
         """Show both conditions in turn; the same key ends it."""
-        if self._blinking is not None:
-            self._stop_blinking()
-            self._show_picture()
-        else:
-            self._blinking = self.set_interval(BLINK_S, self._turn)
+        self._blinks = not self._blinks
+        self._show_picture()
 
     def action_move(self, by: int) -> None:
         """Show another picture, of the same condition."""
@@ -203,8 +194,7 @@ class ResultScreen(Dialog[None]):
 
     def on_click(self, event: events.Click) -> None:
         """A click on the picture or the sides above it switches, as the key does."""
-        clickable = event.widget in (self._picture, self._sides)
-        if clickable and self.picture is not None and self.picture.offset is not None:
+        if event.widget in (self._picture, self._sides) and self._has_two_sides:
             self.action_switch()
 
     def action_figures(self) -> None:
@@ -214,13 +204,13 @@ class ResultScreen(Dialog[None]):
 
     def action_report(self) -> None:
         """Open the report in the browser."""
-        open_report(self, self._result.report)
-
-    def action_close(self) -> None:
-        """Go back."""
-        self.dismiss(None)
+        open_report(self, self._run.report)
 
     # Showing
+
+    @property
+    def _has_two_sides(self) -> bool:
+        return self.picture is not None and self.picture.offset is not None
 
     @property
     def _is_wide(self) -> bool:
@@ -241,9 +231,9 @@ class ResultScreen(Dialog[None]):
         self._title.show(
             [
                 Content.assemble(
-                    (f" {self._job.kind.title} ", "reverse bold $primary"),
-                    (f" {printable(self._job.session.name)}", "bold"),
-                    (f"   {printable(str(self._job.out))}", "$foreground-muted"),
+                    (f" {self._run.command.title} ", "reverse bold $primary"),
+                    (f" {printable(self._run.session.name)}", "bold"),
+                    (f"   {printable(str(self._run.out))}", "$foreground-muted"),
                 ).truncate(self.size.width, ellipsis=True)
             ]
         )
@@ -256,18 +246,19 @@ class ResultScreen(Dialog[None]):
         picture = self.picture
         if picture is None:
             return
-        self._offset = self._offset and picture.offset is not None
-        path = picture.offset if self._offset and picture.offset is not None else picture.synced
+        path = picture.synced if picture.offset is None or not self.shows_offset else picture.offset
+        self.shows_offset = path is picture.offset
         source = self._sources.setdefault(path, partial(_read, path))
-        sharp = source if self._blinking is None else None
+        sharp = None if self._blinks else source
         self._picture.show(source, f"{path.name} is gone: run the job again", sharp=sharp)
-        here, there = ("● ", "○ ") if not self._offset else ("○ ", "● ")
         sides = []
         if picture.offset is not None:
-            sides = [
-                _side(here + picture.synced_words, not self._offset, "$success"),
-                _side(there + picture.offset_words, self._offset, "$error"),
-            ]
+            for words, seen, style in (
+                (picture.synced_words, not self.shows_offset, "$success"),
+                (picture.offset_words, self.shows_offset, "$error"),
+            ):
+                look = f"reverse bold {style}" if seen else "$foreground-muted"
+                sides.append(Content.styled(f" {'●' if seen else '○'} {words} ", look))
         place = f"{self._at + 1}/{len(self._result.pictures)}  {printable(picture.title)}"
         line = Content("  ").join(sides)
         gap = self._sides.scrollable_content_region.width - line.cell_length - len(place)
@@ -276,14 +267,13 @@ class ResultScreen(Dialog[None]):
         self._caption.show(Content.styled(printable(picture.caption), "$foreground-muted").wrap(width)[:3])
         self.refresh_bindings()
 
-    def _turn(self) -> None:
-        self._offset = not self._offset
-        self._show_picture()
+    def _blink(self) -> None:
+        if self._blinks:
+            self._turn()
 
-    def _stop_blinking(self) -> None:
-        if self._blinking is not None:
-            self._blinking.stop()
-            self._blinking = None
+    def _turn(self) -> None:
+        self.shows_offset = not self.shows_offset
+        self._show_picture()
 
 
 def open_report(widget: Widget, report: Path | None) -> None:
@@ -307,5 +297,8 @@ def _read(path: Path) -> bytes | Image | None:
         return None
 
 
-def _side(text: str, chosen: bool, style: str) -> Content:
-    return Content.styled(f" {text} ", f"reverse bold {style}" if chosen else "$foreground-muted")
+async def show_result(widget: Widget, run: Run) -> None:
+    """Show what a run has found on the whole screen; a sentence where that cannot be read."""
+    with telling(widget):
+        result = await asyncio.to_thread(read_result, run)
+        await widget.app.push_screen(ResultScreen(run, result))

@@ -1,9 +1,4 @@
-"""Results as a screen shows them, read from the files that `reconstruct` has written: nothing is computed.
-
-What `capture-app panel read` found, in words and as tables.
-
-What came of a job, in a sentence: from the JSON that it printed.
-"""
+"""Results as a screen shows them, read from the JSON that commands write: nothing is computed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,11 +10,56 @@ import msgspec
 from capture_app.errors import BadInputError
 from capture_app.session.format.checks import inside
 from capture_app.text import NO_VALUE, count, duration
-from capture_app.tui.jobs.job import CLOUDS, COMPARE, DOSE, MULTIVIEW, PANEL, STITCH, Job, JobKind
+from capture_app.tui.jobs.run import CLOUDS, COMPARE, DOSE, MULTIVIEW, PANEL, STITCH, Command, Run
 from capture_app.tui.widgets.lines import filled_cells
 
 _KINDS = ("total", "phase", "clock")
-Words = tuple[str, ...]
+
+
+SYNCED, LATE = "same instant", "late"
+BAR = 20
+"""Cells of a share of 100 %."""
+_FIRST = ("multiview_depth", "stereo_depth", "panorama", "multiview_movers", "stereo_movers", "stereo_late")
+"""The pictures that tell most come first."""
+_STUDIES = {
+    "stereo": "depth of a pair",
+    "triangulation": "points by COLMAP",
+    "multiview": "depth from all cameras",
+    "panorama": "panorama",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ResultPicture:
+    """A picture of both conditions; `offset` is None where there is the synchronized one only."""
+
+    title: str
+    caption: str
+    synced: Path
+    offset: Path | None
+    synced_words: str = SYNCED
+    offset_words: str = LATE
+
+
+@dataclass(frozen=True, slots=True)
+class ResultTable:
+    """Figures in words: a heading for each column of values, and rows that begin with a name."""
+
+    caption: str
+    groups: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyResult:
+    """All that a screen shows of a run's result."""
+
+    verdict: str
+    pictures: tuple[ResultPicture, ...] = ()
+    tables: tuple[ResultTable, ...] = ()
+    remarks: tuple[str, ...] = ()
+    """What was not measured, and why."""
 
 
 def panel_verdict(found: Mapping[str, Any]) -> str:
@@ -36,8 +76,8 @@ def panel_verdict(found: Mapping[str, Any]) -> str:
     return f"{told}; the panel tells ±{duration(every['reading_uncertainty_ns'])}{bars}"
 
 
-def panel_tables(found: Mapping[str, Any]) -> tuple[tuple[str, Words, Words, tuple[Words, ...]], ...]:
-    """Tables as (caption, groups, columns, rows): the paper's for each pair, and what each camera told."""
+def panel_tables(found: Mapping[str, Any]) -> tuple[ResultTable, ...]:
+    """The paper's table for each pair, and what each camera told."""
     errors = found["errors"]
     pairs = errors["pairs"]
     if len(pairs) > 1:
@@ -49,15 +89,18 @@ def panel_tables(found: Mapping[str, Any]) -> tuple[tuple[str, Words, Words, tup
         )
         for pair in pairs
     )
-    groups = tuple(kind for kind in _KINDS for _ in range(2))
     cameras = sorted({one["camera"] for one in (*found["pictures"], *found["refusals"])})
-    seen = tuple(_camera(found, name) for name in cameras)
-    what = "How far apart (phase: by the stamps; clock: the rest)"
-    tables: tuple[tuple[str, Words, Words, tuple[Words, ...]], ...] = (
-        (what, groups, ("mean", "largest") * len(_KINDS), apart),
-        (f"The panel {found['panel']} in the pictures", ("",) * 3, ("read", "refused", "± (95 %)"), seen),
+    seen = ResultTable(
+        f"The panel {found['panel']} in the pictures",
+        ("",) * 3,
+        ("read", "refused", "± (95 %)"),
+        tuple(_camera(found, name) for name in cameras),
     )
-    return tables if apart else tables[1:]
+    if not apart:
+        return (seen,)
+    what = "How far apart (phase: by the stamps; clock: the rest)"
+    groups = tuple(kind for kind in _KINDS for _ in range(2))
+    return ResultTable(what, groups, ("mean", "largest") * len(_KINDS), apart), seen
 
 
 def panel_remarks(found: Mapping[str, Any]) -> tuple[str, ...]:
@@ -81,11 +124,11 @@ def _camera(found: Mapping[str, Any], name: str) -> tuple[str, ...]:
     return name, str(len(bars)), str(refused), duration(bars[len(bars) // 2]) if bars else NO_VALUE
 
 
-def outcome(kind: JobKind, printed: bytes) -> str:
-    """The sentence; empty where the output is not what was expected, which is no failure of the job."""
+def outcome(command: Command, printed: bytes) -> str:
+    """What came of it, by what it printed; empty where that is not what was expected, which is no failure."""
     try:
         found = msgspec.json.decode(printed, type=dict[str, Any])
-        return _SENTENCES[kind.command[-1]](found)
+        return _SENTENCES[command.words[-1]](found)
     except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError):
         return ""
 
@@ -97,12 +140,6 @@ def percent(share: float | None) -> str:
     if 0.99 < share < 1:
         return f"{int(1000 * share) / 10:.1f} %"
     return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
-
-
-def moves(found: Mapping[str, Any]) -> bool:
-    """Whether a panorama's misfit is known on what moves."""
-    on_movers = found["synced"].get("mover_misfit")
-    return on_movers is not None and on_movers["median_px"] is not None
 
 
 def _of_multiview(found: Mapping[str, Any]) -> str:
@@ -118,9 +155,14 @@ def _of_multiview(found: Mapping[str, Any]) -> str:
     return f"{maps}, {found['fused_points']:,} points{truth}"
 
 
+def _moves(found: Mapping[str, Any]) -> bool:
+    """Whether a panorama's misfit is known on what moves."""
+    return ((found["synced"].get("mover_misfit") or {}).get("median_px")) is not None
+
+
 def _of_panorama(found: Mapping[str, Any]) -> str:
     text = f"panorama of {count(len(found['used']), 'picture')}"
-    what, key = ("what moves fits", "mover_misfit") if moves(found) else ("overlaps fit", "misfit")
+    what, key = ("what moves fits", "mover_misfit") if _moves(found) else ("overlaps fit", "misfit")
     one, late = (side and side[key]["median_px"] for side in (found["synced"], found.get("offset")))
     if one is not None:
         text += f"; {what} to {one:.1f} px"
@@ -174,62 +216,15 @@ _SENTENCES = {
 }
 
 
-SYNCED, LATE = "same instant", "late"
-BAR = 20
-"""Cells of a share of 100 %."""
-_FIRST = ("multiview_depth", "stereo_depth", "panorama", "multiview_movers", "stereo_movers", "stereo_late")
-"""The pictures that tell most come first."""
-_STUDIES = {
-    "stereo": "depth of a pair",
-    "triangulation": "points by COLMAP",
-    "multiview": "depth from all cameras",
-    "panorama": "panorama",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class ResultPicture:
-    """A picture of both conditions; `offset` is None where there is the synchronized one only."""
-
-    title: str
-    caption: str
-    synced: Path
-    offset: Path | None
-    synced_words: str = SYNCED
-    offset_words: str = LATE
-
-
-@dataclass(frozen=True, slots=True)
-class ResultTable:
-    """Figures in words: a heading for each column of values, and rows that begin with a name."""
-
-    caption: str
-    groups: tuple[str, ...]
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class StudyResult:
-    """All that a screen shows of a job's result."""
-
-    verdict: str
-    pictures: tuple[ResultPicture, ...] = ()
-    tables: tuple[ResultTable, ...] = ()
-    remarks: tuple[str, ...] = ()
-    """What was not measured, and why."""
-    report: Path | None = None
-
-
-def read_result(job: Job) -> StudyResult:
-    """Read what a job has found. Raises BadInputError where it is gone or cannot be read."""
-    path = job.result
-    if path is None or job.out is None:
-        raise BadInputError(f"{job.kind.title} of {job.session.name} has no result", hint="run it again")
+def read_result(run: Run) -> StudyResult:
+    """Read what a run has found. Raises BadInputError where it is gone or cannot be read."""
+    path = run.result
+    if path is None or run.out is None:
+        raise BadInputError(f"{run.command.title} of {run.session.name} has no result", hint="run it again")
     try:
         data = path.read_bytes()
         found = msgspec.json.decode(data, type=dict[str, Any])
-        result = _READERS[job.kind.name](found, job.out, outcome(job.kind, data))
+        result = _READERS[run.kind](found, run.out, outcome(run.command, data))
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}", hint="run it again") from error
     except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -251,8 +246,7 @@ def _comparison(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyRe
                 words.get("synced", SYNCED).lower(),
                 offset,
             )
-    order = [key for key in _FIRST if key in pictures]
-    order += [key for key in pictures if key not in order]
+    order = sorted(pictures, key=lambda key: _FIRST.index(key) if key in _FIRST else len(_FIRST))
     skipped = [
         f"no {_STUDIES[study['name']]}: {study['skipped']}"
         for study in found["studies"]
@@ -261,17 +255,8 @@ def _comparison(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyRe
     return StudyResult(
         verdict,
         tuple(pictures[key] for key in order),
-        tuple(
-            ResultTable(
-                table["caption"],
-                tuple(table["groups"]),
-                tuple(table["columns"]),
-                tuple(tuple(row) for row in table["rows"]),
-            )
-            for table in words.get("tables", ())
-        ),
+        msgspec.convert(words.get("tables", ()), tuple[ResultTable, ...]),
         tuple(skipped),
-        _report(found, folder),
     )
 
 
@@ -283,7 +268,7 @@ def _panorama(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResu
         other = None if late is None else inside(folder, late[key])
         return ResultPicture(title, caption, inside(folder, synced[key]), other, SYNCED, late_words)
 
-    moving = moves(found)
+    moving = _moves(found)
     overlaps = {(o["first"], o["second"]): _misfit(o, moving) for o in (late or {}).get("overlaps", ())}
     rows = tuple(
         (
@@ -380,8 +365,6 @@ def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
                 rows,
             ),
         ),
-        (),
-        _report(found, folder),
     )
 
 
@@ -391,8 +374,7 @@ def _value(point: Mapping[str, Any], measure: str) -> float | None:
 
 
 def _panel(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
-    tables = tuple(ResultTable(*table) for table in panel_tables(found))
-    return StudyResult(verdict, (), tables, panel_remarks(found))
+    return StudyResult(verdict, (), panel_tables(found), panel_remarks(found))
 
 
 _READERS = {
@@ -403,10 +385,6 @@ _READERS = {
     DOSE.name: _dose,
     PANEL.name: _panel,
 }
-
-
-def _report(found: Mapping[str, Any], folder: Path) -> Path | None:
-    return inside(folder, found["report"]) if found.get("report") else None
 
 
 def _lateness(offset_ms: float) -> str:

@@ -1,10 +1,7 @@
-"""The list of sessions: a small picture, name, when, how well synchronized, and what was made of it.
-
-Which sessions are listed and in what order, and which of them is the best synchronized.
-"""
+"""The list of sessions: which, in what order, and of each a picture, how good it is, what was made of it."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -21,10 +18,12 @@ from capture_app.session.library.listing import SessionCard, SessionState, best_
 from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.session.reading.verdict import Grade, grade_of
 from capture_app.text import count, duration, printable
-from capture_app.tui.jobs.job import Job, job_tag
+from capture_app.tui.jobs.run import run_tag
+from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
-from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of, strip_of_middle
+from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
 from capture_app.tui.widgets.lines import justified, strip_of_line
+from capture_app.tui.widgets.picture import strip_of_middle
 from capture_app.tui.widgets.row_list import RowList
 
 SAMPLES = "sample_sessions"
@@ -108,33 +107,24 @@ STATES = {
 class SessionRows(RowList):
     """The sessions, three lines each."""
 
-    def __init__(self, thumbnails: ThumbnailCache) -> None:
+    def __init__(self, thumbnails: ThumbnailCache, runs: Runs) -> None:
         super().__init__(ROWS, id="sessions")
         self._cache = thumbnails
-        self._entries: Mapping[str, Entry] = {}
-        self._jobs: Mapping[Path, Sequence[Job]] = {}
+        self._runs = runs
+        self._entries: dict[str, Entry] = {}
         self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
         self._wanted: list[str] = []
 
-    def show_entries(self, entries: Sequence[Entry], jobs: Mapping[Path, Sequence[Job]]) -> None:
-        """Show these sessions, with the jobs of each."""
-        before, self._entries = self._entries, {entry.key: entry for entry in entries}
-        before_jobs, self._jobs = self._jobs, jobs
-        self.show_rows([entry.key for entry in entries])
-        for key, entry in self._entries.items():
-            folder = entry.card.folder.absolute()
-            if before.get(key) != entry or before_jobs.get(folder) != jobs.get(folder):
-                self.show_again(key)
+    def show_entries(self, entries: Sequence[Entry]) -> None:
+        """Show these sessions."""
+        self._entries = {entry.key: entry for entry in entries}
+        self.show_rows(list(self._entries))
+        self.show_all_again()
 
     @property
     def entry(self) -> Entry | None:
         """The session under the cursor."""
         return self._entries.get(self.chosen)
-
-    def show_jobs(self, folder: Path, jobs: Sequence[Job]) -> None:
-        """Show what is made of a session now."""
-        self._jobs = {**self._jobs, folder: jobs}
-        self.show_again(str(folder))
 
     def draw_row(self, key: str, width: int, *, chosen: bool) -> list[Content | Strip]:
         """The picture beside three lines."""
@@ -142,11 +132,7 @@ class SessionRows(RowList):
         if entry is None:
             return [Content("")] * ROWS
         room = width - THUMB - 3
-        lines = [
-            self._title(entry, room),
-            self._facts(entry.card, room),
-            self._remarks(entry.card, room),
-        ]
+        lines = [self._title(entry, room), self._facts(entry.card, room), _remarks(entry.card)]
         style = "on $block-cursor-background" if chosen else ""
         strips: list[Content | Strip] = []
         for number, line in enumerate(lines):
@@ -185,26 +171,10 @@ class SessionRows(RowList):
         spread = spread_of(card)
         return justified(spread, self._tags(card, room - spread.cell_length - 2), room)
 
-    def _remarks(self, card: SessionCard, room: int) -> Content:
-        if card.state is not SessionState.COMPLETE:
-            return Content.styled(f"→ {printable(card.remedy)}", "$foreground")
-        what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
-        parts = [Content.styled(what, "$foreground-muted")]
-        if card.missing:
-            parts.append(Content.styled(f"! {count(card.missing, 'image')} missing", "$warning"))
-        if card.late:
-            parts.append(Content.styled(f"! {card.late} late", "$warning"))
-        if card.note:
-            parts.append(Content(printable(card.note)))
-        return Content.styled(" · ", "$foreground-muted").join(parts)
-
     def _tags(self, card: SessionCard, room: int) -> Content:
-        """The newest job of each kind, as many as there is room for."""
-        newest: dict[str, Job] = {}
-        for job in self._jobs.get(card.folder.absolute(), ()):
-            newest.setdefault(job.kind.name, job)
+        """What was made of it, the newest first, as much as there is room for."""
         tags = Content("")
-        for tag in map(job_tag, newest.values()):
+        for tag in map(run_tag, self._runs.of(card.folder)):
             if tags.cell_length + tag.cell_length + 2 <= room:
                 tags = tags + ("  " if tags else "") + tag
         return tags
@@ -213,30 +183,39 @@ class SessionRows(RowList):
         images = entry.card.first_images[:1]
         thumb = self._thumbs.get(images)
         if thumb is None:
-            if images and images not in self._thumbs:
-                self._want(entry.key)
+            if images and images not in self._thumbs and entry.key not in self._wanted:
+                self._wanted.append(entry.key)
+                if len(self._wanted) == 1:
+                    self._load()
             return Strip.blank(THUMB, self.rich_style)
         return strip_of_middle(thumb, line, Size(THUMB, ROWS), self.rich_style, self.rich_style)
-
-    def _want(self, key: str) -> None:
-        if key not in self._wanted:
-            self._wanted.append(key)
-            if len(self._wanted) == 1:
-                self._load()
 
     @work(group="thumbnails")
     async def _load(self) -> None:
         """Load the pictures that have come into sight, the latest first, in a thread."""
         while self._wanted:
-            entry = self._entries.get(self._wanted[-1])
-            images = () if entry is None else entry.card.first_images[:1]
-            if images and images not in self._thumbs:
+            key = self._wanted[-1]
+            images = self._entries[key].card.first_images[:1] if key in self._entries else ()
+            if images:
                 palette, light = palette_of(self.app), not self.app.current_theme.dark
                 drawn = await asyncio.to_thread(_draw, self._cache, images[0], palette, light)
                 self._thumbs[images] = drawn
-            key = self._wanted.pop() if entry is None else entry.key
-            self._wanted = [other for other in self._wanted if other != key]
+            self._wanted.remove(key)
             self.show_again(key)
+
+
+def _remarks(card: SessionCard) -> Content:
+    if card.state is not SessionState.COMPLETE:
+        return Content.styled(f"→ {printable(card.remedy)}", "$foreground")
+    what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
+    parts = [Content.styled(what, "$foreground-muted")]
+    if card.missing:
+        parts.append(Content.styled(f"! {count(card.missing, 'image')} missing", "$warning"))
+    if card.late:
+        parts.append(Content.styled(f"! {card.late} late", "$warning"))
+    if card.note:
+        parts.append(Content(printable(card.note)))
+    return Content.styled(" · ", "$foreground-muted").join(parts)
 
 
 def spread_of(card: SessionCard) -> Content:

@@ -1,4 +1,4 @@
-"""The mode Sessions: the list, the session under the cursor, and what can be done with it."""
+"""The mode Sessions: those on disk now, the one under the cursor, and what can be done with it."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,33 +7,42 @@ from typing import ClassVar, TypeVar
 
 from platformdirs import user_cache_path
 from textual import work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.content import Content
+from textual.timer import Timer
+from textual.widgets import Input
 
 from capture_app.errors import SimulshotError
 from capture_app.session.library.changes import rename_session, set_note
-from capture_app.session.library.listing import SessionState
+from capture_app.session.library.listing import SessionCard, SessionListing, SessionState
 from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.session.library.trash import restore_session, trash_session
-from capture_app.text import printable
-from capture_app.tui.jobs.job import COMPARE, EXPORTS, KINDS, VERIFY, Job, JobKind
-from capture_app.tui.jobs.job_list import JobList
-from capture_app.tui.jobs.jobs_view import show_result
-from capture_app.tui.library.browser import SessionBrowser
-from capture_app.tui.library.forms import export_form, job_form, name_question, note_question, typed_path
-from capture_app.tui.library.session_rows import Entry, Order
-from capture_app.tui.library.take import TakeScreen
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.text import count, printable
+from capture_app.tui.jobs.result_screen import show_result
+from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, VERIFY, Command, Run
+from capture_app.tui.jobs.runs import Runs
+from capture_app.tui.library.forms import CommandForm, ExportForm, name_question, note_question, typed_path
+from capture_app.tui.library.session_rows import Entry, Order, SessionRows, arrange
+from capture_app.tui.library.take import TakePane, TakeScreen
 from capture_app.tui.mode import ModeView
-from capture_app.tui.rig_record import Mishap, ShowSessions
+from capture_app.tui.rig_record import Mishap, Told, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.contact_sheet import ContactSheet
-from capture_app.tui.widgets.row_list import RowList
+from capture_app.tui.widgets.lines import Lines
 
 T = TypeVar("T")
+LOOK_AGAIN_S = 2.0
+"""How often the folder is looked at while it is seen."""
+SETTLED_S = 0.15
+"""How long the cursor rests on a session before its pictures are loaded."""
+WIDE = 120
+"""From this width on the session under the cursor is shown beside the list."""
 
 
 class SessionsView(ModeView):
-    """Shows the sessions of a folder as they are on disk now, and those that came with the program."""
+    """Shows the sessions of a folder, those that came with the program, and what runs on both."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "look", "Look", id="sessions.look"),
@@ -50,65 +59,174 @@ class SessionsView(ModeView):
         Binding("v", "verify", "Verify", id="sessions.verify", tooltip="whether all files are whole"),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
+    DEFAULT_CSS = """
+    SessionsView { layout: horizontal; }
+    SessionsView #sessions-frame { width: 1fr; height: 1fr; border: round $border;
+        border-title-color: $primary; border-title-style: bold; border-subtitle-color: $foreground-muted; }
+    SessionsView #sessions-frame:focus-within { border: round $primary; }
+    SessionsView #sessions-find { border: none; height: 1; padding: 0 1; background: $surface;
+        display: none; }
+    SessionsView #sessions-empty { padding: 1 2; display: none; }
+    SessionsView TakePane { display: none; width: 1fr; height: 1fr; border: round $border;
+        border-title-color: $primary; border-title-style: bold; }
+    SessionsView TakePane:focus-within { border: round $primary; }
+    SessionsView.-wide TakePane { display: block; }
+    SessionsView.-wide #sessions-frame { max-width: 92; }
+    """
 
-    def __init__(
-        self,
-        root: Path,
-        jobs: JobList,
-        *,
-        samples: Path | None = None,
-        thumbnails: ThumbnailCache | None = None,
-        settings: Settings | None = None,
-    ) -> None:
+    def __init__(self, root: Path, runs: Runs, samples: Path | None, settings: Settings) -> None:
         """`samples`: a folder of sessions that are shown too, and left as they are."""
-        super().__init__()
-        self._jobs = jobs
-        self._settings = settings or Settings()
+        self._runs, self._settings = runs, settings
+        self._listing = SessionListing(root)
+        self._sample_listing = None if samples is None else SessionListing(samples)
         cache = ThumbnailCache(user_cache_path("simulshot", appauthor=False) / "thumbnails")
-        order = self._settings.recall("sessions.order", Order.NEWEST.value)
-        self._browser = SessionBrowser(
-            root,
-            samples,
-            jobs,
-            thumbnails or cache,
-            Order(order) if order in list(Order) else Order.NEWEST,
-        )
+        self._rows = SessionRows(cache, runs)
+        self._pane = TakePane()
+        self._find = Input(placeholder="name, note, camera, date", id="sessions-find", select_on_focus=False)
+        self._empty = Lines(id="sessions-empty")
+        self._frame = Vertical(self._find, self._empty, self._rows, id="sessions-frame")
+        self._cards: list[SessionCard] | None = None
+        """The sessions as they were read last; None: not yet, or of another folder."""
+        self._samples: list[SessionCard] = []
+        self._wanted: Path | None = None
+        """Where the cursor is put as soon as it is listed: a session, or a folder of sessions."""
+        self._settling: Timer | None = None
+        super().__init__(self._frame, self._pane)
 
-    def compose(self) -> ComposeResult:
-        """The list, and beside it the session under the cursor."""
-        yield self._browser
+    def on_mount(self) -> None:
+        """Begin to follow the folder."""
+        self.set_interval(LOOK_AGAIN_S, self._look_again)
+        self.look_at_disk()
 
     def on_mode_shown(self) -> None:
         """Look at the folder at once."""
         super().on_mode_shown()
-        self._browser.look_at_disk()
+        self._look_again()
+
+    def on_resize(self) -> None:
+        """Show the chosen session beside the list where there is room."""
+        self.set_class(self.size.width >= WIDE, "-wide")
+        self._settle()
 
     def focus_first(self) -> None:
         """The list is what is driven here."""
-        self._browser.focus_list()
+        self._rows.focus()
+
+    def on_told(self, message: Told) -> None:
+        """Show what runs on the sessions."""
+        if message.what is self._runs:
+            self._rows.show_all_again()
+            self.refresh_bindings()
 
     @property
     def entry(self) -> Entry | None:
         """The session under the cursor."""
-        return self._browser.entry if self.is_mounted else None
+        return self._rows.entry if self.is_mounted else None
 
-    def select(self, folder: Path) -> None:
-        """Put the cursor on a session, as soon as it is listed."""
-        self._browser.select(folder)
-        self._browser.look_at_disk()
+    def open_folder(self, folder: Path, session: str | None) -> None:
+        """Show the sessions of a folder, or one of them; samples are listed already."""
+        listings = [one for one in (self._listing, self._sample_listing) if one is not None]
+        if not any(one.root.absolute() == folder.absolute() for one in listings):
+            self._listing = SessionListing(folder)
+        self._cards = None
+        self._look_for(folder if session is None else folder / session)
 
-    def on_show_sessions(self, message: ShowSessions) -> None:
-        """Show a folder of sessions, or one session in it; the cursor goes to the newest otherwise."""
-        self._browser.open_folder(message.folder, message.session)
+    # The list
 
-    def on_session_browser_changed(self) -> None:
-        """Offer what can be done now."""
+    def _look_for(self, folder: Path | None) -> None:
+        self._wanted = folder
+        self.look_at_disk()
+
+    def _look_again(self) -> None:
+        if self.screen.is_active:
+            self._rows.show_all_again()
+            self.look_at_disk()
+
+    @work(exclusive=True, group="listing")
+    async def look_at_disk(self) -> None:
+        """Read the folder in a thread and show what has changed."""
+        cards = await asyncio.to_thread(self._listing.read)
+        if self._sample_listing is not None and self._cards is None:
+            self._samples = await asyncio.to_thread(self._sample_listing.read)
+        if cards != self._cards or self._wanted is not None:
+            self._cards = cards
+            self._show()
+
+    @property
+    def _order(self) -> Order:
+        order = self._settings.recall("sessions.order", str(Order.NEWEST))
+        return Order(order) if order in set(Order) else Order.NEWEST
+
+    def _show(self) -> None:
+        words = self._find.value if self._find.display else ""
+        entries = arrange(self._cards or [], self._samples, self._order, words)
+        nothing_chosen = not self._rows.chosen
+        self._rows.show_entries(entries)
+        if nothing_chosen:
+            self._choose_saved(entries)
+        if self._wanted is not None:
+            wanted = self._wanted.absolute()
+            if self._choose_saved([e for e in entries if wanted in (Path(e.key), Path(e.key).parent)]):
+                self._wanted = None
+        self._rows.display = bool(entries)
+        self._empty.display = not entries and self._cards is not None
+        where = printable(str(self._listing.root))
+        text = f"No session in {where} yet: in Shoot (key 2), space takes one."
+        self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
+        here = sum(not entry.is_sample for entry in entries)
+        samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
+        title, subtitle = f"{count(here, 'session')}{samples}", f"{self._order} · s sorts · / finds"
+        if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
+            self._frame.border_title, self._frame.border_subtitle = title, subtitle
+        self.on_row_list_chosen()
+
+    def _choose_saved(self, entries: list[Entry]) -> bool:
+        """Put the cursor on the first session that is saved, else on the first; whether there is any."""
+        saved = (entry for entry in entries if entry.card.state is SessionState.COMPLETE)
+        for entry in (*saved, *entries)[:1]:
+            self._rows.choose(entry.key)
+        return bool(entries)
+
+    def on_row_list_chosen(self) -> None:
+        """Show what is under the cursor, and offer what can be done with it."""
+        self._settle()
         self.refresh_bindings()
 
-    def on_row_list_opened(self, message: RowList.Opened) -> None:
+    def on_row_list_opened(self) -> None:
         """Look at it."""
-        message.stop()
         self.action_look()
+
+    def on_input_changed(self) -> None:
+        """Find as one types."""
+        self._show()
+
+    def on_input_submitted(self) -> None:
+        """Back to what was found."""
+        self._rows.focus()
+
+    def _settle(self) -> None:
+        if self._settling is not None:
+            self._settling.stop()
+        self._settling = self.set_timer(SETTLED_S, self._show_pane) if self.has_class("-wide") else None
+
+    @work(exclusive=True, group="pane")
+    async def _show_pane(self) -> None:
+        entry = self.entry
+        title = "" if entry is None else printable(entry.card.name)
+        if str(self._pane.border_title or "") != title:
+            self._pane.border_title = Content(title)
+        if entry is None or entry.card.state is not SessionState.COMPLETE:
+            self._pane.show(entry, None)
+        elif entry != self._pane.entry:
+            self._pane.show(entry, await self._try(TakeSheet.open, entry.card.folder))
+
+    async def _try(self, do: Callable[[Path], T], folder: Path) -> T | None:
+        """Do something on disk in a thread; None, and a sentence on the screen, where that fails."""
+        try:
+            return await asyncio.to_thread(do, folder)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+            return None
 
     # Looking
 
@@ -116,26 +234,19 @@ class SessionsView(ModeView):
         """Offer only what can be done with the session under the cursor."""
         entry = self.entry
         if action == "show_all":
-            return self._browser.is_finding
-        if action in ("undo", "sort", "filter"):
+            return bool(self._find.display)
+        if action not in _OF_ONE:
             return True
         if entry is None:
-            return action not in _OF_ONE
-        whole = entry.card.state is SessionState.COMPLETE
-        has_result = self._latest_result(entry) is not None
+            return False
+        if action == "results":
+            return self._latest_result(entry) is not None
         if entry.card.state is SessionState.WRITING:
             # Soon it can be done: the key says so, where a key that is gone says nothing.
-            return has_result if action == "results" else True
-        return {
-            "look": whole,
-            "compare": whole and len(entry.card.cameras) > 1,
-            "results": has_result,
-            "export": whole,
-            "verify": whole,
-            "rename": whole and not entry.is_sample,
-            "note": whole and not entry.is_sample,
-            "trash": not entry.is_sample,
-        }.get(action, True)
+            return True
+        whole = entry.card.state is SessionState.COMPLETE or action in ("analyse", "trash")
+        kept = entry.is_sample and action in ("rename", "note", "trash")
+        return whole and not kept and (action != "compare" or len(entry.card.cameras) > 1)
 
     def _saved_entry(self) -> Entry | None:
         """The session under the cursor; None, and a sentence on the screen, while it is being saved."""
@@ -150,7 +261,7 @@ class SessionsView(ModeView):
         """Show the session on the whole screen."""
         entry = self._saved_entry()
         if entry is not None and entry.card.state is SessionState.COMPLETE:
-            sheet = await self._browser.open_sheet(entry)
+            sheet = await self._try(TakeSheet.open, entry.card.folder)
             if sheet is not None:
                 self.app.push_screen(TakeScreen(entry, sheet))
 
@@ -165,48 +276,52 @@ class SessionsView(ModeView):
     @work
     async def action_results(self) -> None:
         """Show what was found last about the session."""
-        entry = self.entry
-        job = None if entry is None else self._latest_result(entry)
-        if job is not None:
-            await show_result(self, job)
+        run = None if self.entry is None else self._latest_result(self.entry)
+        if run is not None:
+            await show_result(self, run)
 
-    def _latest_result(self, entry: Entry) -> Job | None:
-        return next((job for job in self._jobs.of(entry.card.folder) if job.result is not None), None)
+    def _latest_result(self, entry: Entry) -> Run | None:
+        return next((run for run in self._runs.of(entry.card.folder) if run.result is not None), None)
 
     # Sorting and finding
 
     def action_sort(self) -> None:
-        """Sort by the next thing."""
-        self._browser.sort(self._browser.order.following)
-        self._settings.remember("sessions.order", self._browser.order.value)
+        """Sort by the next thing, and go to the first."""
+        self._settings.remember("sessions.order", str(self._order.following))
+        self._show()
+        self._rows.action_move(-len(self._rows.keys))
 
     def action_filter(self) -> None:
         """Type what to look for."""
-        self._browser.find()
+        self._find.display = True
+        self._find.focus()
         self.refresh_bindings()
 
     def action_show_all(self) -> None:
         """Show all sessions again."""
-        self._browser.show_all()
+        self._find.value = ""
+        self._find.display = False
+        self._rows.focus()
+        self._show()
 
-    # Jobs
+    # Starting commands
 
     def action_compare(self) -> None:
         """Compare with quick settings."""
-        self._start(COMPARE)
+        self._start(COMPARE, self._saved_entry())
 
     def action_verify(self) -> None:
         """Check every file of it."""
-        self._start(VERIFY)
+        self._start(VERIFY, self._saved_entry())
 
     @work
     async def action_analyse(self) -> None:
         """Choose what is to be made of it, and how."""
         entry = self._saved_entry()
         if entry is not None:
-            chosen = await self.app.push_screen_wait(job_form(entry.card, self._jobs))
+            chosen = await self.app.push_screen_wait(CommandForm(entry.card, self._runs))
             if chosen is not None:
-                self._start(KINDS[chosen.value], entry, chosen.text)
+                self._start(COMMANDS[chosen.value], entry, chosen.text)
 
     @work
     async def action_export(self) -> None:
@@ -214,31 +329,26 @@ class SessionsView(ModeView):
         entry = self._saved_entry()
         if entry is None:
             return
-        folder = Path(self._settings.recall("sessions.export-folder", str(self._browser.root.parent)))
+        folder = self._settings.recall("sessions.export-folder", str(self._listing.root.parent))
         name = self._settings.recall("sessions.export-format", "colmap")
-        chosen = await self.app.push_screen_wait(export_form(entry.card, folder, name))
+        chosen = await self.app.push_screen_wait(ExportForm(entry.card, Path(folder), name))
         if chosen is not None:
             out = typed_path(chosen.text)
             self._settings.remember("sessions.export-folder", str(out.parent))
             self._settings.remember("sessions.export-format", chosen.value)
-            self._start(EXPORTS[chosen.value], entry, "", out)
+            self._start(EXPORTS[chosen.value], entry, out=out)
 
     def _start(
-        self, kind: JobKind, entry: Entry | None = None, options: str | None = None, out: Path | None = None
+        self, command: Command, entry: Entry | None, options: str | None = None, out: Path | None = None
     ) -> None:
-        entry = entry or self._saved_entry()
-        if entry is None:
-            return
-        try:
-            self._jobs.add(kind, entry.card.folder, options, out)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
-            return
-        self.app.notify(
-            f"{kind.title} of {printable(entry.card.name)} has begun: key 4 shows how far it is; "
-            "it ends when the screen is closed",
-            markup=False,
-        )
+        if entry is not None:
+            with telling(self):
+                self._runs.add(command, entry.card.folder, options, out)
+                self.app.notify(
+                    f"{command.title} of {printable(entry.card.name)} has begun: key 4 shows how far it is; "
+                    "it ends when the screen is closed",
+                    markup=False,
+                )
 
     # Changing
 
@@ -248,10 +358,9 @@ class SessionsView(ModeView):
         entry = self._saved_entry()
         name = None if entry is None else await self.app.push_screen_wait(name_question(entry.card))
         if entry is not None and name:
-            self._browser.select(entry.card.folder.with_name(name))
-            renamed = await self._do(lambda: rename_session(entry.card.folder, name))
-            if renamed is not None:
-                await self._jobs.follow_rename(entry.card.folder, self._browser.root / renamed.name)
+            renamed = await self._try(lambda folder: rename_session(folder, name), entry.card.folder)
+            self._look_for(renamed)
+            await self._runs.read()
 
     @work
     async def action_note(self) -> None:
@@ -259,7 +368,8 @@ class SessionsView(ModeView):
         entry = self._saved_entry()
         note = None if entry is None else await self.app.push_screen_wait(note_question(entry.card))
         if entry is not None and note is not None:
-            await self._do(lambda: set_note(entry.card.folder, note))
+            await self._try(lambda folder: set_note(folder, note), entry.card.folder)
+            self.look_at_disk()
 
     @work
     async def action_trash(self) -> None:
@@ -267,31 +377,19 @@ class SessionsView(ModeView):
         entry = self._saved_entry()
         if entry is None:
             return
-        if any(not job.state.is_over for job in self._jobs.of(entry.card.folder)):
+        if any(not run.state.is_over for run in self._runs.of(entry.card.folder)):
             self.post_message(Mishap(SimulshotError("a job works on it", hint="cancel it first: key 4")))
             return
-        if await self._do(lambda: trash_session(entry.card.folder)) is not None:
-            self._jobs.drop(entry.card.folder)
+        if await self._try(trash_session, entry.card.folder) is not None:
             self.app.notify(f"{printable(entry.card.name)} is in the trash: u brings it back", markup=False)
+        self.look_at_disk()
+        await self._runs.read()
 
     @work
     async def action_undo(self) -> None:
         """Bring back what was moved to the trash last."""
-        folder = await self._do(lambda: restore_session(self._browser.root))
-        if folder is not None:
-            self.select(folder)
-            await self._jobs.find_earlier()
-
-    async def _do(self, change: Callable[[], T]) -> T | None:
-        """Change something on disk in a thread, and show what is there then; None where that failed."""
-        done = None
-        try:
-            done = await asyncio.to_thread(change)
-        except SimulshotError as error:
-            self._browser.select(None)
-            self.post_message(Mishap(error))
-        self._browser.look_at_disk()
-        return done
+        self._look_for(await self._try(restore_session, self._listing.root))
+        await self._runs.read()
 
 
 _OF_ONE = ("look", "compare", "results", "export", "verify", "analyse", "rename", "note", "trash")

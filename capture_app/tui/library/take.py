@@ -1,9 +1,4 @@
-"""One session: words, sheet, pictures.
-
-One session: what it is good for in words, and its contact sheet.
-
-One session on the whole screen: words, contact sheet, and each picture full size.
-"""
+"""One session: what it is good for in words, its contact sheet, and each picture full size."""
 
 from typing import ClassVar
 
@@ -36,24 +31,15 @@ class TakePane(Vertical):
     """
 
     def __init__(self) -> None:
-        super().__init__()
-        self._entry: Entry | None = None
+        self.entry: Entry | None = None
+        """The session that is shown."""
         self.sheet = ContactSheet()
         self._words = Lines(id="take-words")
-
-    def compose(self) -> ComposeResult:
-        """The words above the sheet."""
-        yield self._words
-        yield self.sheet
-
-    @property
-    def entry(self) -> Entry | None:
-        """What is shown."""
-        return self._entry
+        super().__init__(self._words, self.sheet)
 
     def show(self, entry: Entry | None, sheet: TakeSheet | None) -> None:
         """Show a session; None: its sheet is not there, or not yet."""
-        self._entry = entry
+        self.entry = entry
         if sheet is not self.sheet.sheet:
             self.sheet.show(sheet)
         self._show_words()
@@ -64,7 +50,7 @@ class TakePane(Vertical):
 
     def _show_words(self) -> None:
         width = max(20, self.size.width - 2)
-        entry, sheet = self._entry, self.sheet.sheet
+        entry, sheet = self.entry, self.sheet.sheet
         if entry is None:
             self._words.show([])
             return
@@ -99,7 +85,7 @@ class TakeScreen(Dialog[None]):
             "b", "look('CAMERAS')", "Blink cameras", id="take.blink", tooltip="one camera after the other"
         ),
         Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
-        Binding("escape,backspace", "close", "Back", id="take.back", key_display="esc"),
+        Binding("escape,backspace", "dismiss", "Back", id="take.back", key_display="esc"),
     ]
     DEFAULT_CSS = """
     TakeScreen { background: $background; }
@@ -146,10 +132,6 @@ class TakeScreen(Dialog[None]):
         place = self._pane.sheet.place
         if place is not None:
             self._look(place.camera, place.instant, Motion[motion])
-
-    def action_close(self) -> None:
-        """Go back."""
-        self.dismiss(None)
 
     def _look(self, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
         def come_back(seen: tuple[str, int] | None) -> None:

@@ -1,14 +1,11 @@
-"""The list of cameras, one of them chosen: tall strips where there is room, else a line each.
-
-What the list says of each camera: in a few lines beside a tall strip, or in one line of columns.
-"""
+"""The list of cameras, one of them chosen: some lines beside a tall strip where there is room, else one."""
 
 import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import events
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
@@ -34,68 +31,73 @@ class Column:
     title: str
     width: int
     room: int = 0
+    is_left: bool = False
+
+    def fit(self, content: Content) -> Content:
+        """Cut or fill what stands in it."""
+        if self.is_left:
+            return content.truncate(self.width, ellipsis=True, pad=True)
+        content = content.truncate(self.width, ellipsis=True)
+        return content.pad_left(self.width - content.cell_length)
 
 
-NAME = Column("camera", 12)
+NAME_WIDTH = 12
 COLUMNS = (
-    Column("state", 13),
+    Column("state", 13, is_left=True),
     Column("phase", 8),
     Column("error", 8),
     Column("fps", 5),
     Column("drops", 6),
     Column("exposure", 9, 100),
     Column("disk", 7, 110),
-    Column("  model", 20, 140),
+    Column("  model", 20, 140, is_left=True),
 )
-
-
-def compact_head(width: int) -> Content:
-    """The titles of the columns, and what the strip between them shows."""
-    columns = [column for column in COLUMNS if width >= column.room]
-    strip = _strip_width(width)
-    words = [
-        f"  {NAME.title:<{NAME.width}}",
-        *(_fit(c.title, c.width, left=_is_left(c)) for c in columns[:3]),
-    ]
-    words += [f" {'phase over 30 s':<{strip}.{strip}} "]
-    words += [_fit(c.title, c.width, left=_is_left(c)) for c in columns[3:]]
-    return Content.styled("".join(words), "$foreground-muted")
-
-
-def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, width: int) -> Content:
-    """A camera in one line; `errors_ns` has two for each cell of `compact_strip_width`."""
-    gone = node.state is NodeState.LOST
-    cells = {
-        "state": _state(node),
-        "phase": _styled(_phase(node), "" if gone else _phase_style(node, axis)),
-        "error": _styled(_time_error(node)),
-        "fps": _styled(NO_VALUE if node.fps is None else f"{node.fps:.3g}"),
-        "drops": _styled(str(node.drops), "$warning" if node.drops else ""),
-        "exposure": _styled(_exposure(node)),
-        "disk": _styled(_disk(node)),
-        "  model": _styled(f"  {printable(node.camera.model)}"),
-    }
-    columns = [column for column in COLUMNS if width >= column.room]
-    parts = [_name(node, NAME.width)]
-    parts += [_fit_content(cells[c.title], c.width, left=_is_left(c)) for c in columns[:3]]
-    strip = _strip_width(width)
-    if any(error is not None for error in errors_ns) or not node.message:
-        parts += [
-            Content(" "),
-            *strip_rows(errors_ns, axis, width=strip, height=1, dimmed=gone),
-            Content(" "),
-        ]
-    else:
-        text = f" {printable(node.message):<{strip + 1}}"
-        parts.append(Content.styled(_cut(text, strip + 2), SIGNS[node.state].style))
-    parts += [_fit_content(cells[c.title], c.width, left=_is_left(c)) for c in columns[3:]]
-    row = Content("").join(parts)
-    return row.stylize_before("$foreground-muted") if gone else row
+BEFORE_STRIP = 3
+"""How many columns are left of the strip."""
 
 
 def compact_strip_width(width: int) -> int:
     """Cells of the strip in a line of such a width."""
-    return _strip_width(width)
+    taken = 2 + NAME_WIDTH + sum(column.width for column in COLUMNS if width >= column.room)
+    return max(width - taken - 3, MIN_STRIP)
+
+
+def _compact(name: Content, cells: Mapping[str, Content], strip: Content, width: int) -> Content:
+    parts = [name, *(c.fit(cells[c.title]) for c in COLUMNS if width >= c.room)]
+    return Content("").join([*parts[: 1 + BEFORE_STRIP], strip, *parts[1 + BEFORE_STRIP :]])
+
+
+def compact_head(width: int) -> Content:
+    """The titles of the columns, and what the strip between them shows."""
+    room = compact_strip_width(width)
+    strip = Content(f" {'phase over 30 s':<{room}.{room}} ")
+    titles = {column.title: Content(column.title) for column in COLUMNS}
+    head = _compact(Content(f"  {'camera':<{NAME_WIDTH}}"), titles, strip, width)
+    return head.stylize("$foreground-muted")
+
+
+def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, width: int) -> Content:
+    """A camera in one line; `errors_ns` has one for each cell of `compact_strip_width`."""
+    gone = node.state is NodeState.LOST
+    cells = {
+        "state": _state(node),
+        "phase": _phase(node, axis),
+        "error": _time_error(node),
+        "fps": Content(_fps(node)),
+        "drops": Content.styled(str(node.drops), "$warning" if node.drops else ""),
+        "exposure": Content(_exposure(node)),
+        "disk": Content(_disk(node)),
+        "  model": Content(f"  {printable(node.camera.model)}"),
+    }
+    room = compact_strip_width(width)
+    if any(error is not None for error in errors_ns) or not node.message:
+        (trace,) = strip_rows(errors_ns, axis, width=room, height=1, dimmed=gone)
+        strip = Content.assemble(" ", trace, " ")
+    else:
+        message = Content.styled(f" {printable(node.message)}", SIGNS[node.state].style)
+        strip = message.truncate(room + 2, ellipsis=True, pad=True)
+    row = _compact(_name(node, NAME_WIDTH), cells, strip, width)
+    return row.stylize_before("$foreground-muted") if gone else row
 
 
 def tall_text_width(width: int) -> int:
@@ -111,40 +113,39 @@ def tall_strip_width(width: int) -> int:
 def tall_rows(
     node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, *, width: int, height: int
 ) -> list[Content]:
-    """A camera in `height` lines, three or more; `errors_ns` has two for each cell of the strip."""
+    """A camera in `height` lines, three or more; `errors_ns` has one for each cell of the strip."""
     gone = node.state is NodeState.LOST
     room, strip = tall_text_width(width), tall_strip_width(width)
-    name = _name(node, room - 17)
-    words = [Content("").join((name, _state(node)))]
-    words.append(
-        Content.assemble(
-            ("  phase ", "$foreground-muted"),
-            _fit_content(_styled(_phase(node), "" if gone else _phase_style(node, axis)), 8, left=True),
-            ("  error ", "$foreground-muted"),
-            _time_error(node),
-        )
-    )
-    drops = (count(node.drops, "drop"), "$warning" if node.drops else "")
-    if node.camera.kind in WITHOUT_CAMERA:
-        words.append(Content.styled(f"  {node.camera.kind}", "$foreground-muted"))
-    else:
-        fps = NO_VALUE if node.fps is None else f"{node.fps:.3g}"
-        words.append(Content.assemble("  ", f"{fps} fps  ", _exposure(node), "  ", drops))
-    extra = [
-        # Cameras of the leader's machine share its disk, whose room the header tells.
-        f"  {_disk(node)} free" if node.disk_free_bytes is not None and not node.on_leader else "",
-        f"  {printable(node.camera.model)}",
+    phase = _phase(node, axis).truncate(8, ellipsis=True, pad=True)
+    label = "$foreground-muted"
+    words = [
+        Content.assemble(_name(node, room - 17), _state(node)),
+        Content.assemble(("  phase ", label), phase, ("  error ", label), _time_error(node)),
     ]
-    words += [Content.styled(_cut(line, room), "$foreground-muted") for line in extra if line.strip()]
-    words = (words + [Content("")] * height)[:height]
+    if node.camera.kind in WITHOUT_CAMERA:
+        words.append(Content.styled(f"  {node.camera.kind}", label))
+    else:
+        drops = (count(node.drops, "drop"), "$warning" if node.drops else "")
+        words.append(Content.assemble(f"  {_fps(node)} fps  {_exposure(node)}  ", drops))
+    if node.disk_free_bytes is not None and not node.on_leader:
+        # Cameras of the leader's machine share its disk, whose room the header tells.
+        words.append(Content.styled(f"  {_disk(node)} free", label))
+    if node.camera.model.strip():
+        model = Content.styled(f"  {printable(node.camera.model)}", label)
+        words.append(model.truncate(room, ellipsis=True))
     if any(error is not None for error in errors_ns):
-        labels = [Content.styled(label, "$foreground-muted") for label in axis.labels(height)]
         strips = strip_rows(errors_ns, axis, width=strip, height=height, dimmed=gone)
-        right = [trace + label for trace, label in zip(strips, labels, strict=True)]
+        labels = [Content.styled(text, label) for text in axis.labels(height)]
+        right = [trace + beside for trace, beside in zip(strips, labels, strict=True)]
     else:
         right = _message_rows(node, strip + AXIS_WIDTH, height)
-    rows = [_pad(left, room) + " " + beside for left, beside in zip(words, right, strict=True)]
+    left = [line.truncate(room, ellipsis=True, pad=True) for line in _filled(words, height)]
+    rows = [line + " " + beside for line, beside in zip(left, right, strict=True)]
     return [row.stylize_before("$foreground-muted") for row in rows] if gone else rows
+
+
+def _filled(lines: list[Content], height: int) -> list[Content]:
+    return (lines + [Content("")] * height)[:height]
 
 
 def _message_rows(node: NodeStatus, width: int, height: int) -> list[Content]:
@@ -156,17 +157,17 @@ def _message_rows(node: NodeStatus, width: int, height: int) -> list[Content]:
     }.get(node.state, "")
     lines = textwrap.wrap(text, width)
     if len(lines) > height:
-        lines = [*lines[: height - 1], _cut(" ".join(lines[height - 1 :]), width)]
+        lines = [*lines[: height - 1], " ".join(lines[height - 1 :])]
     top = (height - len(lines)) // 2
     style = "$foreground-muted" if node.state is NodeState.LOST else SIGNS[node.state].style
-    rows = [Content("")] * top + [Content.styled(line, style) for line in lines]
-    return (rows + [Content("")] * height)[:height]
+    styled = [Content.styled(line, style).truncate(width, ellipsis=True) for line in lines]
+    return _filled([Content("")] * top + styled, height)
 
 
 def _name(node: NodeStatus, width: int) -> Content:
     branch = "  " * (node.depth - 2) + "└ " if node.depth > 1 else ""
-    name = _cut(f"{branch}{printable(node.name)}", width - 1)
-    return Content.styled(f"  {name:<{width}}", "bold")
+    name = Content(f"{branch}{printable(node.name)}").truncate(width - 1, ellipsis=True, pad=True)
+    return Content.assemble("  ", name, " ").stylize("bold")
 
 
 def _state(node: NodeStatus) -> Content:
@@ -183,18 +184,20 @@ def _ago(ns: int) -> str:
     return f"{seconds // 60} min" if seconds < 3600 else f"{seconds // 3600} h"
 
 
-def _phase(node: NodeStatus) -> str:
-    return duration(node.phase_error_ns, signed=True).replace("-", "−")
+def _phase(node: NodeStatus, axis: PhaseAxis) -> Content:
+    text = duration(node.phase_error_ns, signed=True).replace("-", "−")
+    if node.phase_error_ns is None or node.state is NodeState.LOST:
+        return Content(text)
+    inside = abs(node.phase_error_ns) <= (node.tolerance_ns or axis.tolerance_ns)
+    return Content.styled(text, "$success" if inside else "$warning")
 
 
-def _phase_style(node: NodeStatus, axis: PhaseAxis) -> str:
-    if node.phase_error_ns is None:
-        return ""
-    return "$success" if abs(node.phase_error_ns) <= (node.tolerance_ns or axis.tolerance_ns) else "$warning"
+def _time_error(node: NodeStatus) -> Content:
+    return Content(NO_VALUE if node.time_error_ns is None else f"±{duration(node.time_error_ns)}")
 
 
-def _time_error(node: NodeStatus) -> str:
-    return NO_VALUE if node.time_error_ns is None else f"±{duration(node.time_error_ns)}"
+def _fps(node: NodeStatus) -> str:
+    return NO_VALUE if node.fps is None else f"{node.fps:.3g}"
 
 
 def _exposure(node: NodeStatus) -> str:
@@ -206,38 +209,6 @@ def _exposure(node: NodeStatus) -> str:
 
 def _disk(node: NodeStatus) -> str:
     return NO_VALUE if node.disk_free_bytes is None else f"{node.disk_free_bytes / 1e9:.0f} GB"
-
-
-def _strip_width(width: int) -> int:
-    taken = 2 + NAME.width + sum(column.width for column in COLUMNS if width >= column.room)
-    return max(width - taken - 3, MIN_STRIP)
-
-
-def _is_left(column: Column) -> bool:
-    return column.title in ("state", "  model")
-
-
-def _styled(text: str, style: str = "") -> Content:
-    return Content.styled(text, style) if style else Content(text)
-
-
-def _fit(text: str, width: int, *, left: bool) -> str:
-    return f"{text:<{width}}" if left else f"{text:>{width}}"
-
-
-def _fit_content(content: Content, width: int, *, left: bool) -> Content:
-    if content.cell_length > width:
-        content = content.truncate(width, ellipsis=True)
-    missing = width - content.cell_length
-    return content + " " * missing if left else Content(" " * missing) + content
-
-
-def _pad(content: Content, width: int) -> Content:
-    return _fit_content(content, width, left=True)
-
-
-def _cut(text: str, width: int) -> str:
-    return text if len(text) <= width else text[: max(width - 1, 0)] + "…"
 
 
 HEIGHTS = (9, 7, 5, 3)
@@ -266,7 +237,6 @@ class CameraList(Vertical, can_focus=True):
             self.name = name
 
     def __init__(self, record: RigRecord) -> None:
-        super().__init__(id="cameras")
         self._record = record
         self._head = Lines(id="cameras-head")
         self._rows = Lines(id="cameras-rows")
@@ -276,11 +246,7 @@ class CameraList(Vertical, can_focus=True):
         self._height = 0
         """Rows of each camera; 1 for the compact form."""
         self._room = 0
-
-    def compose(self) -> ComposeResult:
-        """The titles of the columns stay where they are; the cameras scroll."""
-        yield self._head
-        yield self._scroll
+        super().__init__(self._head, self._scroll, id="cameras")
 
     @property
     def chosen(self) -> NodeStatus | None:

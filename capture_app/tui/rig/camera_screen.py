@@ -14,12 +14,12 @@ from textual.notifications import SeverityLevel
 from capture_app.camera_facts import Control, describe
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.status import NodeDetail, NodeStatus
+from capture_app.node.wire.status import NodeDetail, NodeStatus, Preview
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.sync.wire.messages import WITHOUT_CAMERA
 from capture_app.text import NO_VALUE, clock_offset, count, duration, printable
 from capture_app.tui.question import Dialog
-from capture_app.tui.rig_record import Mishap, PreviewReceived, RigRecord, StatusChanged
+from capture_app.tui.rig_record import RigRecord, Told, telling
 from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, news_lines
@@ -60,23 +60,25 @@ class CameraScreen(Dialog[None]):
         self._facts = Lines(id="camera-facts")
         self._wedge, self._histogram, self._log = Lines(), Lines(), Lines()
         self._picture = Picture(words="waiting for a picture", id="camera-picture")
+        self._panels = [
+            Vertical(content, id=f"camera-{name}", classes="panel")
+            for name, content in (
+                ("wedge", self._wedge),
+                ("view", self._picture),
+                ("histogram", self._histogram),
+                ("log", self._log),
+            )
+        ]
 
     def compose(self) -> ComposeResult:
         """Facts above two plots, a picture and a log."""
         yield self._facts
-        with Container(id="camera-grid"):
-            for name, content in (
-                ("camera-wedge", self._wedge),
-                ("camera-view", self._picture),
-                ("camera-histogram", self._histogram),
-                ("camera-log", self._log),
-            ):
-                yield Vertical(content, id=name, classes="panel")
+        yield Container(*self._panels, id="camera-grid")
         yield KeyFooter()
 
     def on_mount(self) -> None:
         """Begin to ask."""
-        self.query_one("#camera-view").border_title = "picture"
+        self._panels[1].border_title = "picture"
         self._ask()
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
@@ -92,14 +94,12 @@ class CameraScreen(Dialog[None]):
         """Draw for the room there is."""
         self.call_after_refresh(self._draw)
 
-    def on_status_changed(self, message: StatusChanged) -> None:
-        """Show the camera's facts as they are now."""
-        self._draw_facts()
-
-    def on_preview_received(self, message: PreviewReceived) -> None:
-        """Show what it sees."""
-        if message.preview.camera == self._camera:
-            self._picture.show(message.preview.jpeg)
+    def on_told(self, message: Told) -> None:
+        """Show the camera's facts as they are now, and what it sees."""
+        if not isinstance(message.what, Preview):
+            self._draw_facts()
+        elif message.what.camera == self._camera:
+            self._picture.show(message.what.jpeg)
 
     # Doing
 
@@ -123,19 +123,16 @@ class CameraScreen(Dialog[None]):
     @work(exclusive=True, group="match")
     async def action_match(self) -> None:
         """Set all cameras like this one: exposure, gain, white balance, focus; say what cannot be."""
-        try:
+        with telling(self):
             found = await self._source.match_cameras(self._camera)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
-            return
-        problems = [
-            f"{one.camera}: {why}" for one in found for why in dict.fromkeys(one.state.problems.values())
-        ]
-        words = f"{count(len(found), 'camera')} set like {self._camera}"
-        if problems:
-            words += ", but for:\n" + "\n".join(problems)
-        severity: SeverityLevel = "warning" if problems else "information"
-        self.notify(printable(words), severity=severity, markup=False, timeout=20)
+            problems = [
+                f"{one.camera}: {why}" for one in found for why in dict.fromkeys(one.state.problems.values())
+            ]
+            words = f"{count(len(found), 'camera')} set like {self._camera}"
+            if problems:
+                words += ", but for:\n" + "\n".join(problems)
+            severity: SeverityLevel = "warning" if problems else "information"
+            self.notify(printable(words), severity=severity, markup=False, timeout=20)
 
     @work(exclusive=True, group="detail")
     async def _ask(self) -> None:
@@ -149,10 +146,10 @@ class CameraScreen(Dialog[None]):
                 self._draw()
             await asyncio.sleep(ASK_S)
 
-    @work(group="previews")
-    async def _watch(self, cameras: tuple[str, ...] | None) -> None:
+    def _watch(self, cameras: tuple[str, ...] | None) -> None:
         fps = 0.0 if cameras is None else PREVIEW_FPS
-        await self._source.want_previews(cameras=cameras, width=PREVIEW_WIDTH, fps=fps)
+        asking = self._source.want_previews(cameras=cameras, width=PREVIEW_WIDTH, fps=fps)
+        self.run_worker(asking, group="previews")
 
     # Drawing
 
@@ -165,12 +162,15 @@ class CameraScreen(Dialog[None]):
         self._draw_facts()
         node, detail = self._node, self._detail
         tolerance = (node and node.tolerance_ns) or USUAL_TOLERANCE_NS
-        wedge, histogram, log = (
-            self.query_one(f"#camera-{name}", Vertical) for name in ("wedge", "histogram", "log")
+        wedge, _, histogram, log = self._panels
+        titles = (
+            (wedge, wedge_title(detail.samples)),
+            (histogram, histogram_title(detail.phase_errors_ns, tolerance)),
+            (log, "log"),
         )
-        _set_title(wedge, wedge_title(detail.samples))
-        _set_title(histogram, histogram_title(detail.phase_errors_ns, tolerance))
-        _set_title(log, "log")
+        for panel, title in titles:
+            if panel.border_title != title:  # setting it redraws the panel
+                panel.border_title = title
         self._wedge.show(wedge_rows(detail.samples, *wedge.size))
         self._histogram.show(histogram_rows(detail.phase_errors_ns, tolerance, *histogram.size))
         lines = news_lines(detail.log, log.size.width)[-max(log.size.height, 1) :]
@@ -221,11 +221,6 @@ class CameraScreen(Dialog[None]):
                 Content.styled(_fitting(third, self._facts.size.width), "$foreground-muted"),
             ]
         )
-
-
-def _set_title(panel: Vertical, title: str) -> None:
-    if panel.border_title != title:  # setting it redraws the panel
-        panel.border_title = title
 
 
 def _fitting(parts: list[str], width: int) -> str:

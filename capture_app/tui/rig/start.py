@@ -1,18 +1,12 @@
-"""The choices of the start.
-
-What this machine has to offer at the start: its cameras, its sessions, the samples.
-
-The choices of the start, and what each of them means, on one screen.
-"""
+"""The choices of the start: what this machine has to offer, and what each of them means."""
 
 import textwrap
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from textual import events, work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
@@ -22,13 +16,12 @@ from textual.widgets.option_list import Option
 from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.specs import DRIVERS
-from capture_app.errors import SimulshotError
 from capture_app.net.address import DEFAULT_PORT
 from capture_app.node.leader.local_nodes import VIEWS
 from capture_app.node.rig_link import RigLink
 from capture_app.text import count, printable
 from capture_app.tui.rig.joining import NOT_INVITED, PhonesScreen, invitation, joining_line, qr_lines
-from capture_app.tui.rig_record import Mishap, SessionsRequested
+from capture_app.tui.rig_record import SessionsRequested, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
@@ -71,25 +64,6 @@ def _count(folder: Path) -> int:
         return 0
 
 
-@dataclass(frozen=True, slots=True)
-class Offer:
-    """A line of the list of what can be chosen."""
-
-    id: str
-    key: str
-    title: str
-    usable: bool = True
-
-    def option(self, *, again: bool) -> Option:
-        """Draw it; `again`: it was chosen last time."""
-        words = Content.assemble(
-            (f" {self.key} ", "bold $primary"),
-            f" {_cut(printable(self.title))}",
-            ("  last time" if again else "", "italic $secondary"),
-        )
-        return Option(words, id=self.id, disabled=not self.usable)
-
-
 def _cut(text: str) -> str:
     return text if len(text) <= TITLE_WIDTH else text[: TITLE_WIDTH - 1] + "…"
 
@@ -97,7 +71,7 @@ def _cut(text: str) -> str:
 CAMERA_KEYS = "cefglmpuvwxyz"
 """One for each camera that is found; the others are taken by what is always there."""
 MAX_WIDTH, MARGIN = 96, 8
-"""Of the panel in a wide terminal, in cells; what is left free beside its words."""
+"""Width of the panel in a wide terminal, in cells; what is left free beside its words."""
 CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"
 """The names under which choices are remembered."""
 
@@ -120,7 +94,6 @@ class StartPanel(Vertical):
     ]
 
     def __init__(self, source: RigLink, settings: Settings, sessions: Path, *, local: bool) -> None:
-        super().__init__(id="start")
         self._source = source
         self._settings = settings
         self._sessions = sessions
@@ -134,11 +107,9 @@ class StartPanel(Vertical):
         self._meaning = Lines(id="start-meaning")
         self._code = Lines(id="start-code")
         self._line = Lines(id="start-line")
-
-    def compose(self) -> ComposeResult:
-        """The list, what the chosen line means, the QR code beside both, and the line to type below."""
         left = Vertical(self._title, self._list, self._meaning, id="start-left")
-        yield Vertical(Horizontal(left, self._code, id="start-middle"), self._line, id="start-box")
+        middle = Horizontal(left, self._code, id="start-middle")
+        super().__init__(Vertical(middle, self._line, id="start-box"), id="start")
 
     def on_mount(self) -> None:
         """Look around."""
@@ -164,32 +135,34 @@ class StartPanel(Vertical):
     def _offer(self) -> None:
         """Fill the list, what was chosen last time first."""
         last = self._settings.recall(CHOICE, "")
-        offers = sorted(
-            (*self._camera_offers(), *self._standing_offers()), key=lambda offer: offer.id != last
-        )
         kept = self._chosen if self._list.highlighted else None  # not where nobody has moved
-        self._list.set_options(offer.option(again=offer.id == last) for offer in offers)
-        ids = [offer.id for offer in offers]
-        self._list.highlighted = ids.index(kept) if kept in ids else 0
-
-    def _camera_offers(self) -> list[Offer]:
-        return [
-            Offer(camera.spec, key, f"{camera.model or camera.kind} {Path(camera.spec).name}", camera.usable)
-            for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False)
+        options = [
+            Option(
+                Content.assemble(
+                    (f" {key} ", "bold $primary"),
+                    f" {_cut(printable(title))}",
+                    ("  last time" if choice == last else "", "italic $secondary"),
+                ),
+                id=choice,
+                disabled=not usable,
+            )
+            for choice, key, title, usable in sorted(self._lines(), key=lambda line: line[0] != last)
         ]
+        self._list.set_options(options)
+        self._list.highlighted = next((at for at, one in enumerate(options) if one.id == kept), 0)
 
-    def _standing_offers(self) -> list[Offer]:
-        offers = [
-            Offer("invite", "i", "Invite other machines"),
-            Offer("phones", "h", "Phones by a QR code"),
-            Offer("simulated", "s", f"Simulate {count(self._cameras, 'camera')}"),
-        ]
+    def _lines(self) -> Iterator[tuple[str, str, str, bool]]:
+        """What can be chosen: its name, its key, its title, and whether it can be used."""
+        for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
+            title = f"{camera.model or camera.kind} {Path(camera.spec).name}"
+            yield camera.spec, key, title, camera.usable
+        yield "invite", "i", "Invite other machines", True
+        yield "phones", "h", "Phones by a QR code", True
+        yield "simulated", "s", f"Simulate {count(self._cameras, 'camera')}", True
         if self._offers.sessions:
-            many = count(self._offers.sessions, "session")
-            offers.append(Offer("sessions", "o", f"Look at {many}"))
+            yield "sessions", "o", f"Look at {count(self._offers.sessions, 'session')}", True
         if self._offers.samples:
-            offers.append(Offer("samples", "b", "Browse the samples"))
-        return offers
+            yield "samples", "b", "Browse the samples", True
 
     @property
     def _chosen(self) -> str | None:
@@ -224,10 +197,6 @@ class StartPanel(Vertical):
             ]
         )
 
-    def _words_width(self) -> int:
-        code = max((len(line) for line in self._code.plain), default=0)
-        return min(self.size.width, MAX_WIDTH) - MARGIN - code
-
     def _meanings(self) -> list[Content]:
         match self._chosen:
             case "invite":
@@ -246,7 +215,8 @@ class StartPanel(Vertical):
             case spec:
                 found = next((camera for camera in self._offers.cameras if camera.spec == spec), None)
                 words = "" if found is None else f"{found.spec}: {found.detail}"
-        lines = textwrap.wrap(printable(words), max(self._words_width(), 20))
+        code = max((len(line) for line in self._code.plain), default=0)
+        lines = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN - code, 20))
         return [Content.styled(line, "$foreground-muted") for line in lines]
 
     # Doing
@@ -257,37 +227,34 @@ class StartPanel(Vertical):
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Do what the line says."""
-        match event.option_id:
-            case "invite":
-                self.action_invite()
-            case "phones":
-                self.action_phones()
-            case "simulated":
-                self.action_simulate()
-            case "sessions":
-                self.action_sessions()
-            case "samples":
-                self.action_samples()
-            case str(spec):
-                self._start(spec, self._source.add_camera(spec), f"Starting {spec} …")
+        for camera in self._offers.cameras:
+            if camera.spec == event.option_id:
+                self._start_camera(camera)
+        action = {
+            "invite": self.action_invite,
+            "phones": self.action_phones,
+            "simulated": self.action_simulate,
+            "sessions": self.action_sessions,
+            "samples": self.action_samples,
+        }.get(event.option_id or "")
+        if action is not None:
+            action()
 
     def on_key(self, event: events.Key) -> None:
         """Start the camera of a key."""
         for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
             if event.character == key and camera.usable:
                 event.stop()
-                self._start(camera.spec, self._source.add_camera(camera.spec), f"Starting {camera.spec} …")
+                self._start_camera(camera)
 
     def action_invite(self) -> None:
         """Show how other machines join."""
-        self._settings.remember(CHOICE, "invite")
-        self._highlight("invite")
+        self._choose("invite")
         self._invite()
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""
-        self._settings.remember(CHOICE, "phones")
-        self._highlight("phones")
+        self._choose("phones")
         self.app.push_screen(PhonesScreen(self._source))
 
     def action_simulate(self) -> None:
@@ -319,15 +286,18 @@ class StartPanel(Vertical):
             self._settings.remember(CHOICE, "samples")
             self.post_message(SessionsRequested(self._offers.samples))
 
+    def _choose(self, choice: str) -> None:
+        self._settings.remember(CHOICE, choice)
+        self._highlight(choice)
+
+    def _start_camera(self, camera: CameraListing) -> None:
+        self._start(camera.spec, self._source.add_camera(camera.spec), f"Starting {camera.spec} …")
+
     @work(thread=True, exclusive=True, group="offers")
     def action_rescan(self) -> None:
         """Look for cameras and sessions again."""
-        try:
-            offers = find_offers(self._sessions, local=self._local)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
-            return
-        self.app.call_from_thread(self._take_offers, offers)
+        with telling(self):
+            self.app.call_from_thread(self._take_offers, find_offers(self._sessions, local=self._local))
 
     def _take_offers(self, offers: Offers) -> None:
         if offers != self._offers:
@@ -348,10 +318,7 @@ class StartPanel(Vertical):
         self._settings.remember(CHOICE, choice)
         self._busy = words
         self._explain()
-        try:
+        with telling(self):
             await order
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
-        finally:
-            self._busy = ""
-            self._explain()
+        self._busy = ""
+        self._explain()

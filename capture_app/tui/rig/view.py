@@ -1,23 +1,17 @@
-"""The mode Rig.
-
-What happened at the rig, with the time of the clock, newest at the bottom.
-"""
+"""The mode Rig: whether the rig is ready and what to do, its cameras, and what happened."""
 
 import re
 import textwrap
-from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from textual import work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.content import Content
 
 from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigLink
+from capture_app.node.rig_link import LinkLost, RigLink
 from capture_app.node.wire.status import NewsLine, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import printable
@@ -28,7 +22,7 @@ from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig.joining import PhonesScreen
 from capture_app.tui.rig.panel_screen import PanelScreen
 from capture_app.tui.rig.start import StartPanel
-from capture_app.tui.rig_record import LinkChanged, Mishap, NewsReceived, RigRecord, StatusChanged
+from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
 from capture_app.tui.widgets.lines import Lines, news_lines
@@ -37,29 +31,23 @@ SCROLLBAR = 1
 
 
 class NewsPane(VerticalScroll, can_focus=True):
-    """Follows the news unless the user has scrolled back."""
+    """What happened, newest at the bottom; follows it unless the user has scrolled back."""
 
-    def __init__(self) -> None:
-        super().__init__(id="news")
+    def __init__(self, record: RigRecord) -> None:
+        self._record, self._lines = record, Lines()
+        super().__init__(self._lines, id="news")
         self.border_title = "news"
-        self._lines = Lines()
-        self._shown: tuple[NewsLine, ...] = ()
 
-    def on_mount(self) -> None:
-        """Put the lines in."""
-        self.mount(self._lines)
-
-    def draw(self, news: Iterable[NewsLine]) -> None:
+    def draw(self) -> None:
         """Show the news."""
-        self._shown = tuple(news)
         following = self.scroll_y >= self.max_scroll_y
-        self._lines.show(news_lines(self._shown, self.size.width - SCROLLBAR))
+        self._lines.show(news_lines(self._record.news, self.size.width - SCROLLBAR))
         if following:
             self.call_after_refresh(self.scroll_end, animate=False)
 
     def on_resize(self) -> None:
         """Wrap anew."""
-        self.draw(self._shown)
+        self.draw()
 
 
 ADVICE_LINES = 2
@@ -94,24 +82,17 @@ class RigView(ModeView):
         self, source: RigLink, record: RigRecord, settings: Settings, sessions: Path, *, local: bool
     ) -> None:
         """`local`: the leader is on this machine, and can run its cameras."""
-        super().__init__()
         self._source = source
         self._record = record
         self._advice = Lines(id="advice")
         self._cameras = CameraList(record)
-        self._news = NewsPane()
+        self._news = NewsPane(record)
         self._start = StartPanel(source, settings, sessions, local=local)
         self._adding: int | None = None
         """How many cameras there were when the user asked for more; None when they did not."""
         self._drawn: tuple[object, ...] = ()
         self._next_draw_s = 0.0
-
-    def compose(self) -> ComposeResult:
-        """Lay the mode out."""
-        yield self._advice
-        yield self._start
-        yield self._cameras
-        yield self._news
+        super().__init__(self._advice, self._start, self._cameras, self._news)
 
     def on_mount(self) -> None:
         """Let time pass in the strips."""
@@ -128,31 +109,29 @@ class RigView(ModeView):
         """Catch up with what happened meanwhile."""
         super().on_mode_shown()
         self._draw()
-        self._news.draw(self._record.news)
+        self._news.draw()
 
     def on_resize(self) -> None:
         """Divide the room anew."""
         self.call_after_refresh(self.on_mode_shown)
 
-    def on_status_changed(self, message: StatusChanged) -> None:
+    def on_told(self, message: Told) -> None:
         """Draw at once what is not a mere figure."""
-        status = message.status
-        words = (status.advice, status.message, *(node.message for node in status.nodes))
-        seen = (
-            *(_FIGURES.sub("", text) for text in words),
-            *((node.name, _is_settled(node) or node.state) for node in status.nodes),
-        )
-        if seen != self._drawn:
-            self._drawn = seen
-            self._draw()
-
-    def on_link_changed(self, message: LinkChanged) -> None:
-        """Say so above the list."""
-        self._draw()
-
-    def on_news_received(self, message: NewsReceived) -> None:
-        """Add it."""
-        self._news.draw(self._record.news)
+        match message.what:
+            case NewsLine():
+                self._news.draw()
+            case LinkLost():
+                self._drawn = ()
+                self._draw()
+            case RigStatus() as status:
+                words = (status.advice, status.message, *(node.message for node in status.nodes))
+                seen = (
+                    *(_FIGURES.sub("", text) for text in words),
+                    *((node.name, _is_settled(node) or node.state) for node in status.nodes),
+                )
+                if seen != self._drawn:
+                    self._drawn = seen
+                    self._draw()
 
     def _let_time_pass(self) -> None:
         """Draw what is worth watching; a rig that only trembles is drawn now and then."""
@@ -246,31 +225,22 @@ class RigView(ModeView):
         """Show how phones become cameras."""
         self.app.push_screen(PhonesScreen(self._source))
 
-    def action_remove(self) -> None:
+    @work(group="orders")
+    async def action_remove(self) -> None:
         """Take the chosen camera off the rig."""
         node = self._cameras.chosen
-        if node is None:
-            return
-        if node.state is NodeState.LOST:
-            self._remove(node.name)
-        elif node.on_leader:
+        if node is not None and node.state is not NodeState.LOST:
+            if not node.on_leader:
+                words = f"{node.name} runs on another machine ({node.address})"
+                self.post_message(Mishap(SimulshotError(words, hint="stop it there")))
+                return
             answers = [Answer("keep", "k", "Keep it"), Answer("end", "e", "End it")]
             question = Question(f"{node.name} is running. End it, and take it off the rig?", answers)
-            self.app.push_screen(question, partial(self._end, node.name))
-        else:
-            words = f"{node.name} runs on another machine ({node.address})"
-            self.post_message(Mishap(SimulshotError(words, hint="stop it there")))
-
-    def _end(self, name: str, answer: str | None) -> None:
-        if answer == "end":
-            self._remove(name)
-
-    @work(group="orders")
-    async def _remove(self, name: str) -> None:
-        try:
-            await self._source.remove_camera(name)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
+            if await self.app.push_screen_wait(question) != "end":
+                return
+        if node is not None:
+            with telling(self):
+                await self._source.remove_camera(node.name)
 
 
 def _is_calm(status: RigStatus) -> bool:

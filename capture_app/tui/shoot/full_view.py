@@ -1,26 +1,21 @@
-"""Of what two cameras see, the two pictures that were taken nearest to the same instant.
-
-One camera full size, with aids for focus and exposure; or two cameras blinked at the same instant.
-"""
+"""One camera full size, with aids for focus and exposure; or two cameras blinked at the same instant."""
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.timer import Timer
 
-from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.status import NodeStatus, Preview
 from capture_app.session.reading.decoding import decode_image
 from capture_app.text import duration, printable
 from capture_app.tui.question import Dialog
-from capture_app.tui.rig_record import Mishap, PreviewReceived, StatusChanged
+from capture_app.tui.rig_record import RigRecord, Told
 from capture_app.tui.signs import SIGNS, cameras_of
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.focus_aids import (
@@ -79,7 +74,7 @@ BLINK_S = 0.5
 HISTOGRAM_ROWS = 3
 
 
-class CameraScreen(Dialog[str]):
+class FullView(Dialog[str]):
     """What a camera sees now; Escape closes it and gives the camera that was last seen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -92,25 +87,21 @@ class CameraScreen(Dialog[str]):
         Binding("b", "blink", "Blink with next", id="finder.blink", tooltip="this camera and the next"),
     ]
     DEFAULT_CSS = """
-    CameraScreen { background: $background; }
-    CameraScreen > #finder-title { height: 1; background: $panel; padding: 0 1; }
-    CameraScreen > #finder-meters { height: auto; padding: 0 1; }
+    FullView { background: $background; }
+    FullView > #finder-title { height: 1; background: $panel; padding: 0 1; }
+    FullView > #finder-meters { height: auto; padding: 0 1; }
     """
 
-    def __init__(
-        self, rig: RigLink, cameras: Sequence[str], camera: str, *, clock: Callable[[], float]
-    ) -> None:
-        """`clock`: seconds that only grow."""
+    def __init__(self, rig: RigLink, record: RigRecord, cameras: Sequence[str], camera: str) -> None:
         super().__init__()
-        self._rig, self._clock = rig, clock
+        self._rig, self._record = rig, record
         self._cameras = tuple(cameras)
         self._at = self._cameras.index(camera)
-        self._status_of: dict[str, NodeStatus] = {}
         self._aids: dict[str, bool] = {"focus": False, "zebra": False}
-        self._focus = FocusMeter()
+        self.focus_meter = FocusMeter()
         self._exposure: Exposure | None = None
+        self._blinks = False
         self._pairs: InstantPairs | None = None
-        self._timer: Timer | None = None
         self._shows_second = False
         self._title = Lines(id="finder-title")
         self._picture = Picture(words="no picture yet", noise=NOISE)
@@ -125,6 +116,7 @@ class CameraScreen(Dialog[str]):
 
     def on_mount(self) -> None:
         """Ask for its pictures."""
+        self.set_interval(BLINK_S, self._blink)
         self._begin()
 
     @property
@@ -133,14 +125,9 @@ class CameraScreen(Dialog[str]):
         return self._cameras[self._at]
 
     @property
-    def partner(self) -> str:
+    def _partner(self) -> str:
         """The camera that it is blinked with."""
         return self._cameras[(self._at + 1) % len(self._cameras)]
-
-    @property
-    def focus_meter(self) -> FocusMeter:
-        """How sharp it is, and was."""
-        return self._focus
 
     async def action_close(self) -> None:
         """Go back; whoever is seen then asks for the pictures that it needs."""
@@ -165,44 +152,34 @@ class CameraScreen(Dialog[str]):
 
     def action_blink(self) -> None:
         """Blink with the next camera at the same instant, or stop it."""
-        if self._pairs is None and len(self._cameras) > 1:
-            self._pairs = InstantPairs(self.camera, self.partner)
-        else:
-            self._pairs = None
-        self._begin(keep_pairs=True)
+        self._blinks = not self._blinks and len(self._cameras) > 1
+        self._begin()
 
-    def on_status_changed(self, message: StatusChanged) -> None:
-        """Show how the camera is."""
-        self._status_of = {node.name: node for node in cameras_of(message.status)}
-        self._show_title()
+    def on_told(self, message: Told) -> None:
+        """Show how the camera is, and what it sees."""
+        if not isinstance(message.what, Preview):
+            self._show_title()
+        elif self._pairs is not None:
+            self._pairs.add(message.what)
+        elif message.what.camera == self.camera:
+            self._measure(message.what)
 
-    def on_preview_received(self, message: PreviewReceived) -> None:
-        """Show what it sees."""
-        preview = message.preview
-        if self._pairs is not None:
-            self._pairs.add(preview)
-        elif preview.camera == self.camera:
-            self._measure(preview)
-
-    def _begin(self, *, keep_pairs: bool = False) -> None:
-        if not keep_pairs and self._pairs is not None:
-            self._pairs = InstantPairs(self.camera, self.partner)
-        if self._timer is not None:
-            self._timer.stop()
-        self._timer = self.set_interval(BLINK_S, self._blink) if self._pairs is not None else None
+    def _begin(self) -> None:
+        self._pairs = InstantPairs(self.camera, self._partner) if self._blinks else None
         self._shows_second = False
-        self._focus, self._exposure = FocusMeter(), None
+        self.focus_meter, self._exposure = FocusMeter(), None
         self._picture.show(None)
         self._show_title()
         self._show_meters()
-        self._ask_previews(PAIR_FPS if self._pairs is not None else FULL_FPS)
+        asking = self._ask(PAIR_FPS if self._blinks else FULL_FPS)
+        self.run_worker(asking, exclusive=True, group="previews")
 
     def _blink(self) -> None:
         pair = None if self._pairs is None else self._pairs.nearest()
         if pair is not None:
             self._shows_second = not self._shows_second
             self._picture.show(pair[self._shows_second].jpeg)
-        self._show_title()
+            self._show_title()
 
     @work(exclusive=True, group="measuring")
     async def _measure(self, preview: Preview) -> None:
@@ -211,13 +188,14 @@ class CameraScreen(Dialog[str]):
         if measured is None or preview.camera != self.camera:
             return
         image, focus, self._exposure = measured
-        self._focus.add(self._clock(), focus)
+        self.focus_meter.add(self._record.clock(), focus)
         self._picture.show(image)
         self._show_meters()
 
     def _show_title(self) -> None:
-        shown = self.partner if self._pairs is not None and self._shows_second else self.camera
-        node = self._status_of.get(shown)
+        shown = self._partner if self._pairs is not None and self._shows_second else self.camera
+        cameras = () if self._record.status is None else cameras_of(self._record.status)
+        node = next((node for node in cameras if node.name == shown), None)
         parts = [Content.styled(printable(shown), "bold $primary")]
         if node is not None:
             sign = SIGNS[node.state]
@@ -226,7 +204,7 @@ class CameraScreen(Dialog[str]):
         pair = None if self._pairs is None else self._pairs.nearest()
         if self._pairs is not None:
             apart = "waiting for both" if pair is None else f"{duration(abs(distance_ns(*pair)))} apart"
-            names = f"blinking {printable(self.camera)} ↔ {printable(self.partner)}"
+            names = f"blinking {printable(self.camera)} ↔ {printable(self._partner)}"
             parts.insert(1, Content.styled(f"{names}, {apart}", "bold"))
         parts += [Content.styled(f"{aid} on", "$warning") for aid, on in self._aids.items() if on]
         self._title.show([Content(" · ").join(parts)])
@@ -235,23 +213,16 @@ class CameraScreen(Dialog[str]):
         if self._pairs is not None:
             self._meters.show([])
             return
-        lines = [focus_line(self._focus)]
+        lines = [focus_line(self.focus_meter)]
         if self._exposure is not None:
             width = max(min(self.size.width - 2, len(self._exposure.histogram)), 1)
             lines += [exposure_line(self._exposure), *histogram_lines(self._exposure, width, HISTOGRAM_ROWS)]
         self._meters.show(lines)
 
-    @work(exclusive=True, group="previews")
-    async def _ask_previews(self, fps: float) -> None:
-        await self._ask(fps)
-
     async def _ask(self, fps: float) -> None:
-        cameras = (self.camera,) if self._pairs is None else (self.camera, self.partner)
+        cameras = (self.camera, self._partner) if self._blinks else (self.camera,)
         width = min(max(2 * self.app.size.width, LEAST_PX), MOST_PX)
-        try:
-            await self._rig.want_previews(cameras=cameras, width=width, fps=fps)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
+        await self._rig.want_previews(cameras=cameras, width=width, fps=fps)
 
 
 def _about(node: NodeStatus) -> list[str]:

@@ -1,14 +1,15 @@
-"""How the next take will be: frames before and after the key, countdown, mode, name and notes.
+"""How the next take will be, its course, and its settings as a list: arrows choose one and change it."""
 
-The settings of the take as a list: up and down choose one, left and right change it.
-"""
-
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import asyncio
+import math
+from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
-from typing import ClassVar, Self
+from itertools import count
+from typing import Any, ClassVar, Self
 
-from textual import events
+import msgspec
+from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
@@ -23,10 +24,10 @@ MOST_BEFORE = 60
 """Frames before the key: a node keeps those of 3 s, and the order takes its time to get there."""
 MOST_FRAMES = 300
 MOST_NOTE = 1000
-COUNTDOWNS_S = (0, 3, 5, 10, 20)
+COUNTDOWNS_S = (0.0, 3.0, 5.0, 10.0, 20.0)
 INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
-LENGTHS_S = (0, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600)
-"""Of a recording; 0: until it is ended."""
+LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
+"""Lengths of a recording; 0: until it is ended."""
 TAKES = (2, 3, 5, 10, 20, 50, 100)
 
 
@@ -48,15 +49,15 @@ class TakePlan:
     """The settings of the take; times in seconds."""
 
     frames: int = 8
-    """Of each camera, those before the key included."""
+    """Frames of each camera, those before the key included."""
     before: int = 3
     mode: TakeMode = TakeMode.SINGLE
-    countdown_s: float = 0
+    countdown_s: float = 0.0
     every_s: float = 5.0
     takes: int = 3
-    """Of an interval or a sequence."""
-    seconds: float = 0
-    """Of a recording; 0: until it is ended."""
+    """How many takes an interval or a sequence has."""
+    seconds: float = 0.0
+    """Length of a recording; 0: until it is ended."""
     name: str = ""
     note: str = ""
 
@@ -69,30 +70,20 @@ class TakePlan:
     @classmethod
     def recall(cls, settings: Settings) -> Self:
         """The plan as it was left."""
-        plain = cls()
-        mode = settings.recall("shoot.mode", str(plain.mode))
-        name = settings.recall("shoot.name", plain.name)
-        return cls(
-            frames=settings.recall("shoot.frames", plain.frames),
-            before=settings.recall("shoot.before", plain.before),
-            mode=TakeMode(mode) if mode in set(TakeMode) else plain.mode,
-            countdown_s=settings.recall("shoot.countdown_s", float(plain.countdown_s)),
-            every_s=settings.recall("shoot.every_s", plain.every_s),
-            takes=settings.recall("shoot.takes", plain.takes),
-            seconds=settings.recall("shoot.seconds", float(plain.seconds)),
-            name=name if not name or is_name(name) else "",
-        )
+        kept = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._kept().items()}
+        kept["mode"] = TakeMode(kept["mode"]) if kept["mode"] in set(TakeMode) else TakeMode.SINGLE
+        kept["name"] = kept["name"] if is_name(kept["name"]) else ""
+        return cls(**kept)
 
     def remember(self, settings: Settings) -> None:
         """Keep it for the next start; notes are about one take."""
-        settings.remember("shoot.frames", self.frames)
-        settings.remember("shoot.before", self.before)
-        settings.remember("shoot.mode", str(self.mode))
-        settings.remember("shoot.countdown_s", float(self.countdown_s))
-        settings.remember("shoot.every_s", self.every_s)
-        settings.remember("shoot.takes", self.takes)
-        settings.remember("shoot.seconds", float(self.seconds))
-        settings.remember("shoot.name", self.name)
+        for name, value in self._kept().items():
+            settings.remember(f"shoot.{name}", value)
+
+    def _kept(self) -> dict[str, Any]:
+        return {name: value for name, value in asdict(self).items() if name != "note"} | {
+            "mode": str(self.mode)
+        }
 
     @property
     def after(self) -> int:
@@ -108,26 +99,53 @@ class TakePlan:
         """As many before the key as now, and so many after."""
         return replace(self, frames=max(self.before + max(after, 0), 1))
 
-    def request(self, *, wait_ready_s: float = 0.0, cameras: int = 1) -> BurstRequest:
-        """What a leader is asked for; it waits so long until so many cameras are ready."""
+    def request(self) -> BurstRequest:
+        """What a leader is asked for."""
         if self.mode is TakeMode.RECORDING:
-            return BurstRequest(
-                seconds=self.seconds or None,
-                spare=0,
-                video=True,
-                name=self.name,
-                note=self.note,
-                wait_ready_s=wait_ready_s,
-                nodes=max(cameras, 1),
-            )
-        return BurstRequest(
-            frames=self.frames,
-            before=self.before,
-            name=self.name,
-            note=self.note,
-            wait_ready_s=wait_ready_s,
-            nodes=max(cameras, 1),
-        )
+            request = BurstRequest(seconds=self.seconds or None, spare=0, video=True)
+        else:
+            request = BurstRequest(frames=self.frames, before=self.before)
+        return msgspec.structs.replace(request, name=self.name, note=self.note)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What is under way: a countdown or a pause of so many seconds, or a take; and which take it is."""
+
+    number: int
+    total: int
+    seconds: int = 0
+    """Left until the take; 0 when it is to be taken."""
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        of = f"take {self.number} of {self.total}" if self.total > 1 else "the take"
+        return f"{of} in {self.seconds} s" if self.seconds else f"{of} is being taken"
+
+
+async def moments_of(plan: TakePlan, saved: asyncio.Event) -> AsyncIterator[Moment]:
+    """Yield each second of a countdown and the moment of each take, which whoever iterates then orders.
+
+    `saved` is set by them when a take is saved or has failed. An interval does not wait for that.
+    """
+    total = plan.takes if plan.mode in _LATER else 1
+    now = asyncio.get_running_loop().time
+    due = now() + plan.countdown_s
+    for number in count(1):
+        while (left := due - now()) > 0:
+            seconds = math.ceil(left)
+            yield Moment(number, total, seconds)
+            # Until the next whole second, so that the number on the screen changes when it is told.
+            await asyncio.sleep(max(left - (seconds - 1), 0.001))
+        saved.clear()
+        yield Moment(number, total)
+        if number == total:
+            return
+        if plan.mode is TakeMode.INTERVAL:
+            due += plan.every_s
+        else:
+            await saved.wait()
+            due = now() + plan.countdown_s
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
@@ -273,26 +291,20 @@ class PlanPanel(Lines, can_focus=True):
         else:
             self.set_plan(row.change(self.plan, by))
 
-    def action_edit(self) -> None:
-        """Type the name or the notes."""
-        self.edit(self._rows()[self._chosen].label)
-
-    def edit(self, what: str) -> None:
-        """Ask for the `name` or the `notes` of the takes that follow."""
+    @work(group="asking")
+    async def action_edit(self, what: str = "") -> None:
+        """Type the `name` or the `notes` of the takes that follow; by default, what is chosen."""
+        what = what or self._rows()[self._chosen].label
         if what == "name":
             text = "A name for the takes that follow; their folders begin with it. Empty: burst."
             question = TextQuestion(text, self.plan.name, check=_check_name, title="Name")
-            self.app.push_screen(question, lambda name: self._set(name=name))
+            if (name := await self.app.push_screen_wait(question)) is not None:
+                self.set_plan(replace(self.plan, name=name.strip()))
         elif what == "notes":
             text = "Notes that are kept with the takes that follow."
             question = TextQuestion(text, self.plan.note, check=_check_note, title="Notes")
-            self.app.push_screen(question, lambda note: self._set(note=note))
-
-    def _set(self, *, name: str | None = None, note: str | None = None) -> None:
-        if name is not None:
-            self.set_plan(replace(self.plan, name=name.strip()))
-        if note is not None:
-            self.set_plan(replace(self.plan, note=note.strip()))
+            if (note := await self.app.push_screen_wait(question)) is not None:
+                self.set_plan(replace(self.plan, note=note.strip()))
 
     def _rows(self) -> tuple[_Row, ...]:
         return tuple(row for row in ROWS if self.plan.mode in row.modes)

@@ -4,7 +4,6 @@ import math
 from typing import ClassVar
 
 from textual import events
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
@@ -44,27 +43,17 @@ class PreviewTile(Vertical):
     """
 
     def __init__(self, name: str) -> None:
-        super().__init__()
         self.camera = name
         self._title = Lines()
-        self._picture = Picture(words="no picture yet", noise=NOISE)
+        self.picture = Picture(words="no picture yet", noise=NOISE)
         self._marked = False
         self._node: NodeStatus | None = None
-
-    def compose(self) -> ComposeResult:
-        """The title above the picture."""
-        yield self._title
-        yield self._picture
+        super().__init__(self._title, self.picture)
 
     @property
     def title(self) -> str:
         """What stands above the picture."""
-        return self._title.plain[0] if self._title.plain else ""
-
-    @property
-    def picture(self) -> Picture:
-        """The picture itself."""
-        return self._picture
+        return "".join(self._title.plain)
 
     def on_resize(self) -> None:
         """Say as much as there is room for."""
@@ -74,10 +63,6 @@ class PreviewTile(Vertical):
         """Show how the camera is."""
         self._node = node
         self._show()
-
-    def show_preview(self, preview: Preview) -> None:
-        """Show what it sees."""
-        self._picture.show(preview.jpeg)
 
     def mark(self, *, chosen: bool) -> None:
         """Show whether the cursor is here."""
@@ -158,16 +143,22 @@ class PreviewGrid(Container, can_focus=True):
         """Show these cameras."""
         nodes = {node.name: node for node in cameras_of(status)}
         if list(nodes) != list(self._tiles):
-            kept = self._tiles
-            self._tiles = {name: kept.get(name) or PreviewTile(name) for name in nodes}
-            self._rebuild(kept)
+            before = self._tiles
+            self._tiles = {name: before.get(name) or PreviewTile(name) for name in nodes}
+            with self.app.batch_update():
+                self.remove_children([tile for name, tile in before.items() if name not in nodes])
+                self.mount(*(tile for tile in self.tiles if not tile.is_attached))
+                order = {tile: at for at, tile in enumerate(self.tiles)}
+                self.sort_children(key=lambda child: order.get(child, len(order)))  # type: ignore[call-overload]
+            self._at = min(self._at, max(len(self._tiles) - 1, 0))
+            self._lay_out()
         for name, node in nodes.items():
             self._tiles[name].show_node(node)
 
     def show_preview(self, preview: Preview) -> None:
         """Show what a camera sees."""
         if tile := self._tiles.get(preview.camera):
-            tile.show_preview(preview)
+            tile.picture.show(preview.jpeg)
 
     def action_move(self, x: int, y: int) -> None:
         """Move the cursor."""
@@ -192,18 +183,6 @@ class PreviewGrid(Container, can_focus=True):
 
     def on_resize(self) -> None:
         """Lay the pictures out again."""
-        self._lay_out()
-
-    def _rebuild(self, before: dict[str, PreviewTile]) -> None:
-        with self.app.batch_update():
-            for name, tile in before.items():
-                if name not in self._tiles:
-                    tile.remove()
-            new = [tile for tile in self.tiles if not tile.is_attached]
-            self.mount(*new)
-            order = {tile: at for at, tile in enumerate(self.tiles)}
-            self.sort_children(key=lambda child: order.get(child, len(order)))  # type: ignore[call-overload]
-        self._at = min(self._at, max(len(self._tiles) - 1, 0))
         self._lay_out()
 
     def _lay_out(self) -> None:

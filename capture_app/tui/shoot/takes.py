@@ -1,24 +1,13 @@
-"""What became of the takes.
-
-A take as the screen follows it: ordered, on its way, saved, judged.
-
-The takes that the screen has heard of, whoever ordered them.
-
-The line below the mode Shoot: what is under way, else why nothing came of it, else how good things are.
-
-What became of the last takes: transfer by camera, spread with its error bar, and the verdict.
-"""
+"""The takes that the screen has heard of, whoever ordered them, and what became of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.widgets import Static
 
-from capture_app.errors import SimulshotError
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, CameraTransfer
 from capture_app.session.format.manifest import MANIFEST
@@ -26,7 +15,6 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict, judge
 from capture_app.text import printable
 from capture_app.tui.signs import GRADES
-from capture_app.tui.widgets.lines import Lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,94 +67,8 @@ def judge_take(status: BurstStatus) -> JudgedTake | None:
     return JudgedTake(sheet, judge(sheet.session.manifest))
 
 
-def describe_failure(error: SimulshotError) -> str:
-    """A sentence for a take that could not be judged."""
-    return f"it cannot be looked at: {error}"
-
-
-MOST_TAKES = 100
-
-
-class TakeLog:
-    """Takes by the name of their session, the newest last."""
-
-    def __init__(self) -> None:
-        self.takes: list[Take] = []
-
-    @property
-    def newest(self) -> Take | None:
-        """The take that was ordered last."""
-        return self.takes[-1] if self.takes else None
-
-    @property
-    def latest_ordered(self) -> Take | None:
-        """The last take that was ordered on this screen."""
-        return next((take for take in reversed(self.takes) if take.request is not None), None)
-
-    def of_sheet(self, sheet: TakeSheet | None) -> Take | None:
-        """The take that a sheet shows."""
-        return next((take for take in self.takes if take.judged and take.judged.sheet is sheet), None)
-
-    def is_newer(self, take: Take, than: Take | None) -> bool:
-        """Whether a take was ordered after another, or there is no other."""
-        return than is None or self.takes.index(take) > self.takes.index(than)
-
-    def note(
-        self, status: BurstStatus, request: BurstRequest | None, now_s: float, retake_of: str = ""
-    ) -> Take | None:
-        """Note how far a burst is at `now_s`; return its take where that is news.
-
-        It is told twice: by the answer to the request, which is known then, and by the rig's status.
-        """
-        take = next((take for take in self.takes if take.name == status.name), None)
-        if take is None:
-            take = Take(
-                status,
-                request,
-                is_new=not status.done or request is not None,
-                begun_s=now_s,
-                retake_of=retake_of,
-            )
-            self.takes = [*self.takes, take][-MOST_TAKES:]
-            return take
-        take.request, take.retake_of = request or take.request, retake_of or take.retake_of
-        if take.status.done or status == take.status:
-            return None
-        take.status = status
-        return take
-
-
 SAID_AFTER_S = 2
 """A take without news for so long says for how long."""
-
-
-class StatusLine(Lines):
-    """Keeps on the screen whatever the user waits for until it is there or has failed."""
-
-    DEFAULT_CSS = "StatusLine { height: 1; padding: 0 1; }"
-
-    def __init__(self) -> None:
-        super().__init__(id="shoot-advice")
-        self.moment = ""
-        """The countdown, or the take that is just ordered."""
-        self.waiting = ""
-        """What keeps an order from being a take."""
-        self.failure = ""
-        """Why the last order came to nothing."""
-
-    def show_course(self, take: Take | None, now_s: float, otherwise: Content) -> None:
-        """Show what is under way, of the newest take too; where nothing is, what else there is to say."""
-        line = otherwise
-        if self.waiting:
-            line = Content.styled(f"◔ esc cancels; {printable(self.waiting)}", "bold $primary")
-        elif self.moment:
-            line = Content.styled(f"◉ {printable(self.moment)}", "bold $primary")
-        elif take is not None and not take.status.done:
-            text = f"◔ {printable(take.name)}: {progress_words(take.status, now_s - take.begun_s)}"
-            line = Content.styled(text, "bold $primary")
-        elif self.failure:
-            line = Content.styled(f"! no take: {printable(self.failure)}", "bold $warning")
-        self.show([line.truncate(max(self.size.width, 1), ellipsis=True)])
 
 
 def progress_words(status: BurstStatus, seconds: float) -> str:
@@ -197,19 +99,11 @@ class TakePanel(VerticalScroll, can_focus=False):
     """
 
     def __init__(self) -> None:
-        super().__init__(id="takes")
-        self.border_title = "Takes"
         self._text = Static(id="takes-text")
-        self._shown: Content | None = None
-
-    def compose(self) -> ComposeResult:
-        """All of it is one text, which wraps."""
-        yield self._text
-
-    @property
-    def plain(self) -> str:
+        self.plain = ""
         """What it says."""
-        return "" if self._shown is None else self._shown.plain
+        super().__init__(self._text, id="takes")
+        self.border_title = "Takes"
 
     def show(self, takes: Sequence[Take], now_s: float = 0.0) -> None:
         """Show these, the newest last."""
@@ -219,8 +113,9 @@ class TakePanel(VerticalScroll, can_focus=False):
             if len(takes) > 1:
                 lines += [Content(""), *(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])]
         text = Content("\n").join(lines)
-        if self._shown is None or text.markup != self._shown.markup:
-            self._shown = text
+        shown = self._text.content
+        if not isinstance(shown, Content) or not shown.is_same(text):
+            self.plain = text.plain
             self._text.update(text)
 
 
@@ -237,16 +132,16 @@ def verdict_line(take: Take) -> Content:
     )
 
 
-def transfer_line(transfer: CameraTransfer, width: int = BAR) -> Content:
+def transfer_line(transfer: CameraTransfer) -> Content:
     """How much a camera has brought: name, bar, numbers, and why no more will come."""
     done = transfer.received >= transfer.expected
-    filled = width if done else width * transfer.received // max(1, transfer.expected)
+    filled = BAR if done else BAR * transfer.received // max(1, transfer.expected)
     style = "$success" if done else "$error" if transfer.problem else "$primary"
     sign = " ✔" if done else " ✖" if transfer.problem else ""
     return Content.assemble(
         (f"{printable(transfer.camera):<8.12} ", "$foreground"),
         ("█" * filled, style),
-        ("░" * (width - filled), "$foreground-muted"),
+        ("░" * (BAR - filled), "$foreground-muted"),
         f" {transfer.received}/{transfer.expected}{sign}",
         (f" {printable(transfer.problem)}" if transfer.problem else "", "$error"),
     )

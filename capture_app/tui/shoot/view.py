@@ -1,18 +1,11 @@
-"""The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet.
-
-What ends a take: the key that takes a burst back, ahead or being saved, and the end of a recording.
-
-What is asked before a take: whether to wait for cameras that still sync, and whether to keep the last.
-"""
+"""The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet."""
 
 import asyncio
-import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from typing import Any, ClassVar
 
 from msgspec.structs import replace
 from textual import work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
@@ -22,36 +15,50 @@ from textual.worker import Worker, get_current_worker
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
+from capture_app.node.wire.status import BurstStatus, NodeStatus, Preview, RigStatus
 from capture_app.session.library.trash import trash_session
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import clock_offset, count, duration, printable
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import CANCEL, Answer, Question
-from capture_app.tui.rig_record import Mishap, PreviewReceived, StatusChanged
+from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.plan import PlanPanel
-from capture_app.tui.shoot.stage import Moment, Shooting, Stage
+from capture_app.tui.shoot.plan import PlanPanel, moments_of
+from capture_app.tui.shoot.stage import Stage
 from capture_app.tui.shoot.takes import (
     JudgedTake,
-    StatusLine,
     Take,
-    TakeLog,
     TakePanel,
-    describe_failure,
     judge_take,
+    progress_words,
     verdict_line,
 )
 from capture_app.tui.signs import cameras_of
+from capture_app.tui.widgets.lines import Lines
 
 MOST_ANSWERS = 9
 """As many as there are keys for."""
+WAIT_READY_S = 120.0
+MOST_TAKES = 100
+NARROW = 110
+"""Below so many columns the plan leaves the pictures more room."""
 
 
-class BurstControl(ModeView):
-    """A mode in which bursts can be cancelled, and recordings ended."""
+class ShootView(ModeView):
+    """Takes pictures and shows what became of them."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "take", "Take", id="shoot.take"),
+        Binding("r", "retake", "Retake", id="shoot.retake", tooltip="the newest take once more"),
+        Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
+        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="to and fro between cameras"),
+        Binding("n", "edit('name')", "Name", id="shoot.name"),
+        Binding("t", "edit('notes')", "Notes", id="shoot.note"),
+        Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),
+        Binding("right_square_bracket", "frames(1,0)", "More before", id="shoot.before-more", show=False),
+        Binding("left_curly_bracket", "frames(0,-1)", "Fewer after", id="shoot.after-less", show=False),
+        Binding("right_curly_bracket", "frames(0,1)", "More after", id="shoot.after-more", show=False),
+        Binding("escape", "stop", "Stop, or back to live", id="shoot.stop", show=False),
         Binding(
             "x",
             "cancel_burst",
@@ -61,12 +68,131 @@ class BurstControl(ModeView):
             tooltip="ahead, or being saved",
         ),
     ]
-    _rig: RigLink
-    _status: RigStatus | None
+    DEFAULT_CSS = """
+    ShootView #shoot-side { width: 40; height: 1fr; }
+    ShootView #shoot-advice { height: 1; padding: 0 1; }
+    ShootView.narrow #shoot-side { width: 30; }
+    ShootView.narrow.sheet #shoot-side { display: none; }
+    """
 
-    def action_cancel_burst(self) -> None:
+    def __init__(self, rig: RigLink, record: RigRecord, settings: Settings) -> None:
+        self._rig, self._record = rig, record
+        self.takes: list[Take] = []
+        """The takes that the screen has heard of, the newest last."""
+        self._waiting: Worker[None] | None = None
+        """An order for which the leader waits for the rig."""
+        self._wait = ""
+        """What keeps that order from being a take."""
+        self._moment = ""
+        """The countdown, or the take that is just ordered."""
+        self._failure = ""
+        """Why the last order came to nothing."""
+        self.plan_panel = PlanPanel(settings)
+        self.take_panel = TakePanel()
+        self.stage = Stage(rig, record)
+        self._line = Lines(id="shoot-advice")
+        side = Vertical(self.plan_panel, self.take_panel, id="shoot-side")
+        super().__init__(Horizontal(side, self.stage), self._line, id="shoot")
+
+    def on_mount(self) -> None:
+        """Show that there is no take yet, and from then on how long one takes."""
+        self.take_panel.show(())
+        self.set_interval(1.0, self._show_course)
+
+    def on_resize(self) -> None:
+        """Leave the pictures most of a small window."""
+        self.set_class(self.size.width < NARROW, "narrow")
+        self._show_course()
+        self.call_after_refresh(self._want_previews)
+
+    def on_mode_shown(self) -> None:
+        """Look again."""
+        super().on_mode_shown()
+        self._want_previews()
+
+    def on_mode_hidden(self) -> None:
+        """No previews while nobody looks."""
+        self._want_previews()
+
+    def focus_first(self) -> None:
+        """Arrows go over the sheet, or change the plan."""
+        (self.stage.sheet if self.stage.is_sheet else self.plan_panel).focus()
+
+    def on_told(self, message: Told) -> None:
+        """Show the cameras, what they see, and takes that were ordered elsewhere."""
+        match message.what:
+            case Preview() as preview:
+                self.stage.grid.show_preview(preview)
+            case RigStatus() as status:
+                self.plan_panel.show_period(status.period_ns)
+                self.stage.grid.show_status(status)
+                if status.burst is not None and status.burst.name:
+                    self._note(status.burst)
+                self._show_course()
+                self.call_after_refresh(self._want_previews)
+
+    def on_stage_changed(self) -> None:
+        """Drive what is shown now."""
+        self.set_class(self.stage.is_sheet, "sheet")
+        self._show_course()
+        if self.screen.is_active:
+            self.focus_first()
+        self._want_previews()
+
+    def action_take(self) -> None:
+        """Take as planned; stop what counts down, goes on by itself or waits for the rig; end a recording."""
+        newest = None if self._record.status is None else self._record.status.burst
+        if self._under_way:
+            self.action_stop()
+        elif newest is not None and newest.recording and not newest.done:
+            self._order(self._rig.end_burst(newest.burst))
+        else:
+            self._begin(self.plan_panel.plan.request())
+
+    def action_stop(self) -> None:
+        """Stop a countdown, an interval, a sequence, a wait; what is taken already is saved."""
+        if not self._under_way:
+            self.stage.show_live()
+        for worker in self._under_way:
+            worker.cancel()
+
+    @work(group="asking")
+    async def action_retake(self) -> None:
+        """Take again as the last time, keeping or trashing what there is."""
+        last = next((take for take in reversed(self.takes) if take.request is not None), None)
+        request = (last and last.request) or self.plan_panel.plan.request()
+        if self._under_way:
+            return
+        if last is None or last.judged is None or last.trashed:
+            self._begin(request)
+            return
+        answer = await self.app.push_screen_wait(again_question(last.judged))
+        if answer == "trash":
+            self._trash(last)
+        if answer is not None:
+            self._begin(request, retake_of=last.name)
+
+    def action_edit(self, what: str) -> None:
+        """Type the name of the takes that follow, or notes for them."""
+        self.plan_panel.action_edit(what)
+
+    def action_frames(self, before: int, after: int) -> None:
+        """Take more or fewer frames before the key, or after it."""
+        plan = self.plan_panel.plan.with_before(self.plan_panel.plan.before + before)
+        self.plan_panel.set_plan(plan.with_after(plan.after + after))
+
+    def action_switch(self) -> None:
+        """Switch between what the cameras see and the last take."""
+        (self.stage.show_live if self.stage.is_sheet else self.stage.show_sheet)()
+
+    def action_wiggle(self) -> None:
+        """Wiggle through the cameras at the chosen instant of the last take."""
+        self.stage.wiggle()
+
+    @work(group="asking")
+    async def action_cancel_burst(self) -> None:
         """Ask which burst to cancel, and cancel it."""
-        offers = {} if self._status is None else cancellable_bursts(self._status)
+        offers = {} if self._record.status is None else cancellable_bursts(self._record.status)
         if not offers:
             self.notify("no burst lies ahead, and none is being saved")
             return
@@ -74,63 +200,166 @@ class BurstControl(ModeView):
             Answer(str(burst), str(key), words)
             for key, (burst, words) in enumerate(list(offers.items())[:MOST_ANSWERS], 1)
         ]
-
-        def cancel(answer: str | None) -> None:
-            if answer is not None:
-                self._order(self._rig.cancel_burst(int(answer)))
-
-        text = "What has come of it already is saved."
-        self.app.push_screen(Question(text, [*answers, CANCEL], title="Cancel a burst"), cancel)
-
-    def end_recording(self) -> bool:
-        """End the recording that is under way; whether there is one."""
-        newest = None if self._status is None else self._status.burst
-        if newest is None or not newest.recording or newest.done:
-            return False
-        self._order(self._rig.end_burst(newest.burst))
-        return True
+        question = Question(
+            "What has come of it already is saved.", [*answers, CANCEL], title="Cancel a burst"
+        )
+        answer = await self.app.push_screen_wait(question)
+        if answer is not None:
+            self._order(self._rig.cancel_burst(int(answer)))
 
     @work(group="orders")
     async def _order(self, order: Awaitable[None]) -> None:
-        try:
+        with telling(self):
             await order
+
+    @work(group="asking")
+    async def _begin(self, request: BurstRequest, *, retake_of: str = "") -> None:
+        """Take, but ask before a take that cannot be good."""
+        status = self._record.status
+        doubts = "" if status is None else doubts_about(status)
+        if status is not None and doubts:
+            answer = await self.app.push_screen_wait(NotReadyQuestion(doubts, ANYWAY, title="Not ready"))
+            if answer is None:
+                return
+            if answer == "wait":
+                request = replace(request, wait_ready_s=WAIT_READY_S, nodes=len(cameras_of(status)))
+        self._shoot(request, retake_of)
+
+    @property
+    def _under_way(self) -> list[Worker[Any]]:
+        """What a stop ends: a countdown, interval or sequence, and an order that waits for the rig."""
+        ours = [worker for worker in self.workers if worker is self._waiting or worker.group == "shooting"]
+        return [worker for worker in ours if not worker.is_finished]
+
+    @work(exclusive=True, group="shooting")
+    async def _shoot(self, request: BurstRequest, retake_of: str) -> None:
+        saved = asyncio.Event()
+        try:
+            async for moment in moments_of(self.plan_panel.plan, saved):
+                self.stage.show_moment(moment)
+                self._moment = str(moment)
+                self._show_course()
+                if not moment.seconds:
+                    self._follow(request, retake_of, saved)
+        finally:
+            self._moment = ""
+            self.stage.show_moment(None)
+            self._show_course()
+
+    @work(group="bursts")
+    async def _follow(self, request: BurstRequest, retake_of: str, saved: asyncio.Event) -> None:
+        """Follow a burst until it is saved, whatever becomes of the takes after it."""
+        self._failure = ""
+        try:
+            async for status in self._rig.burst(request):
+                if status.name:
+                    self._end_wait()
+                    self._note(status, request, retake_of)
+                else:
+                    self._waiting, self._wait = get_current_worker(), status.message or "ordered"
+                    self._show_course()
         except SimulshotError as error:
+            self._failure = error.what
             self.post_message(Mishap(error))
+        finally:
+            self._end_wait()
+            saved.set()
 
+    def _end_wait(self) -> None:
+        if self._waiting is get_current_worker():
+            self._waiting = None
+        self._show_course()
 
-def cancellable_bursts(status: RigStatus) -> dict[int, str]:
-    """The bursts that can be cancelled, by number, in words: the one being saved, then those ahead."""
-    offers = {}
-    newest = status.burst
-    ahead = sorted(status.ahead, key=lambda burst: burst.first_leader_ns)
-    if newest is not None and newest.burst and not newest.done:
-        offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images are here"
-    for burst in ahead:
-        begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
-        offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"
-    return offers
+    def _note(self, status: BurstStatus, request: BurstRequest | None = None, retake_of: str = "") -> None:
+        """Take note of how far a burst is.
+
+        It is told twice: by the answer to the request, which is known then, and by the rig's status.
+        """
+        take = next((take for take in self.takes if take.name == status.name), None)
+        was_done = take is not None and take.status.done
+        if take is None:
+            is_new = not status.done or request is not None
+            take = Take(status, is_new=is_new, begun_s=self._record.clock())
+            self.takes = [*self.takes, take][-MOST_TAKES:]
+        take.request, take.retake_of = request or take.request, retake_of or take.retake_of
+        if not was_done:
+            take.status = status
+            if status.done:
+                self._judge(take)
+        self._show_course()
+
+    @work(group="judging")
+    async def _judge(self, take: Take) -> None:
+        try:
+            take.judged = await asyncio.to_thread(judge_take, take.status)
+        except SimulshotError as error:
+            take.problem = f"it cannot be looked at: {error}"
+        shown = self._shown
+        newer = shown is None or self.takes.index(take) > self.takes.index(shown)
+        if take.judged is not None and newer:
+            self.stage.load_sheet(take.judged.sheet, take.key_instant)
+            if take.is_new and not self._under_way:
+                self.stage.show_sheet()
+        self._show_course()
+
+    @property
+    def _shown(self) -> Take | None:
+        """The take whose sheet is at hand."""
+        sheet = self.stage.sheet.sheet
+        return next((take for take in self.takes if take.judged and take.judged.sheet is sheet), None)
+
+    @work(group="trash")
+    async def _trash(self, take: Take) -> None:
+        assert take.judged is not None
+        with telling(self):
+            await asyncio.to_thread(trash_session, take.judged.sheet.session.folder)
+            take.trashed = True
+            self.stage.forget_sheet(take.judged.sheet)
+            self._show_course()
+
+    def _show_course(self) -> None:
+        """Show what is under way, in the takes and in the line below."""
+        now_s = self._record.clock()
+        self.take_panel.show(self.takes, now_s)
+        line = self._course(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
+        self._line.show([line])
+
+    def _course(self, now_s: float) -> Content:
+        """What the user waits for, until it is there or has failed; else how good things are."""
+        newest = next(reversed(self.takes), None)
+        if self._waiting is not None:
+            return Content.styled(f"◔ esc cancels; {printable(self._wait)}", "bold $primary")
+        if self._moment:
+            return Content.styled(f"◉ {printable(self._moment)}", "bold $primary")
+        if newest is not None and not newest.status.done:
+            far = progress_words(newest.status, now_s - newest.begun_s)
+            return Content.styled(f"◔ {printable(newest.name)}: {far}", "bold $primary")
+        if self._failure:
+            return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")
+        if self.has_class("narrow", "sheet") and self._shown is not None:
+            return verdict_line(self._shown)
+        advice = "" if self._record.status is None else self._record.status.advice
+        return Content.styled(printable(advice), "$foreground-muted")
+
+    def _want_previews(self) -> None:
+        self.stage.want_previews(self.screen.is_active)
 
 
 ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
 DRIFT_TOLERANCES = 2
-"""So many tolerances off is still a camera in step whose drift is being corrected."""
+"""Up to so many tolerances off a camera is in step, and just corrects its drift."""
 
 
 class NotReadyQuestion(Question):
     """Says what keeps the cameras from being ready, as it is now."""
 
-    def on_status_changed(self, message: StatusChanged) -> None:
+    def on_told(self, message: Told) -> None:
         """Say it anew."""
-        text = doubts_about(message.status) or "All cameras are ready now."
-        self.query_one(".question", Static).update(Content(printable(text)))
-
-
-def not_ready_question(status: RigStatus | None) -> Question | None:
-    """Ask whether to `wait` until the rig is ready, or to `take` all the same; None where it is."""
-    doubts = "" if status is None else doubts_about(status)
-    return NotReadyQuestion(doubts, ANYWAY, title="Not ready") if doubts else None
+        if isinstance(message.what, RigStatus):
+            text = doubts_about(message.what) or "All cameras are ready now."
+            self.query_one(".question", Static).update(Content(printable(text)))
 
 
 def again_question(take: JudgedTake) -> Question:
@@ -177,266 +406,14 @@ def _doubt(node: NodeStatus, period_ns: int | None) -> str:
     return f"{node.name} is {node.state}{reason}: {fate}."
 
 
-WAIT_READY_S = 120.0
-NARROW = 110
-"""Below so many columns the plan leaves the pictures more room."""
-
-
-class ShootView(BurstControl):
-    """Takes pictures and shows what became of them."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "take", "Take", id="shoot.take"),
-        Binding("r", "retake", "Retake", id="shoot.retake", tooltip="the newest take once more"),
-        Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
-        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="to and fro between cameras"),
-        Binding("n", "edit('name')", "Name", id="shoot.name"),
-        Binding("t", "edit('notes')", "Notes", id="shoot.note"),
-        Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),
-        Binding("right_square_bracket", "frames(1,0)", "More before", id="shoot.before-more", show=False),
-        Binding("left_curly_bracket", "frames(0,-1)", "Fewer after", id="shoot.after-less", show=False),
-        Binding("right_curly_bracket", "frames(0,1)", "More after", id="shoot.after-more", show=False),
-        Binding("escape", "stop", "Stop, or back to live", id="shoot.stop", show=False),
-    ]
-    DEFAULT_CSS = """
-    ShootView #shoot-side { width: 40; height: 1fr; }
-    ShootView.narrow #shoot-side { width: 30; }
-    ShootView.narrow.sheet #shoot-side { display: none; }
-    """
-
-    def __init__(self, rig: RigLink, settings: Settings, clock: Callable[[], float] = time.monotonic) -> None:
-        """`clock`: seconds."""
-        super().__init__(id="shoot")
-        self._rig, self._clock = rig, clock
-        self._status: RigStatus | None = None
-        self._log = TakeLog()
-        self._waiting: Worker[None] | None = None  # an order for which the leader waits for the rig
-        self._seen = False
-        self.plan_panel = PlanPanel(settings)
-        self.take_panel = TakePanel()
-        self.stage = Stage(rig, clock)
-        self._line = StatusLine()
-
-    def compose(self) -> ComposeResult:
-        """Plan and takes at the left, the pictures beside them."""
-        with Horizontal():
-            with Vertical(id="shoot-side"):
-                yield self.plan_panel
-                yield self.take_panel
-            yield self.stage
-        yield self._line
-
-    @property
-    def takes(self) -> tuple[Take, ...]:
-        """The takes that the screen has heard of, the newest last."""
-        return tuple(self._log.takes)
-
-    def on_mount(self) -> None:
-        """Show that there is no take yet, and from then on how long one takes."""
-        self.take_panel.show(())
-        self.set_interval(1.0, self._show_course)
-
-    def on_resize(self) -> None:
-        """Leave the pictures most of a small window."""
-        self.set_class(self.size.width < NARROW, "narrow")
-        self._show_course()
-        self.call_after_refresh(self._want_previews)
-
-    def on_mode_shown(self) -> None:
-        """Look again."""
-        self._seen = True
-        super().on_mode_shown()
-        self._want_previews()
-
-    def on_mode_hidden(self) -> None:
-        """No previews while nobody looks."""
-        self._seen = False
-        self._want_previews()
-
-    def focus_first(self) -> None:
-        """Arrows go over the sheet, or change the plan."""
-        if not self.stage.focus_first():
-            self.plan_panel.focus()
-
-    def on_status_changed(self, message: StatusChanged) -> None:
-        """Show the cameras, and takes that were ordered elsewhere."""
-        status = self._status = message.status
-        self.plan_panel.show_period(status.period_ns)
-        self.stage.grid.show_status(status)
-        if status.burst is not None:
-            self._note(status.burst)
-        self._show_course()
-        self.call_after_refresh(self._want_previews)
-
-    def on_preview_received(self, message: PreviewReceived) -> None:
-        """Show what a camera sees."""
-        self.stage.grid.show_preview(message.preview)
-
-    def on_stage_changed(self) -> None:
-        """Drive what is shown now."""
-        self.set_class(self.stage.is_sheet, "sheet")
-        self._show_course()
-        if self._seen and self.screen.is_active:
-            self.focus_first()
-        self._want_previews()
-
-    def action_take(self) -> None:
-        """Take as planned; stop what counts down, goes on by itself or waits for the rig; end a recording."""
-        if self._under_way:
-            self.action_stop()
-        elif not self.end_recording():
-            self._begin(self.plan_panel.plan.request())
-
-    def action_stop(self) -> None:
-        """Stop a countdown, an interval, a sequence, a wait; what is taken already is saved."""
-        if not self._under_way:
-            self.stage.show_live()
-        for worker in self._under_way:
-            worker.cancel()
-
-    def action_retake(self) -> None:
-        """Take again as the last time, keeping or trashing what there is."""
-        last = self._log.latest_ordered
-        request = self.plan_panel.plan.request() if last is None or last.request is None else last.request
-        if self._under_way:
-            return
-        if last is None or last.judged is None or last.trashed:
-            self._begin(request)
-            return
-
-        def decide(answer: str | None) -> None:
-            if answer == "trash":
-                self._trash(last)
-            if answer is not None:
-                self._begin(request, retake_of=last.name)
-
-        self.app.push_screen(again_question(last.judged), decide)
-
-    def action_edit(self, what: str) -> None:
-        """Type the name of the takes that follow, or notes for them."""
-        self.plan_panel.edit(what)
-
-    def action_frames(self, before: int, after: int) -> None:
-        """Take more or fewer frames before the key, or after it."""
-        plan = self.plan_panel.plan.with_before(self.plan_panel.plan.before + before)
-        self.plan_panel.set_plan(plan.with_after(plan.after + after))
-
-    def action_switch(self) -> None:
-        """Switch between what the cameras see and the last take."""
-        self.stage.switch()
-
-    def action_wiggle(self) -> None:
-        """Wiggle through the cameras at the chosen instant of the last take."""
-        self.stage.wiggle()
-
-    def _begin(self, request: BurstRequest, *, retake_of: str = "") -> None:
-        """Take, but ask before a take that cannot be good."""
-        question = not_ready_question(self._status)
-        if self._status is None or question is None:
-            self._shoot(request, retake_of)
-            return
-        waiting = replace(request, wait_ready_s=WAIT_READY_S, nodes=len(cameras_of(self._status)))
-
-        def decide(answer: str | None) -> None:
-            if answer == "wait":
-                self._shoot(waiting, retake_of)
-            elif answer == "take":
-                self._shoot(request, retake_of)
-
-        self.app.push_screen(question, decide)
-
-    @property
-    def _under_way(self) -> list[Worker[Any]]:
-        """What a stop ends: a countdown, interval or sequence, and an order that waits for the rig."""
-        ours = [worker for worker in self.workers if worker is self._waiting or worker.group == "shooting"]
-        return [worker for worker in ours if not worker.is_finished]
-
-    @work(exclusive=True, group="shooting")
-    async def _shoot(self, request: BurstRequest, retake_of: str) -> None:
-        def take() -> asyncio.Event:
-            done = asyncio.Event()
-            self._follow(request, retake_of, done)
-            return done
-
-        try:
-            now = asyncio.get_running_loop().time
-            await Shooting(take, self._show_moment, now=now).run(self.plan_panel.plan)
-        finally:
-            self._line.moment = ""
-            self.stage.end_countdown()
-            self._show_course()
-
-    @work(group="bursts")
-    async def _follow(self, request: BurstRequest, retake_of: str, done: asyncio.Event) -> None:
-        """Follow a burst until it is saved, whatever becomes of the takes after it."""
-        self._line.failure = ""
-        try:
-            async for status in self._rig.burst(request):
-                if not status.name:
-                    self._waiting, self._line.waiting = get_current_worker(), status.message or "ordered"
-                    self._show_course()
-                    continue
-                self._end_wait()
-                self._note(status, request, retake_of)
-        except SimulshotError as error:
-            self._line.failure = error.what
-            self.post_message(Mishap(error))
-        finally:
-            self._end_wait()
-            done.set()
-
-    def _end_wait(self) -> None:
-        if self._waiting is get_current_worker():
-            self._waiting, self._line.waiting = None, ""
-        self._show_course()
-
-    def _show_moment(self, moment: Moment) -> None:
-        self.stage.show_moment(moment)
-        self._line.moment = str(moment)
-        self._show_course()
-
-    def _note(self, status: BurstStatus, request: BurstRequest | None = None, retake_of: str = "") -> None:
-        """Take note of how far a burst is."""
-        if status.name and (take := self._log.note(status, request, self._clock(), retake_of)) is not None:
-            if status.done:
-                self._judge(take)
-            self._show_course()
-
-    @work(group="judging")
-    async def _judge(self, take: Take) -> None:
-        try:
-            take.judged = await asyncio.to_thread(judge_take, take.status)
-        except SimulshotError as error:
-            take.problem = describe_failure(error)
-        shown = self._log.of_sheet(self.stage.sheet.sheet)
-        if take.judged is not None and self._log.is_newer(take, shown):
-            self.stage.load_sheet(take.judged.sheet, take.key_instant)
-            if take.is_new and not self._under_way:
-                self.stage.show_sheet()
-        self._show_course()
-
-    @work(group="trash")
-    async def _trash(self, take: Take) -> None:
-        assert take.judged is not None
-        try:
-            await asyncio.to_thread(trash_session, take.judged.sheet.session.folder)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
-            return
-        take.trashed = True
-        self.stage.forget_sheet(take.judged.sheet)
-        self._show_course()
-
-    def _show_course(self) -> None:
-        """Show what is under way, in the takes and in the line below."""
-        now_s = self._clock()
-        self.take_panel.show(self._log.takes, now_s)
-        shown = self._log.of_sheet(self.stage.sheet.sheet)
-        advice = "" if self._status is None else printable(self._status.advice)
-        otherwise = Content.styled(advice, "$foreground-muted")
-        if self.has_class("narrow", "sheet") and shown is not None:
-            otherwise = verdict_line(shown)
-        self._line.show_course(self._log.newest, now_s, otherwise)
-
-    def _want_previews(self) -> None:
-        self.stage.want_previews(self._seen)
+def cancellable_bursts(status: RigStatus) -> dict[int, str]:
+    """The bursts that can be cancelled, by number, in words: the one being saved, then those ahead."""
+    offers = {}
+    newest = status.burst
+    ahead = sorted(status.ahead, key=lambda burst: burst.first_leader_ns)
+    if newest is not None and newest.burst and not newest.done:
+        offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images are here"
+    for burst in ahead:
+        begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
+        offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"
+    return offers

@@ -13,7 +13,6 @@ from rich.color_triplet import ColorTriplet
 from rich.segment import Segment
 from rich.style import Style
 from textual.app import App
-from textual.geometry import Size
 from textual.strip import Strip
 
 Image: TypeAlias = NDArray[np.uint8]
@@ -65,6 +64,24 @@ class CellPicture:
     def columns(self) -> int:
         """How many cells wide it is."""
         return int(self.glyphs.shape[1])
+
+    def strip(self, row: int, plain: Style) -> Strip:
+        """A row of it for Textual; `plain` is the style of dots."""
+        glyphs = self.glyphs[row]
+        if self.palette is Palette.DOTS:
+            return Strip([Segment("".join(chr(0x2800 + int(dots)) for dots in glyphs), plain)], self.columns)
+        inks = self.inks[row].astype(np.uint32)
+        colours = (inks[..., 0] << 16) | (inks[..., 1] << 8) | inks[..., 2]
+        starts = np.flatnonzero(np.r_[True, (colours[1:] != colours[:-1]).any(axis=1)]).tolist()
+        text = "".join(QUARTERS[glyph] for glyph in glyphs)
+        eight_bit = self.palette is Palette.EIGHT_BIT
+        segments = [
+            Segment(text[start:end], _style(front, back, eight_bit))
+            for start, end, (front, back) in zip(
+                starts, [*starts[1:], None], colours[starts].tolist(), strict=True
+            )
+        ]
+        return Strip(segments, self.columns)
 
     def pixels(self) -> NDArray[np.uint8]:
         """What is seen of a coloured picture: rows x columns x quarter x RGB."""
@@ -155,35 +172,6 @@ def changed_spans(shown: CellPicture, new: CellPicture) -> list[tuple[int, int, 
         where = np.flatnonzero(differs[row])
         spans.append((int(row), int(where[0]), int(where[-1]) + 1))
     return spans
-
-
-def strip_of(cells: CellPicture, row: int, plain: Style) -> Strip:
-    """A row of cells for Textual; `plain` is the style of dots."""
-    glyphs = cells.glyphs[row]
-    if cells.palette is Palette.DOTS:
-        return Strip([Segment("".join(chr(0x2800 + int(dots)) for dots in glyphs), plain)], cells.columns)
-    inks = cells.inks[row].astype(np.uint32)
-    colours = (inks[..., 0] << 16) | (inks[..., 1] << 8) | inks[..., 2]
-    starts = np.flatnonzero(np.r_[True, (colours[1:] != colours[:-1]).any(axis=1)]).tolist()
-    text = "".join(QUARTERS[glyph] for glyph in glyphs)
-    eight_bit = cells.palette is Palette.EIGHT_BIT
-    segments = [
-        Segment(text[start:end], _style(front, back, eight_bit))
-        for start, end, (front, back) in zip(
-            starts, [*starts[1:], None], colours[starts].tolist(), strict=True
-        )
-    ]
-    return Strip(segments, cells.columns)
-
-
-def strip_of_middle(cells: CellPicture, line: int, size: Size, plain: Style, around: Style) -> Strip:
-    """A line of a box of this size that has the picture in its middle; `around` is the style of the rest."""
-    row = line - (size.height - cells.rows) // 2
-    if not 0 <= row < cells.rows:
-        return Strip.blank(size.width, around)
-    left = (size.width - cells.columns) // 2
-    right = size.width - left - cells.columns
-    return Strip.join([Strip.blank(left, around), strip_of(cells, row, plain), Strip.blank(right, around)])
 
 
 @lru_cache(maxsize=16384)

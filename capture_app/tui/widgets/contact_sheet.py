@@ -1,10 +1,6 @@
-"""The contact sheet of a take: cameras across, instants down, as large as the room allows.
-
-Where the pictures of a contact sheet lie: their size, their regions, and those in sight; all in cells.
-"""
+"""The contact sheet of a take: cameras across, instants down, as large as the room allows."""
 
 import asyncio
-from collections.abc import Iterator
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -18,39 +14,13 @@ from textual.strip import Strip
 
 from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
 from capture_app.text import duration, printable
-from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of, strip_of_middle
+from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
+from capture_app.tui.widgets.picture import strip_of_middle
 
 GUTTER = 9
 """Columns for the time of an instant."""
 LEAST, MOST = 10, 60
 """Columns of a picture."""
-
-
-def thumb_size_of(sheet: TakeSheet, room: Size, zoom: float) -> Size:
-    """Columns and rows of a picture, where the whole sheet has that room."""
-    wide = (room.width - GUTTER) // max(1, len(sheet.cameras)) - 1
-    # Where there are few instants, large pictures must leave room for another row.
-    high = int((room.height - 1) * 2 / max(2, min(sheet.instants, 3)) / sheet.aspect)
-    width = round(min(max(min(wide, high, MOST), LEAST) * zoom, 4 * MOST, room.width - GUTTER))
-    rows = max(2, round(width * sheet.aspect / 2))
-    return Size(max(4, min(width, round(2 * rows / sheet.aspect))), rows)
-
-
-def region_of(x: int, y: int, thumb: Size) -> Region:
-    """A picture's region in the whole sheet, by the places of its camera and instant."""
-    return Region(GUTTER + x * (thumb.width + 1), 1 + y * (thumb.height + 1), thumb.width, thumb.height)
-
-
-def places_in_sight(sheet: TakeSheet, thumb: Size, scrolled: Offset, room: Size) -> Iterator[tuple[int, int]]:
-    """Camera and instant of each picture that is seen, by their places."""
-    left, top = scrolled
-    for y in range(top // (thumb.height + 1), sheet.instants):
-        if y * (thumb.height + 1) - top >= room.height:
-            break
-        for x in range(left // (thumb.width + 1), len(sheet.cameras)):
-            if x * (thumb.width + 1) - left >= room.width - GUTTER:
-                break
-            yield x, y
 
 
 class ContactSheet(ScrollView, can_focus=True):
@@ -98,6 +68,8 @@ class ContactSheet(ScrollView, can_focus=True):
         self.cursor = Offset(0, 0)
         """Camera and instant, by their places in the sheet."""
         self._thumbs: dict[tuple[int, int], CellPicture | None] = {}
+        self._wanted: list[tuple[int, int]] = []
+        """Pictures that have come into sight and are not drawn yet."""
         self._zoom = 1.0
 
     def show(self, sheet: TakeSheet | None) -> None:
@@ -117,9 +89,15 @@ class ContactSheet(ScrollView, can_focus=True):
     @property
     def thumb_size(self) -> Size:
         """Columns and rows of a picture."""
-        if self.sheet is None:
+        sheet, room = self.sheet, self.size
+        if sheet is None:
             return Size(0, 0)
-        return thumb_size_of(self.sheet, self.size, self._zoom)
+        wide = (room.width - GUTTER) // max(1, len(sheet.cameras)) - 1
+        # Where there are few instants, large pictures must leave room for another row.
+        high = int((room.height - 1) * 2 / max(2, min(sheet.instants, 3)) / sheet.aspect)
+        width = round(min(max(min(wide, high, MOST), LEAST) * self._zoom, 4 * MOST, room.width - GUTTER))
+        rows = max(2, round(width * sheet.aspect / 2))
+        return Size(max(4, min(width, round(2 * rows / sheet.aspect))), rows)
 
     def go_to(self, camera: str, instant: int) -> None:
         """Put the cursor on a picture."""
@@ -160,35 +138,28 @@ class ContactSheet(ScrollView, can_focus=True):
             if opens:
                 self.action_choose()
 
-    def watch_scroll_x(self, old_value: float, new_value: float) -> None:
-        """Load what comes into sight."""
-        super().watch_scroll_x(old_value, new_value)
-        self._load_visible()
-
-    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Load what comes into sight."""
-        super().watch_scroll_y(old_value, new_value)
-        self._load_visible()
-
     def render_line(self, y: int) -> Strip:
         """One line: the cameras' names, then pictures and what is said below each."""
         width, plain = self.size.width, self.rich_style
         if self.sheet is None:
             return Strip.blank(width, plain)
-        left = self.scroll_offset.x
+        size, left = self.thumb_size, self.scroll_offset.x
+        first, beyond = divmod(left, size.width + 1)
+        room = width - GUTTER
+        cameras = range(first, min(first + room // (size.width + 1) + 2, len(self.sheet.cameras)))
         if y == 0:
-            gutter, content = self._words(" instant", GUTTER, "sheet--label"), self._names()
+            gutter, content = self._words(" instant", GUTTER, "sheet--label"), self._names(cameras)
         else:
-            instant, line = divmod(y - 1 + self.scroll_offset.y, self.thumb_size.height + 1)
+            instant, line = divmod(y - 1 + self.scroll_offset.y, size.height + 1)
             if instant >= self.sheet.instants:
                 return Strip.blank(width, plain)
-            gutter, content = self._gutter(instant, line), self._row(instant, line)
-        return Strip.join([gutter, content.crop(left, left + width - GUTTER)]).adjust_cell_length(
-            width, plain
-        )
+            gutter, content = self._gutter(instant, line), self._row(cameras, instant, line)
+        line_of_cells = Strip.join([gutter, content.crop(beyond, beyond + room)])
+        return line_of_cells.adjust_cell_length(width, plain)
 
     def _lay_out(self) -> None:
         self._thumbs.clear()
+        self._wanted.clear()
         if self.sheet is not None:
             size = self.thumb_size
             self.virtual_size = Size(
@@ -196,14 +167,14 @@ class ContactSheet(ScrollView, can_focus=True):
                 1 + self.sheet.instants * (size.height + 1),
             )
         self.refresh()
-        self._load_visible()
 
-    def _names(self) -> Strip:
+    def _names(self, cameras: range) -> Strip:
         assert self.sheet is not None
-        width = self.thumb_size.width
+        room = self.thumb_size.width + 1
+        styles = ["sheet--cursor" if at == self.cursor.x else "sheet--label" for at in cameras]
         return Strip.join(
-            self._words(name, width + 1, "sheet--cursor" if at == self.cursor.x else "sheet--label", gap=1)
-            for at, name in enumerate(self.sheet.cameras)
+            self._words(self.sheet.cameras[at], room, style, gap=1)
+            for at, style in zip(cameras, styles, strict=True)
         )
 
     def _gutter(self, instant: int, line: int) -> Strip:
@@ -216,19 +187,19 @@ class ContactSheet(ScrollView, can_focus=True):
             gutter = self._words(f"↔{duration(spread)}".rjust(GUTTER - 1), GUTTER, "sheet--label", gap=1)
         else:
             gutter = Strip.blank(GUTTER, self.rich_style)
-        if self._is_framed(-1, instant, line):
+        if self.cursor == (0, instant) and line < self.thumb_size.height:
             gutter = Strip.join([gutter.crop(0, GUTTER - 1), self._words("▐", 1, "sheet--frame")])
         return gutter
 
-    def _row(self, instant: int, line: int) -> Strip:
+    def _row(self, cameras: range, instant: int, line: int) -> Strip:
         assert self.sheet is not None
         size, parts = self.thumb_size, []
-        for at, camera in enumerate(self.sheet.cameras):
+        for at in cameras:
             here = self.cursor == (at, instant)
             if line < size.height:
                 parts.append(self._thumb_line(at, instant, line))
             else:
-                remark = self.sheet.place(camera, instant).remark
+                remark = self.sheet.place(self.sheet.cameras[at], instant).remark
                 style = "sheet--remark" if remark else "sheet--frame" if here else "sheet--label"
                 mark = "! " if remark else ""
                 text = mark + printable(remark) if remark else "▀" * size.width if here else ""
@@ -237,14 +208,15 @@ class ContactSheet(ScrollView, can_focus=True):
             parts.append(self._words(edge if line < size.height else " ", 1, "sheet--frame"))
         return Strip.join(parts)
 
-    def _is_framed(self, at: int, instant: int, line: int) -> bool:
-        return self.cursor == (at + 1, instant) and line < self.thumb_size.height
-
     def _thumb_line(self, at: int, instant: int, line: int) -> Strip:
         size = self.thumb_size
         thumb = self._thumbs.get((at, instant))
         if thumb is None:
             known = (at, instant) in self._thumbs
+            if not known and (at, instant) not in self._wanted:
+                self._wanted.append((at, instant))
+                if len(self._wanted) == 1:
+                    self._load()
             text = "no picture" if known and line == size.height // 2 else ""
             return self._words(text.center(size.width), size.width, "sheet--empty")
         empty = self.get_component_rich_style("sheet--empty")
@@ -280,7 +252,8 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def _region(self, x: int, y: int) -> Region:
         """A picture's region in the whole sheet."""
-        return region_of(x, y, self.thumb_size)
+        size = self.thumb_size
+        return Region(GUTTER + x * (size.width + 1), 1 + y * (size.height + 1), *size)
 
     def _refresh_region(self, region: Region, *, scrolls_sideways: bool = True) -> None:
         left = self.scroll_offset.x if scrolls_sideways else 0
@@ -288,22 +261,16 @@ class ContactSheet(ScrollView, can_focus=True):
         if seen:
             self.refresh(seen)
 
-    def _load_visible(self) -> None:
-        if self.sheet is not None and self.is_mounted and self.size.width > GUTTER and self.size.height > 1:
-            self._load()
-
     @work(exclusive=True, group="thumbs")
     async def _load(self) -> None:
-        """Draw the pictures in sight that are not drawn yet, one after the other, in a thread."""
+        """Draw the pictures that have come into sight, one after the other, in a thread."""
         sheet, size = self.sheet, self.thumb_size
         palette, light = palette_of(self.app), not self.app.current_theme.dark
-        if sheet is None:
-            return
-        for x, y in list(places_in_sight(sheet, size, self.scroll_offset, self.size)):
-            if sheet is not self.sheet or size != self.thumb_size:
-                return
-            if (x, y) not in self._thumbs:
-                drawn = await asyncio.to_thread(_draw, sheet, sheet.cameras[x], y, size, palette, light)
+        while sheet is not None and self._wanted:
+            x, y = self._wanted[0]
+            drawn = await asyncio.to_thread(_draw, sheet, sheet.cameras[x], y, size, palette, light)
+            if (x, y) in self._wanted and sheet is self.sheet:
+                self._wanted.remove((x, y))
                 self._thumbs[x, y] = drawn
                 self._refresh_region(self._region(x, y))
 

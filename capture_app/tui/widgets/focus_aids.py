@@ -1,9 +1,4 @@
-"""Focus and exposure as marks and numbers.
-
-Aids for focus and exposure: what is sharp, what is clipped, and how bright a picture is.
-
-Numbers about what a camera sees, for people: focus against its recent best, light, histogram.
-"""
+"""Focus and exposure as marks on a picture, and as numbers: against the recent best, light, histogram."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -16,6 +11,7 @@ from numpy.typing import NDArray
 from textual.content import Content
 
 from capture_app.tui.widgets.cells import Image, grey_of
+from capture_app.tui.widgets.lines import bar_rows
 
 Bgr: TypeAlias = tuple[int, int, int]
 
@@ -48,7 +44,7 @@ class Exposure:
 
     histogram: tuple[float, ...]
     mean: float
-    """Of 255."""
+    """Brightness, of 255."""
     shadows: float
     """Share of the pixels that are clipped to black in all channels."""
     highlights: float
@@ -118,10 +114,9 @@ def _clipped(image: Image) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 BEST_OVER_S = 10.0
 """A focus number is compared with the best of so many seconds: turning a ring there and back takes that."""
 IN_FOCUS = 0.95
-"""Of the best, from which on it is called in focus."""
+"""Share of the best from which on it is called in focus."""
 CLIPPED = 0.01
 """Share of the pixels from which on clipping is worth a warning."""
-_EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 class FocusMeter:
@@ -190,8 +185,4 @@ def histogram_lines(exposure: Exposure, width: int, height: int) -> list[Content
     most = max(columns, default=0.0) or 1.0
     eighths = [round((share / most) ** 0.5 * 8 * height) for share in columns]
     eighths = [max(value, 1) if share > 0 else 0 for value, share in zip(eighths, columns, strict=True)]
-    lines = []
-    for row in range(height - 1, -1, -1):
-        text = "".join(_EIGHTHS[min(max(value - 8 * row, 0), 8)] for value in eighths)
-        lines.append(Content.styled(text, "$primary"))
-    return lines
+    return [Content.styled(row, "$primary") for row in bar_rows(eighths, height)]

@@ -1,13 +1,10 @@
 """The line on top: the modes with their keys, which rig this is, whether it is ready, room on its disk."""
 
 from textual import events
-from textual.app import ComposeResult
-from textual.containers import Horizontal
 from textual.content import Content
 
-from capture_app.node.wire.status import RigStatus
 from capture_app.text import count, printable
-from capture_app.tui.rig_record import ModeRequested
+from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.signs import NO_LEADER, WAITING, rig_sign
 from capture_app.tui.widgets.lines import Lines
 
@@ -15,36 +12,8 @@ MODES = {"rig": "Rig", "shoot": "Shoot", "sessions": "Sessions", "jobs": "Jobs"}
 """By name, in the order of their keys 1 to 4."""
 
 
-class Header(Horizontal):
-    """One line: modes at the left, of which a click goes to one, and the rig at the right."""
-
-    DEFAULT_CSS = """
-    Header { dock: top; height: 1; background: $panel; color: $foreground; }
-    Header #tabs { width: auto; height: 1; }
-    Header #rig-line { width: 1fr; height: 1; }
-    """
-
-    def __init__(self, mode: str) -> None:
-        super().__init__(id="header")
-        self._tabs = Tabs(mode)
-        self._rig_line = RigLine()
-
-    def compose(self) -> ComposeResult:
-        """Two parts: the one does not change with the other."""
-        yield self._tabs
-        yield self._rig_line
-
-    def show_status(self, status: RigStatus) -> None:
-        """Show how the rig is."""
-        self._rig_line.show_rig(status, self._rig_line.lost)
-
-    def show_link(self, reason: str) -> None:
-        """Show that the leader does not answer; empty: that it does."""
-        self._rig_line.show_rig(self._rig_line.status, reason)
-
-
 class Tabs(Lines):
-    """The modes with their keys."""
+    """The modes with their keys; a click goes to one."""
 
     def __init__(self, mode: str) -> None:
         super().__init__(id="tabs")
@@ -63,21 +32,23 @@ class Tabs(Lines):
         for number, (mode, title) in enumerate(MODES.items(), 1):
             left += len(f" {number} {title} ")
             if event.x < left:
-                self.post_message(ModeRequested(mode))
+                self.app.switch_mode(mode)
                 return
 
 
 class RigLine(Lines):
     """How the rig is, in as many words as there is room for."""
 
-    def __init__(self) -> None:
+    def __init__(self, record: RigRecord) -> None:
         super().__init__(id="rig-line")
-        self.status: RigStatus | None = None
-        self.lost = ""
+        self._record = record
 
-    def show_rig(self, status: RigStatus | None, lost: str) -> None:
-        """Show a rig, or that its leader is lost for a reason."""
-        self.status, self.lost = status, lost
+    def on_resize(self) -> None:
+        """Show what there is room for."""
+        self.draw()
+
+    def draw(self) -> None:
+        """Show the rig as it is now, or that its leader is lost."""
         room = self.size.width - 1
         parts: list[Content] = []
         for part in self._parts():  # the most important first; what does not fit is left out
@@ -87,13 +58,9 @@ class RigLine(Lines):
         line = Content(" · ").join(parts[::-1])
         self.show([Content(" " * max(self.size.width - line.cell_length - 1, 0)) + line])
 
-    def on_resize(self) -> None:
-        """Show what there is room for."""
-        self.show_rig(self.status, self.lost)
-
     def _parts(self) -> list[Content]:
-        status = self.status
-        sign = NO_LEADER if self.lost else WAITING if status is None else rig_sign(status)
+        status = self._record.status
+        sign = NO_LEADER if self._record.lost else WAITING if status is None else rig_sign(status)
         parts = [Content.styled(str(sign), f"bold {sign.style}")]
         if status is None:
             return parts
@@ -101,15 +68,13 @@ class RigLine(Lines):
             parts.append(Content.styled("OPEN to anybody", "$warning"))
         if present := [phone for phone in status.app_phones if phone.state != "lost"]:
             synced = sum(phone.state == "synced" for phone in present)
-            parts.append(
-                Content.styled(f"{synced} of {count(len(present), 'app phone')} with the time", "$warning")
-            )
+            words = f"{synced} of {count(len(present), 'app phone')} with the time"
+            parts.append(Content.styled(words, "$warning"))
         free = status.disk_free_bytes
         if free is not None:
             low = free < 2e9
-            parts.append(
-                Content.styled(f"{'! ' if low else ''}{free / 1e9:.0f} GB free", "$error" if low else "")
-            )
+            words = f"{'! ' if low else ''}{free / 1e9:.0f} GB free"
+            parts.append(Content.styled(words, "$error" if low else ""))
         parts.append(Content.styled(printable(status.leader), "$foreground-muted"))
         if status.period_ns:
             parts.append(Content.styled(f"{1e9 / status.period_ns:.3g} fps", "$foreground-muted"))

@@ -1,13 +1,10 @@
-"""Lines of text on the screen of which only the cells that differ are sent to the terminal.
-
-Parts of lines that several lists draw: two ends, the mark of what is chosen, a bar.
-
-Lines of news with the time of the clock and a mark for how bad they are.
-"""
+"""Lines of text on the screen of which only the cells that differ are sent to the terminal."""
 
 import textwrap
 import time
 from collections.abc import Iterable, Sequence
+from itertools import groupby
+from operator import itemgetter
 
 from rich.segment import Segment
 from textual.content import Content
@@ -44,9 +41,23 @@ def chosen_line(line: Content, width: int) -> Content:
 
 
 def filled_cells(share: float, width: int) -> str:
-    """So large a share of that many cells, to an eighth of one."""
+    """A bar of a share of that many cells, to an eighth of one."""
     eighths = round(8 * width * min(max(share, 0.0), 1.0))
     return "█" * (eighths // 8) + ("▏▎▍▌▋▊▉"[eighths % 8 - 1] if eighths % 8 else "")
+
+
+def bar_rows(eighths: Sequence[int], height: int) -> list[str]:
+    """Bars beside each other, each so many eighths of a cell high, as rows of text from the top down."""
+    return [
+        "".join(" ▁▂▃▄▅▆▇█"[min(max(each - 8 * row, 0), 8)] for each in eighths)
+        for row in range(height - 1, -1, -1)
+    ]
+
+
+def joined_cells(cells: Iterable[tuple[str, str]]) -> Content:
+    """Cells with their styles as a line."""
+    runs = groupby(cells, key=itemgetter(1))
+    return Content.assemble(*(("".join(cell for cell, _ in run), style) for style, run in runs))
 
 
 class Lines(Widget):
@@ -110,7 +121,8 @@ class Lines(Widget):
         self._draw_anew()
 
     def _draw_anew(self) -> None:
-        if self.is_attached:
+        # Nothing is drawn of nothing: a layout that is under way would swallow the next one.
+        if self.is_attached and self._lines:
             self._strips = [strip_of_line(self, line) for line in self._lines]
             self.refresh(layout=True)
 
@@ -127,11 +139,8 @@ def _difference(old: Strip, new: Strip) -> tuple[int, int] | None:
 
 
 def _cells(strip: Strip) -> list[tuple[str, object]]:
-    cells: list[tuple[str, object]] = []
-    for text, style, _ in strip:
-        for character in text:
-            # A wide character is one entry for two cells: a strip with one is compared by its entries.
-            cells.append((character, style))
+    # A wide character is one entry for two cells: a strip with one is compared by its entries.
+    cells: list[tuple[str, object]] = [(each, style) for text, style, _ in strip for each in text]
     return cells if len(cells) == strip.cell_length else [(strip.text, tuple(strip))]
 
 

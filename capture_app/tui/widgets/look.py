@@ -1,6 +1,6 @@
 """One picture of a take on the whole screen: blinked with its neighbours, or a wiggle through all cameras."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import Enum
 from functools import lru_cache, partial
 from typing import ClassVar
@@ -85,9 +85,8 @@ class LookScreen(Dialog[tuple[str, int]]):
         self._timer: Timer | None = None
         self._title = Lines(id="look-title")
         self._picture = Picture(words="no picture")
-        self._sources: dict[tuple[int, int], Source] = {}
-        self._sharp_sources: dict[tuple[int, int], Source] = {}
-        self._load: Callable[[str, int], Image | None] = lru_cache(maxsize=KEPT)(self._load_now)
+        self._sources: dict[tuple[str, int], tuple[Source, Source]] = {}
+        self._load = lru_cache(maxsize=KEPT)(self._load_now)
 
     def compose(self) -> ComposeResult:
         """What it is, the picture, and the keys."""
@@ -164,11 +163,10 @@ class LookScreen(Dialog[tuple[str, int]]):
     def _show(self) -> None:
         camera, instant = self.shown
         place = self._sheet.place(camera, instant)
-        key = (self._sheet.cameras.index(camera), instant)
-        source = self._sources.setdefault(key, partial(self._load, camera, instant))
+        here = camera, instant
+        found = self._sources.setdefault(here, (partial(self._load, *here), partial(self._load_sharp, *here)))
         words = printable(place.remark) if place.image is None else "no picture"
-        sharp = self._sharp_sources.setdefault(key, partial(self._load_sharp, camera, instant))
-        self._picture.show(source, words, sharp=sharp if self.motion is Motion.STILL else None)
+        self._picture.show(found[0], words, sharp=found[1] if self.motion is Motion.STILL else None)
         self._title.show([self._describe(camera, instant)])
 
     def _describe(self, camera: str, instant: int) -> Content:
@@ -197,7 +195,7 @@ class LookScreen(Dialog[tuple[str, int]]):
         return max(times) - min(times) if len(times) == 2 else None
 
     def _load_sharp(self, camera: str, instant: int) -> Image | None:
-        """The same with as many pixels as the terminal shows; not kept, as these are large."""
+        """A picture with as many pixels as the terminal shows; not kept, as these are large."""
         terminal = sharp_terminal_of(self.app)
         width = 0 if terminal is None else terminal.width_px(self.app.size.width)
         return self._sheet.load(camera, instant, width) if width else None

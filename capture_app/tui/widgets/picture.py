@@ -1,10 +1,8 @@
-"""A widget that shows an image fitted into its cells.
+"""A widget that shows an image fitted into its cells, or in the terminal's own pixels where it can.
 
-Pictures in a terminal's own pixels where it can and textual-image is installed, decided here once.
-
-Only by kitty's protocol with Unicode placeholders: its pictures are cells of text, which menus may cover, but
-sixels are painted over whatever is there. WezTerm and Konsole claim that protocol without its placeholders;
-they are told by the sixels that they have too.
+Pixels are sent where textual-image is installed, and only by kitty's protocol with Unicode placeholders: its
+pictures are cells of text, which menus may cover, but sixels are painted over whatever is there. WezTerm and
+Konsole claim that protocol without its placeholders; they are told by the sixels that they have too.
 """
 
 import asyncio
@@ -22,7 +20,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual import work
 from textual.app import App
-from textual.geometry import Region
+from textual.geometry import Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -38,7 +36,6 @@ from capture_app.tui.widgets.cells import (
     keep_what_looks_alike,
     palette_of,
     resample,
-    strip_of,
 )
 from capture_app.tui.widgets.focus_aids import Aid, paint_marks
 
@@ -76,13 +73,24 @@ class SharpPicture:
         self._lines = [list(line) for line in Segment.split_lines(console.render(sent))]
         self.columns, self.rows = columns, rows
 
-    def strip(self, row: int) -> Strip:
+    def strip(self, row: int, _plain: Style) -> Strip:
         """A row of it."""
         return Strip(self._lines[row], self.columns)
 
     def forget(self) -> None:
         """Let the terminal forget it."""
         self._sent.cleanup()
+
+
+def strip_of_middle(
+    drawn: CellPicture | SharpPicture, line: int, size: Size, plain: Style, around: Style
+) -> Strip:
+    """A line of a box of this size that has the picture in its middle; `around` is the style of the rest."""
+    row = line - (size.height - drawn.rows) // 2
+    left, right = (size.width - drawn.columns) // 2, (size.width - drawn.columns + 1) // 2
+    if not 0 <= row < drawn.rows or left < 0:
+        return Strip.blank(size.width, around)
+    return Strip.join([Strip.blank(left, around), drawn.strip(row, plain), Strip.blank(right, around)])
 
 
 def find_sharp_terminal(choice: str, environment: Mapping[str, str] = os.environ) -> SharpTerminal | None:
@@ -141,15 +149,15 @@ class Picture(Widget):
         words: str = "",
         noise: int = 0,
         id: str | None = None,
-        classes: str | None = None,
     ) -> None:
         """`noise`: cells that differ by no more are left as they are, see NOISE."""
-        super().__init__(id=id, classes=classes)
+        super().__init__(id=id)
         self._source = source
         self._noise = noise
         self._words = printable(words)
         self._aids: tuple[Aid, ...] = ()
-        self._cells: CellPicture | None = None
+        self.cells: CellPicture | None = None
+        """What is drawn now."""
         self._sharp_source: Source | None = None
         self._sharp: SharpPicture | None = None
         self._sharpening = False
@@ -157,16 +165,6 @@ class Picture(Widget):
         """Counts what was asked for, so that what is done too late is known."""
         self._drawing = False
         self._stale = source is not None
-
-    @property
-    def cells(self) -> CellPicture | None:
-        """What is drawn now."""
-        return self._cells
-
-    @property
-    def words(self) -> str:
-        """What stands in the middle where there is no picture."""
-        return self._words
 
     def show(self, source: Source | None, words: str | None = None, *, sharp: Source | None = None) -> None:
         """Show this image instead; nothing happens where it is the same.
@@ -203,16 +201,11 @@ class Picture(Widget):
     def render_line(self, y: int) -> Strip:
         """One line of the picture."""
         width, plain = self.size.width, self.rich_style
-        cells = self._sharp or self._cells
-        if cells is None:
-            words = self._words if y == self.size.height // 2 else ""
-            return Strip([Segment(words[:width].center(width), plain)], width)
-        row = y - (self.size.height - cells.rows) // 2
-        if not 0 <= row < cells.rows or cells.columns > width:
-            return Strip.blank(width, plain)
-        left = (width - cells.columns) // 2
-        strips = [Strip.blank(left, plain), _strip(cells, row, plain)]
-        return Strip.join([*strips, Strip.blank(width - left - cells.columns, plain)])
+        drawn = self._sharp or self.cells
+        if drawn is not None:
+            return strip_of_middle(drawn, y, self.size, plain, plain)
+        words = self._words if y == self.size.height // 2 else ""
+        return Strip([Segment(words[:width].center(width), plain)], width)
 
     def _draw_again(self) -> None:
         self._stale = True
@@ -260,10 +253,10 @@ class Picture(Widget):
 
     def _put(self, new: CellPicture | None) -> None:
         was_sharp = self._put_sharp(None)
-        shown = None if was_sharp else self._cells
+        shown = None if was_sharp else self.cells
         if shown is not None and new is not None:
             new = keep_what_looks_alike(shown, new, self._noise)
-        self._cells = new
+        self.cells = new
         spans = None if shown is None or new is None else changed_spans(shown, new)
         if spans is None or new is None:
             self.refresh()
@@ -279,10 +272,6 @@ class Picture(Widget):
         if new is not None:
             self.refresh()
         return old is not None
-
-
-def _strip(cells: CellPicture | SharpPicture, row: int, plain: Style) -> Strip:
-    return cells.strip(row) if isinstance(cells, SharpPicture) else strip_of(cells, row, plain)
 
 
 def _load(source: Source | None) -> Image | None:

@@ -1,14 +1,6 @@
-"""Phase strip, histogram, wedge, of block glyphs.
+"""What is plotted of a camera: its phase over time as a strip, its errors' histogram, its exchanges' wedge.
 
-Marks in the cells of a terminal, of block glyphs that every monospaced font has (braille many lack).
-
-From a value to a place on an axis: linear in a band around zero, logarithmic beyond it.
-
-How the phase errors of the latest frames are spread.
-
-Exchanges with the leader as points: the shorter their round trip, the less their offset can err.
-
-A camera's phase error over the last half minute, as a trace that is watched going into the band.
+Drawn with block glyphs, which every monospaced font has (braille many lack).
 """
 
 import math
@@ -18,6 +10,7 @@ from dataclasses import dataclass
 from textual.content import Content
 
 from capture_app.text import count, duration
+from capture_app.tui.widgets.lines import bar_rows, joined_cells
 
 _QUARTERS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
 _LINES = {0: " ", 1: "▔", 2: "─", 4: "▁"}
@@ -71,7 +64,7 @@ class BandScale:
     limit: float
     """The end of the axis; > band."""
     share: float
-    """Of the axis that the band takes, 0 to 1."""
+    """Part of the axis that the band takes, 0 to 1."""
 
     def place(self, value: float) -> float:
         """Where a value is: 0 for -limit, 0.5 for zero, 1 for +limit; beyond the ends, the end."""
@@ -85,8 +78,7 @@ class BandScale:
 
 
 SHOWN_SHARE = 0.98
-"""Of the frames; those farther off are counted at the ends."""
-BARS = " ▁▂▃▄▅▆▇█"
+"""Share of the frames that the axis spans; those farther off are counted at its ends."""
 
 
 def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, height: int) -> list[Content]:
@@ -98,21 +90,19 @@ def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, heig
     bins = [0] * width
     for error in errors_ns:
         bins[max(0, min(int((error / reach + 1) / 2 * width), width - 1))] += 1
-    tallest = max(bins)
-    rows: list[Content] = []
-    for y in range(height - 1, 0, -1):
-        parts: list[tuple[str, str]] = []
-        for x, size in enumerate(bins):
-            # Of a bar with anything in it, an eighth of a cell at least is seen.
-            eighths = 0 if not size else max(round(8 * (height - 1) * size / tallest), 1)
-            bar = BARS[min(max(eighths - 8 * (y - 1), 0), 8)]
-            inside = abs((x + 0.5) / width * 2 - 1) * reach <= tolerance_ns
-            parts.append((bar, "$success on $success 9%" if inside else "$warning"))
-        rows.append(Content.assemble(*parts))
-    left, right = f"−{duration(reach)}", duration(reach, signed=True)
-    gap = max(width - len(left) - len(right) - 1, 2)
-    axis = left + " " * (gap // 2) + "0" + " " * (gap - gap // 2) + right
+    # Of a bar with anything in it, an eighth of a cell at least is seen.
+    eighths = [max(round(8 * (height - 1) * size / max(bins)), 1) if size else 0 for size in bins]
+    inside = [abs((x + 0.5) / width * 2 - 1) * reach <= tolerance_ns for x in range(width)]
+    styles = ["$success on $success 9%" if each else "$warning" for each in inside]
+    rows = [joined_cells(zip(row, styles, strict=True)) for row in bar_rows(eighths, height - 1)]
+    axis = _foot(f"−{duration(reach)}", "0", duration(reach, signed=True), width)
     return [*rows, Content.styled(axis[:width], "$foreground-muted")]
+
+
+def _foot(left: str, middle: str, right: str, width: int) -> str:
+    """What stands below an axis, at its ends and in its middle."""
+    gap = max(width - len(left) - len(right) - len(middle), 2)
+    return left + " " * (gap // 2) + middle + " " * (gap - gap // 2) + right
 
 
 def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
@@ -126,7 +116,7 @@ def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
 
 LABEL_WIDTH = 8
 SHOWN_TRIPS_SHARE = 0.95
-"""Of the exchanges, the shortest: a few long ones would make the rest a line at the left."""
+"""Share of the exchanges that is shown, the shortest: a few long ones would make the rest a line."""
 MEASURABLE_NS = 1000
 """Round trips below this are of the clock's reading, not of a network."""
 EDGE = "$foreground 30%"
@@ -145,7 +135,7 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
     best = sorted(offset for offset, _ in by_trip[: max(1, len(by_trip) // 20)])
     middle = best[len(best) // 2]
     reach = max((longest - shortest) / 2, *(abs(offset - middle) for offset, _ in shown), 1.0)
-    points, edges = DotCanvas(width - LABEL_WIDTH, height - 1), DotCanvas(width - LABEL_WIDTH, height - 1)
+    points, edges = (DotCanvas(width - LABEL_WIDTH, height - 1) for _ in range(2))
     across, down = points.dots
 
     def row_of(offset: float) -> int:
@@ -163,37 +153,28 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
         label = f"{labels.get(y, '')[: LABEL_WIDTH - 1]:>{LABEL_WIDTH - 1}} "
         rows.append(Content.styled(label, "$foreground-muted") + _over(points.row(y), edges.row(y)))
     left = duration(shortest) if shortest >= MEASURABLE_NS else "0"
-    right = duration(longest)
-    name = "round trip"
-    gap = max(width - LABEL_WIDTH - len(left) - len(right) - len(name), 2)
-    foot = " " * LABEL_WIDTH + left + " " * (gap // 2) + name + " " * (gap - gap // 2) + right
+    foot = " " * LABEL_WIDTH + _foot(left, "round trip", duration(longest), width - LABEL_WIDTH)
     return [*rows, Content.styled(foot, "$foreground-muted")]
 
 
 def wedge_title(samples_ns: Sequence[tuple[int, int]]) -> str:
     """What the plot is of, in a few words."""
-    if not samples_ns:
-        return "clock"
-    return f"clock offset, {count(len(samples_ns), 'exchange')}"
+    return f"clock offset, {count(len(samples_ns), 'exchange')}" if samples_ns else "clock"
 
 
 def _over(upper: str, lower: str) -> Content:
     """One row of dots where it has some, else the other."""
-    parts: list[tuple[str, str]] = []
-    for dot, edge in zip(upper, lower, strict=True):
-        character, style = (dot, "$primary") if dot != " " else (edge, EDGE)
-        if parts and parts[-1][1] == style:
-            parts[-1] = (parts[-1][0] + character, style)
-        else:
-            parts.append((character, style))
-    return Content.assemble(*parts)
+    cells = (
+        (dot, "$primary") if dot != " " else (edge, EDGE) for dot, edge in zip(upper, lower, strict=True)
+    )
+    return joined_cells(cells)
 
 
 SPAN_S = 30.0
 USUAL_TOLERANCE_NS = 100_000
 USUAL_PERIOD_NS = 33_333_333
 EMPTY = " ┈"
-"""Where there is no trace: nothing, and the middle of the band."""
+"""What stands where there is no trace: nothing, and in the middle of the band a line."""
 AXIS_WIDTH = 7
 """Cells that the labels of the axis take."""
 
@@ -260,27 +241,15 @@ def strip_rows(
         before = y
     if height == 1:
         newest = next((error for error in reversed(errors_ns) if error is not None), None)
-        inside = newest is not None and abs(newest) <= axis.tolerance_ns
-        style = "$foreground-muted" if dimmed else "$success" if inside else "$warning"
-        return [_dimmable(trace.row(0, EMPTY[1]), style, "$foreground 25%")]
-    middle = height // 2
-    half = band_rows(height) // 2
+        in_band = [newest is not None and abs(newest) <= axis.tolerance_ns]
+    else:
+        in_band = [abs(y - height // 2) <= band_rows(height) // 2 for y in range(height)]
     rows: list[Content] = []
-    for y in range(height):
-        in_band = abs(y - middle) <= half
-        style = "$foreground-muted" if dimmed else "$success" if in_band else "$warning"
-        row = _dimmable(trace.row(y, EMPTY[1] if y == middle else EMPTY[0]), style, "$foreground 25%")
-        rows.append(row.stylize_before("on $success 9%") if in_band and not dimmed else row)
+    for y, inside in enumerate(in_band):
+        style = "$foreground-muted" if dimmed else "$success" if inside else "$warning"
+        empty = EMPTY[y == height // 2]
+        cells = ((each, "$foreground 25%" if each == empty else style) for each in trace.row(y, empty))
+        row = joined_cells(cells)
+        tinted = inside and not dimmed and height > 1
+        rows.append(row.stylize_before("on $success 9%") if tinted else row)
     return rows
-
-
-def _dimmable(text: str, style: str, line_style: str) -> Content:
-    """The trace in one style, and what is drawn where it is not in another."""
-    parts: list[tuple[str, str]] = []
-    for character in text:
-        kind = line_style if character in EMPTY else style
-        if parts and parts[-1][1] == kind:
-            parts[-1] = (parts[-1][0] + character, kind)
-        else:
-            parts.append((character, kind))
-    return Content.assemble(*parts)

@@ -30,24 +30,16 @@ class RowList(ScrollView, can_focus=True):
     """
 
     class Chosen(Message):
-        """Another row is under the cursor; empty: there is none."""
+        """Another row is under the cursor, or none."""
 
-        def __init__(self, rows: "RowList", key: str) -> None:
-            super().__init__()
-            self.rows, self.key = rows, key
-
-        @property
-        def control(self) -> "RowList":
-            """The list."""
-            return self.rows
-
-    class Opened(Chosen):
+    class Opened(Message):
         """A row was clicked twice; what keys open it is the view's to say."""
 
     def __init__(self, row_height: int, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self.row_height = row_height
-        self._keys: tuple[str, ...] = ()
+        self.keys: tuple[str, ...] = ()
+        """The rows' keys in their order."""
         self._at = 0
         self._drawn: dict[str, list[Strip]] = {}
 
@@ -60,43 +52,46 @@ class RowList(ScrollView, can_focus=True):
     # What the view does
 
     @property
-    def keys(self) -> tuple[str, ...]:
-        """The rows' keys in their order."""
-        return self._keys
-
-    @property
     def chosen(self) -> str:
         """The key under the cursor; empty where there is no row."""
-        return self._keys[self._at] if self._keys else ""
+        return self.keys[self._at] if self.keys else ""
 
     def show_rows(self, keys: Sequence[str]) -> None:
         """Show these rows; the cursor stays on its row, or where that was."""
         before = self.chosen
-        if tuple(keys) != self._keys:
-            self._keys = tuple(keys)
-            self._at = self._keys.index(before) if before in self._keys else self._at
-            self._at = max(0, min(self._at, len(self._keys) - 1))
-            self._drawn = {key: lines for key, lines in self._drawn.items() if key in set(self._keys)}
-            self._drawn.pop(before, None)
-            self._drawn.pop(self.chosen, None)
+        if tuple(keys) != self.keys:
+            self.keys = tuple(keys)
+            self._at = self.keys.index(before) if before in self.keys else self._at
+            self._at = max(0, min(self._at, len(self.keys) - 1))
+            self._drawn.clear()
             self._fit()
             self.refresh()
         if self.chosen != before or not before:
-            self.post_message(self.Chosen(self, self.chosen))
+            self.post_message(self.Chosen())
 
     def show_again(self, key: str) -> None:
         """Draw a row again: something in it has changed."""
         old = self._drawn.pop(key, None)
-        if old is None or key not in self._keys or not self.is_attached:
+        if old is None or key not in self.keys or not self.is_attached:
             return
+        top = self.keys.index(key) * self.row_height - self.scroll_offset.y
         for line, (one, other) in enumerate(zip(old, self._lines(key), strict=True)):
-            if one != other:
-                self._refresh_line(self._keys.index(key) * self.row_height + line)
+            seen = Region(0, top + line, self.size.width, 1).intersection(self.size.region)
+            if one != other and seen:
+                self.refresh(seen)
+
+    def show_all_again(self) -> None:
+        """Draw the rows in sight again; the others are drawn when they come into sight."""
+        first, room = self.scroll_offset.y // self.row_height, self.size.height // self.row_height
+        seen = self.keys[first : first + room + 2]
+        self._drawn = {key: lines for key, lines in self._drawn.items() if key in seen}
+        for key in seen:
+            self.show_again(key)
 
     def choose(self, key: str) -> None:
         """Put the cursor on a row."""
-        if key in self._keys:
-            self._go(self._keys.index(key))
+        if key in self.keys:
+            self._go(self.keys.index(key))
 
     # Keys and mouse
 
@@ -111,24 +106,16 @@ class RowList(ScrollView, can_focus=True):
     def on_click(self, event: events.Click) -> None:
         """Choose the row that was clicked; a second click opens it."""
         at = (event.y + self.scroll_offset.y) // self.row_height
-        if 0 <= at < len(self._keys):
+        if 0 <= at < len(self.keys):
             self._go(at)
             if event.chain == 2:
-                self.post_message(self.Opened(self, self.chosen))
+                self.post_message(self.Opened())
 
     # Drawing
 
     def on_resize(self) -> None:
         """Draw in the new width."""
         self._draw_anew()
-
-    def on_focus(self) -> None:
-        """The chosen row is drawn otherwise."""
-        self.show_again(self.chosen)
-
-    def on_blur(self) -> None:
-        """The chosen row is drawn otherwise."""
-        self.show_again(self.chosen)
 
     def notify_style_update(self) -> None:
         """Draw anew: the colours have changed."""
@@ -138,9 +125,9 @@ class RowList(ScrollView, can_focus=True):
     def render_line(self, y: int) -> Strip:
         """A line of a row."""
         at, line = divmod(y + self.scroll_offset.y, self.row_height)
-        if not 0 <= at < len(self._keys):
+        if not 0 <= at < len(self.keys):
             return Strip.blank(self.size.width, self.rich_style)
-        return self._lines(self._keys[at])[line]
+        return self._lines(self.keys[at])[line]
 
     def _lines(self, key: str) -> list[Strip]:
         lines = self._drawn.get(key)
@@ -153,14 +140,14 @@ class RowList(ScrollView, can_focus=True):
         return lines
 
     def _go(self, at: int) -> None:
-        at = max(0, min(at, len(self._keys) - 1))
-        if not self._keys:
+        at = max(0, min(at, len(self.keys) - 1))
+        if not self.keys:
             return
         if at != self._at:
             before, self._at = self.chosen, at
             self.show_again(before)
             self.show_again(self.chosen)
-            self.post_message(self.Chosen(self, self.chosen))
+            self.post_message(self.Chosen())
         self._scroll_to_chosen()
 
     def _scroll_to_chosen(self) -> None:
@@ -170,7 +157,7 @@ class RowList(ScrollView, can_focus=True):
         self.scroll_to(y=y, animate=False)
 
     def _fit(self) -> None:
-        self.virtual_size = Size(self.size.width, len(self._keys) * self.row_height)
+        self.virtual_size = Size(self.size.width, len(self.keys) * self.row_height)
 
     def _draw_anew(self) -> None:
         if self.is_attached:
@@ -178,8 +165,3 @@ class RowList(ScrollView, can_focus=True):
             self._fit()
             self.refresh()
             self.call_after_refresh(self._scroll_to_chosen)
-
-    def _refresh_line(self, line: int) -> None:
-        seen = Region(0, line - self.scroll_offset.y, self.size.width, 1).intersection(self.size.region)
-        if seen:
-            self.refresh(seen)

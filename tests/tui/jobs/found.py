@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture_app.tui.jobs.job import CLOUDS, COMPARE, DOSE, KINDS, MULTIVIEW, PANEL, STITCH, Job, JobState
-from capture_app.tui.jobs.job_list import default_out, save_record
+from capture_app.session.library.changes import results_folder
+from capture_app.tui.jobs.run import CLOUDS, COMMANDS, COMPARE, DOSE, MULTIVIEW, PANEL, STITCH, Run, RunState
 
 VERDICT = (
     "When both pictures show the same instant, the right distance is found for 97 % of what moves; with one "
@@ -17,15 +17,27 @@ VERDICT = (
 ENDED = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
 
 
-def add_job(root: Path, name: str, session: str, state: JobState = JobState.DONE, message: str = "") -> Job:
-    """Keep a job of an earlier run."""
-    kind = KINDS[name]
-    folder = root / session
-    out = default_out(name, folder, root) if kind.writes else None
-    job = Job(kind, folder, out, kind.quick, 1, state, message=message, ended=ENDED, seconds=83.0)
-    job.log.extend(["[1/9] calibration", "[2/9] stereo cam00-cam01, instant 1", "[9/9] report"])
-    save_record(job, root)
-    return job
+def add_job(root: Path, name: str, session: str, state: RunState = RunState.DONE, message: str = "") -> Run:
+    """Keep a run of an earlier start of the screen."""
+    command = COMMANDS[name]
+    folder = results_folder(root / session, root)
+    out = folder / name if command.writes else None
+    about = {
+        "kind": name,
+        "session": session,
+        "out": str(out.relative_to(root)) if out else "",
+        "options": command.quick,
+        "state": state,
+        "message": message,
+        "ended": ENDED.isoformat(),
+        "seconds": 83.0,
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{name}.json").write_text(json.dumps(about))
+    (folder / f"{name}.log").write_text(
+        "[1/9] calibration\n[2/9] stereo cam00-cam01, instant 1\n[9/9] report\n"
+    )
+    return Run(kind=name, session=root / session, out=out, state=state, message=message)
 
 
 def picture(path: Path, level: int) -> None:
@@ -48,7 +60,7 @@ def study(name: str, *pictures: dict[str, object], skipped: str = "") -> dict[st
     return {"name": name, "cameras": cameras, "skipped": skipped, "pictures": list(pictures)}
 
 
-def add_comparison(root: Path, session: str) -> Job:
+def add_comparison(root: Path, session: str) -> Run:
     """A finished comparison with depth of a pair, a panorama and a table."""
     job = add_job(root, COMPARE.name, session, message=VERDICT)
     assert job.out is not None
@@ -85,7 +97,7 @@ def add_comparison(root: Path, session: str) -> Job:
     return job
 
 
-def add_panorama(root: Path, session: str) -> Job:
+def add_panorama(root: Path, session: str) -> Run:
     """A panorama in both conditions."""
     job = add_job(root, STITCH.name, session)
     assert job.out is not None
@@ -110,7 +122,7 @@ def add_panorama(root: Path, session: str) -> Job:
     return job
 
 
-def add_dose(root: Path, session: str, timing: dict[str, object] | None = None) -> Job:
+def add_dose(root: Path, session: str, timing: dict[str, object] | None = None) -> Run:
     """A curve of three points."""
     job = add_job(root, DOSE.name, session)
     assert job.out is not None
@@ -137,7 +149,7 @@ def add_dose(root: Path, session: str, timing: dict[str, object] | None = None) 
     return job
 
 
-def add_depth(root: Path, session: str) -> Job:
+def add_depth(root: Path, session: str) -> Run:
     """Depth maps of two cameras."""
     job = add_job(root, MULTIVIEW.name, session)
     assert job.out is not None
@@ -160,7 +172,7 @@ def add_depth(root: Path, session: str) -> Job:
     return job
 
 
-def add_clouds(root: Path, session: str) -> Job:
+def add_clouds(root: Path, session: str) -> Run:
     """Clouds of two instants, of which one failed."""
     job = add_job(root, CLOUDS.name, session)
     assert job.out is not None
@@ -178,7 +190,7 @@ def add_clouds(root: Path, session: str) -> Job:
     return job
 
 
-def add_panel(root: Path, session: str, *, compared: bool = True) -> Job:
+def add_panel(root: Path, session: str, *, compared: bool = True) -> Run:
     """What a panel showed of two cameras; `compared`: of one instant at least, in both."""
     job = add_job(root, PANEL.name, session)
     assert job.out is not None

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from capture_app.node.wire.status import BurstStatus
-from capture_app.tui.jobs.job import COMPARE, JobState
-from capture_app.tui.jobs.jobs_view import JobLog, JobRows, JobsView
+from capture_app.tui.jobs.jobs_view import JobsView, RunRows
 from capture_app.tui.jobs.result_screen import ResultScreen
+from capture_app.tui.jobs.run import COMMANDS, COMPARE, RunState
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
@@ -21,8 +21,14 @@ from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, a
 from tests.tui.pictures.sent import PLACEHOLDER, Sent
 from tests.tui.takes import make_take
 
-QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", command=("compare",), quick="")
+QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", words=("compare",), quick="")
 SIZES = [(80, 24), (120, 40), (200, 50)]
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A comparison is quick."""
+    monkeypatch.setitem(COMMANDS, QUICK.name, QUICK)
 
 
 @pytest.fixture
@@ -50,17 +56,17 @@ def view(pilot: Any) -> JobsView:
 
 
 def text(pilot: Any) -> str:
-    listed = view(pilot).query_one(JobRows)
+    listed = view(pilot).query_one(RunRows)
     return "\n".join(listed.render_line(y).text.rstrip() for y in range(listed.size.height))
 
 
 def log(pilot: Any) -> str:
-    return "\n".join(view(pilot).query_one(JobLog).query_one("#job-lines").plain)
+    return "\n".join(view(pilot).query_one("#job-lines", Lines).plain)
 
 
 async def test_jobs_of_earlier_runs_are_there(root: Path) -> None:
     add_comparison(root, "take")
-    add_job(root, "dose", "take", JobState.FAILED, "the burst has one instant only")
+    add_job(root, "dose", "take", RunState.FAILED, "the burst has one instant only")
     async with jobs_mode(root) as pilot:
         await until(pilot, lambda: "✖ failed" in text(pilot))
         assert "✔ done" in text(pilot)
@@ -69,47 +75,51 @@ async def test_jobs_of_earlier_runs_are_there(root: Path) -> None:
         assert "the burst has one instant only" in log(pilot)
 
 
+@pytest.mark.usefixtures("quick")
 async def test_a_running_job_is_followed_cancelled_and_run_again(root: Path, tmp_path: Path) -> None:
     async with jobs_mode(root) as pilot:
         go = tmp_path / "go"
-        job = pilot.app.jobs.add(QUICK, root / "take", f"say '[3/4] stereo [b]cam00[/b]' wait {go}")
+        job = pilot.app.runs.add(QUICK, root / "take", f"say '[3/4] stereo [b]cam00[/b]' wait {go}")
         await until(pilot, lambda: "50 %" in text(pilot))
         assert "stereo [b]cam00[/b]" in text(pilot)
         assert "▶ running" in text(pilot)
         assert "[3/4] stereo [b]cam00[/b]" in log(pilot)
         await pilot.press("x")
         await until(pilot, lambda: "◌ cancelled" in text(pilot))
-        assert job.state is JobState.CANCELLED
+        assert job.state is RunState.CANCELLED
         go.touch()
         await pilot.press("r")
         await until(pilot, lambda: "✔ done" in text(pilot))
         await pilot.press("delete")
-        await until(pilot, lambda: not pilot.app.jobs.jobs)
+        await until(pilot, lambda: not pilot.app.runs.all)
 
 
+@pytest.mark.usefixtures("quick")
 async def test_the_list_has_the_focus_though_it_filled_just_before(root: Path) -> None:
     async with jobs_mode(root) as pilot:
         pilot.app.screen.set_focus(None)
         view(pilot).on_mode_shown()
-        pilot.app.jobs.add(QUICK, root / "take", "")
+        pilot.app.runs.add(QUICK, root / "take", "")
         await settle(pilot)
-        assert view(pilot).query_one(JobRows).has_focus
+        assert view(pilot).query_one(RunRows).has_focus
 
 
+@pytest.mark.usefixtures("quick")
 async def test_the_end_of_a_job_is_told_in_every_mode(root: Path) -> None:
     async with jobs_mode(root) as pilot:
         await pilot.press("1")
-        pilot.app.jobs.add(QUICK, root / "take", "")
+        pilot.app.runs.add(QUICK, root / "take", "")
         await until(pilot, lambda: any("Compare of take is done" in toast for toast in toasts(pilot.app)))
-        pilot.app.jobs.add(QUICK, root / "take", "fail")
+        pilot.app.runs.add(QUICK, root / "take", "fail")
         await until(pilot, lambda: any("one instant only" in toast for toast in toasts(pilot.app)))
         # What the run before has found is still there.
-        assert pilot.app.jobs.jobs[0].result is not None
+        assert pilot.app.runs.all[0].result is not None
 
 
+@pytest.mark.usefixtures("quick")
 async def test_jobs_stand_still_while_a_burst_is_taken(root: Path, tmp_path: Path) -> None:
     async with jobs_mode(root) as pilot:
-        pilot.app.jobs.add(QUICK, root / "take", f"say '[1/2] begun' wait {tmp_path / 'go'}")
+        pilot.app.runs.add(QUICK, root / "take", f"say '[1/2] begun' wait {tmp_path / 'go'}")
         await until(pilot, lambda: "begun" in text(pilot))
         burst = {"burst": 1, "name": "b", "cameras": 1, "instants": 5, "received": 0, "expected": 5}
         pilot.rig.burst_status = BurstStatus(**burst)
@@ -203,6 +213,7 @@ async def test_the_report_opens_in_the_browser_and_over_ssh_its_path_is_told(
         assert len(opened) == 1
 
 
+@pytest.mark.usefixtures("quick")
 async def test_the_footer_offers_what_the_chosen_job_has_whatever_is_focused(
     root: Path, tmp_path: Path
 ) -> None:
@@ -212,9 +223,10 @@ async def test_the_footer_offers_what_the_chosen_job_has_whatever_is_focused(
         footer = pilot.app.screen.query_one(KeyFooter)
         assert "Results" in footer.plain[0]
         assert "Report" not in footer.plain[0], "depth from all cameras writes none"
-        job = pilot.app.jobs.add(QUICK, root / "take", f"say begun wait {tmp_path / 'go'}")
-        view(pilot).choose(job)
-        view(pilot).query_one(JobLog).focus()
+        job = pilot.app.runs.add(QUICK, root / "take", f"say begun wait {tmp_path / 'go'}")
+        await settle(pilot)
+        view(pilot).query_one(RunRows).choose(job.key)
+        view(pilot).query_one("#job-log").focus()
         await until(pilot, lambda: "Cancel" in footer.plain[0])
         (tmp_path / "go").touch()
         await until(pilot, lambda: "Run again" in footer.plain[0])
@@ -254,12 +266,12 @@ def test_the_list_looks_as_it_did(
     here = Path("sessions")
     for add in (add_comparison, add_panorama, add_dose, add_depth):
         add(here, "take")
-    add_job(here, "verify", "take", JobState.FAILED, "take is damaged: cam00/000001.jpg is missing")
+    add_job(here, "verify", "take", RunState.FAILED, "take is damaged: cam00/000001.jpg is missing")
     app = make_app(FakeRig(1), sessions=here)
 
     async def before(pilot: Any) -> None:
         await pilot.press("4")
-        await until(pilot, lambda: "damaged" in text(pilot) and view(pilot).query_one(JobRows).has_focus)
+        await until(pilot, lambda: "damaged" in text(pilot) and view(pilot).query_one(RunRows).has_focus)
         await settle(pilot)
 
     assert snap_compare(app, terminal_size=size, run_before=before)

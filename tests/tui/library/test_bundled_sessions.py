@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.result_screen import ResultScreen
+from capture_app.tui.jobs.run import RunState
 from capture_app.tui.library.take import TakeScreen
 from capture_app.tui.widgets.look import LookScreen
 from capture_app.tui.widgets.picture import Picture
@@ -42,9 +42,9 @@ async def test_a_panorama_from_the_key_to_its_picture(sessions: Path) -> None:
         rows(pilot.app).choose(key)
         await settle(pilot)
         await pilot.press("a", "down", "down", "enter")
-        await until(pilot, lambda: pilot.app.jobs.jobs and pilot.app.jobs.jobs[0].state.is_over)
-        (job,) = pilot.app.jobs.jobs
-        assert (job.state, job.kind.name) == (JobState.DONE, "stitch"), job.message
+        await until(pilot, lambda: pilot.app.runs.all and pilot.app.runs.all[0].state.is_over)
+        (job,) = pilot.app.runs.all
+        assert (job.state, job.kind) == (RunState.DONE, "stitch"), job.message
         # A sample's own folder may be read-only: results lie beside the user's sessions.
         assert job.out == sessions / "_results" / "_sample_sessions" / "crossing" / "stitch"
         await pilot.press("o")

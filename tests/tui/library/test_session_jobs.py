@@ -12,8 +12,8 @@ from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.result_screen import ResultScreen
+from capture_app.tui.jobs.run import RunState
 from capture_app.tui.widgets.picture import Picture
 from tests.session.conftest import camera_record, jpeg
 from tests.tui.driving import settle, toasts, until
@@ -21,7 +21,7 @@ from tests.tui.library.screen import choose, library, names, rows, text, type_te
 
 
 def jobs(pilot: Any) -> list[Any]:
-    return pilot.app.jobs.jobs
+    return list(pilot.app.runs.all)
 
 
 async def test_export_to_colmap(sessions: Path, tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ async def test_export_to_colmap(sessions: Path, tmp_path: Path) -> None:
         assert pilot.app.screen.query(OptionList), "a folder with something in it is refused"
         await type_text(pilot, str(tmp_path / "for colmap"))
         await pilot.press("enter")
-        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state is JobState.DONE)
+        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state is RunState.DONE)
     found = sorted(p.name for p in (tmp_path / "for colmap" / "images" / "rig1" / "cam00").iterdir())
     assert found == ["000000.jpg", "000001.jpg", "000002.jpg"]
     assert json.loads((tmp_path / "for colmap" / "rig_config.json").read_text())
@@ -94,7 +94,7 @@ async def test_verify_tells_what_is_wrong(sessions: Path) -> None:
         await choose(pilot, "one")
         await pilot.press("v")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
-        assert jobs(pilot)[0].state is JobState.FAILED
+        assert jobs(pilot)[0].state is RunState.FAILED
         await until(pilot, lambda: "✖ verify" in text(pilot.app))
         await pilot.press("4")
         await settle(pilot)
@@ -134,7 +134,7 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
         (job,) = jobs(pilot)
-        assert (job.state, job.kind.name) == (JobState.DONE, "compare"), job.message
+        assert (job.state, job.kind) == (RunState.DONE, "compare"), job.message
         assert job.out == sessions / "_results" / "crossing" / "compare"
         assert (job.out / "report.html").is_file()
         await pilot.press("o")

@@ -135,7 +135,7 @@ async def test_an_interrupted_session_says_what_to_do_and_can_be_thrown_away(ses
             await pilot.press(key)
             await settle(pilot)
         assert sum("cut is being saved" in toast for toast in toasts(pilot.app)) == 3
-        assert not pilot.app.jobs.jobs
+        assert not pilot.app.runs.all
         assert (sessions / "cut").exists()
         writer.abort()
         await until(pilot, lambda: "interrupted" in text(pilot.app))

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.session.library.thumbnails import ThumbnailCache
+from capture_app.tui import app
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.settings import Settings
@@ -20,19 +20,13 @@ pytestmark = pytest.mark.usefixtures("utc")
 SIZES = [(80, 24), (120, 40), (200, 50)]
 
 
-class OnlyTheseSessions(SimulshotApp):
-    """Without the bundled samples, whose pictures may be rendered again."""
-
-    def _view(self, mode: str) -> Any:
-        if mode != "sessions":
-            return super()._view(mode)
-        return SessionsView(Path("sessions"), self.jobs, thumbnails=ThumbnailCache(Path("cache")))
-
-
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three takes, what was made of one, and an interrupted one."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    # Without the bundled samples, whose pictures may be rendered again.
+    monkeypatch.setattr(app, "find_samples", lambda _: None)
     here = Path("sessions")
     for number, (name, spread_ns, note) in enumerate(
         (
@@ -52,9 +46,7 @@ def make(folder: Path, theme: str = "") -> SimulshotApp:
     settings = Settings()
     if theme:
         settings.remember("theme", theme)
-    app = make_app(FakeRig(1), sessions=folder, settings=settings)
-    app.__class__ = OnlyTheseSessions
-    return app
+    return make_app(FakeRig(1), sessions=folder, settings=settings)
 
 
 async def ready(pilot: Any) -> None:

@@ -15,7 +15,6 @@ from capture_app.tui.widgets.cells import (
     draw_cells,
     fitted_cells,
     keep_what_looks_alike,
-    strip_of,
 )
 
 
@@ -55,8 +54,8 @@ def test_cells_of_two_colours_show_exactly_what_is_there() -> None:
     left_half[:, 0] = (1, 2, 250)
     cells = draw_cells(left_half, Palette.TRUECOLOR)
     assert np.array_equal(seen(cells), left_half[..., ::-1])
-    assert strip_of(cells, 0, Style()).text == "▌"
-    style = next(iter(strip_of(cells, 0, Style()))).style
+    assert cells.strip(0, Style()).text == "▌"
+    style = next(iter(cells.strip(0, Style()))).style
     assert style is not None
     assert style.color is not None
     assert style.color.triplet == (250, 2, 1)
@@ -75,7 +74,7 @@ def test_256_colours_are_those_that_a_terminal_has() -> None:
     for red, green, blue in cells.inks.reshape(-1, 3).tolist():
         assert {red, green, blue} <= cube or (red == green == blue and red % 10 == 8)
     for row in range(cells.rows):
-        for segment in strip_of(cells, row, Style()):
+        for segment in cells.strip(row, Style()):
             assert segment.style is not None
             assert segment.style.color is not None
             assert segment.style.color.type is ColorType.EIGHT_BIT
@@ -94,9 +93,7 @@ def test_dots_are_denser_where_it_is_brighter() -> None:
     plain = Style(bold=True)
 
     def dots(cells: CellPicture) -> np.ndarray:
-        return np.array(
-            [[ord(c).bit_count() for c in strip_of(cells, r, plain).text] for r in range(cells.rows)]
-        )
+        return np.array([[ord(c).bit_count() for c in cells.strip(r, plain).text] for r in range(cells.rows)])
 
     dark, light = draw_cells(image, Palette.DOTS), draw_cells(image, Palette.DOTS, light=True)
     assert dots(dark).shape == (48, 80)

@@ -6,6 +6,7 @@ from capture_app.errors import BadInputError
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.view import NewsPane
+from capture_app.tui.rig_record import RigRecord
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig, make_node
 
@@ -137,7 +138,7 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
 async def test_a_phase_that_comes_home_is_a_trace_into_the_band() -> None:
     rig = FakeRig(1)
     now = [100.0]
-    app = make_app(rig, clock=lambda: now[0])
+    app = make_app(rig, record=RigRecord(lambda: now[0]))
     async with app.run_test(size=(80, 24)) as pilot:
         for error in (9_000_000, 3_000_000, 800_000, 90_000, 4_000):
             rig.change("cam00", phase_error_ns=error)

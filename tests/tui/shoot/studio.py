@@ -7,9 +7,9 @@ from pathlib import Path
 from textual.pilot import Pilot
 
 from capture_app.node.wire.messages import BurstRequest
-from capture_app.tui.app import SimulshotApp
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.view import ShootView
+from tests.tui.driving import make_app
 from tests.tui.fake_rig import FakeRig, make_node
 from tests.tui.takes import make_take
 
@@ -41,7 +41,7 @@ class Studio:
 
     def __init__(self, rig: FakeRig, folder: Path, settings: Settings | None = None) -> None:
         self.rig = rig
-        self.app = SimulshotApp(rig, settings=settings or Settings(), sessions=folder, clock=lambda: 100.0)
+        self.app = make_app(rig, settings=settings or Settings(), sessions=folder)
 
     @property
     def view(self) -> ShootView:

@@ -13,13 +13,13 @@ from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
 from capture_app.tui.shoot.plan import TakeMode
-from capture_app.tui.shoot.takes import StatusLine
+from capture_app.tui.widgets.lines import Lines
 from tests.tui.fake_rig import FakeRig, make_node
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 
 
 def line_of(studio: Studio) -> str:
-    return studio.view.query_one("#shoot-advice", StatusLine).plain[0]
+    return studio.view.query_one("#shoot-advice", Lines).plain[0]
 
 
 async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
@@ -160,7 +160,7 @@ async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(t
         assert line_of(studio) == "cam01 is aligning", "the rig's advice again"
         rig.is_ready.set()
         await studio.settle(pilot)
-        assert studio.view.takes == ()
+        assert studio.view.takes == []
 
 
 async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
         text = studio.view.take_panel.plain
         assert "saved where the leader runs:\n/home/ada/sessions/burst-001\n16 of 16 images" in text
         assert "cam01    ██████████ 8/8 ✔" in text
-        assert studio.view.stage.is_live
+        assert not studio.view.stage.is_sheet
 
 
 async def test_an_order_that_fails_is_said(tmp_path: Path) -> None:

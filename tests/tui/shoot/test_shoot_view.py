@@ -88,7 +88,7 @@ async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) 
         assert studio.view.query_one(Digits).value in ("20", "19")
         await pilot.press("space")
         await studio.settle(pilot)
-        assert studio.view.stage.is_live
+        assert studio.view.stage.current == "live"
         assert studio.requests == []
 
 
@@ -186,7 +186,7 @@ async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: P
     async with studio.app.run_test(size=(120, 40)) as pilot:
         await studio.enter(pilot)
         assert studio.view.take_panel.plain.startswith("before-001\n● excellent")
-        assert studio.view.stage.is_live
+        assert not studio.view.stage.is_sheet
         await pilot.press("v")
         assert studio.view.stage.is_sheet
 

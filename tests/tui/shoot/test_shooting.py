@@ -7,64 +7,62 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.plan import MOST_BEFORE, MOST_FRAMES, TakeMode, TakePlan, stepped
-from capture_app.tui.shoot.stage import Moment, Shooting
+from capture_app.tui.shoot.plan import MOST_BEFORE, MOST_FRAMES, TakeMode, TakePlan, moments_of, stepped
 
 
 class Course:
-    """Runs a plan in virtual time; a take is saved `saving_s` after it is ordered."""
+    """The course of a plan in virtual time; a take is saved `saving_s` after it is ordered."""
 
-    def __init__(self, saving_s: float = 2.0) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 100.0
         self.taken: list[float] = []
         self.moments: list[str] = []
-        self.saving_s = saving_s
-        self.shooting = Shooting(self._take, self._show, now=lambda: self.now, sleep=self._sleep)
+        monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: self.now)
+        monkeypatch.setattr(asyncio, "sleep", self._sleep)
 
-    def _take(self) -> asyncio.Event:
-        self.taken.append(self.now - 100.0)
-        done = asyncio.Event()
+    async def run(self, plan: TakePlan, saving_s: float = 2.0) -> None:
+        saved = asyncio.Event()
+        async for moment in moments_of(plan, saved):
+            self.moments.append(str(moment))
+            if not moment.seconds:
+                self.taken.append(self.now - 100.0)
+                self.saving = asyncio.ensure_future(self._save(self.now + saving_s, saved))
 
-        async def save(due: float) -> None:
+    async def _save(self, due: float, saved: asyncio.Event) -> None:
+        if due < self.now + 10:
             self.now = max(self.now, due)
-            done.set()
-
-        if self.saving_s < 10:
-            self.task = asyncio.ensure_future(save(self.now + self.saving_s))
-        return done
-
-    def _show(self, moment: Moment) -> None:
-        self.moments.append(str(moment))
+            saved.set()
 
     async def _sleep(self, seconds: float) -> None:
         self.now += seconds
 
 
-async def test_a_single_take_is_at_once() -> None:
-    course = Course()
-    await course.shooting.run(TakePlan())
+@pytest.fixture
+async def course(monkeypatch: pytest.MonkeyPatch) -> Course:
+    return Course(monkeypatch)
+
+
+async def test_a_single_take_is_at_once(course: Course) -> None:
+    await course.run(TakePlan())
     assert course.taken == [0.0]
     assert course.moments == ["the take is being taken"]
 
 
-async def test_a_countdown_tells_each_second() -> None:
-    course = Course()
-    await course.shooting.run(TakePlan(countdown_s=3))
+async def test_a_countdown_tells_each_second(course: Course) -> None:
+    await course.run(TakePlan(countdown_s=3))
     assert course.taken == [3.0]
     counted = ["the take in 3 s", "the take in 2 s", "the take in 1 s", "the take is being taken"]
     assert course.moments == counted
 
 
-async def test_an_interval_keeps_its_pace_whatever_saving_takes() -> None:
-    course = Course(saving_s=60.0)
-    await course.shooting.run(TakePlan(mode=TakeMode.INTERVAL, every_s=5.0, takes=4, countdown_s=3))
+async def test_an_interval_keeps_its_pace_whatever_saving_takes(course: Course) -> None:
+    await course.run(TakePlan(mode=TakeMode.INTERVAL, every_s=5.0, takes=4, countdown_s=3), saving_s=60.0)
     assert course.taken == pytest.approx([3.0, 8.0, 13.0, 18.0])
     assert "take 2 of 4 in 5 s" in course.moments
 
 
-async def test_a_sequence_waits_until_each_take_is_saved() -> None:
-    course = Course(saving_s=2.0)
-    await course.shooting.run(TakePlan(mode=TakeMode.SEQUENCE, takes=3))
+async def test_a_sequence_waits_until_each_take_is_saved(course: Course) -> None:
+    await course.run(TakePlan(mode=TakeMode.SEQUENCE, takes=3))
     assert course.taken == pytest.approx([0.0, 2.0, 4.0])
 
 

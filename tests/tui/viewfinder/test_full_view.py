@@ -7,7 +7,7 @@ import numpy as np
 from textual.pilot import Pilot
 
 from capture_app.node.wire.status import Preview
-from capture_app.tui.shoot.full_view import CameraScreen
+from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.preview_grid import PreviewGrid
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture
@@ -22,16 +22,16 @@ def board(blur: float = 0.0, light: int = 0) -> bytes:
     return bytes(cv2.imencode(".jpg", image)[1].tobytes())
 
 
-async def open_first(studio: Studio, pilot: Pilot[None]) -> CameraScreen:
+async def open_first(studio: Studio, pilot: Pilot[None]) -> FullView:
     await studio.enter(pilot)
     studio.app.screen.query_one(PreviewGrid).focus()
     await pilot.press("enter")
     await studio.settle(pilot)
-    assert isinstance(studio.app.screen, CameraScreen)
+    assert isinstance(studio.app.screen, FullView)
     return studio.app.screen
 
 
-def text(screen: CameraScreen, part: str) -> str:
+def text(screen: FullView, part: str) -> str:
     return "\n".join(screen.query_one(f"#finder-{part}", Lines).plain)
 
 

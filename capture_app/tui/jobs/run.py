@@ -1,32 +1,28 @@
-"""One job: what it is to do, how far it is, and what has come of it.
-
-The kinds of jobs: the command line of each, and settings that are quick and still tell.
-
-The state of a job as a word, a glyph and a colour; and how far it is.
-"""
+"""Commands that the screen starts on a session, and one run of a command: how far it is, what came of it."""
 
 import shlex
-from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
 
+from msgspec import Struct
 from textual.content import Content
 
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.export_session import FORMATS
 from capture_app.text import ProgressStep, printable
 from capture_app.tui.signs import Sign
-from capture_app.tui.widgets.lines import filled_cells
 
 CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
+REPORT = "report.html"
+"""The file of a run's folder that a browser shows, where the command writes one."""
 
 
 @dataclass(frozen=True, slots=True)
-class JobKind:
+class Command:
     """One thing that can be done with a session in a process of its own."""
 
     name: str
@@ -34,16 +30,14 @@ class JobKind:
     what: str
     """What one gets of it, in a sentence."""
     module: str
-    command: tuple[str, ...]
+    words: tuple[str, ...]
     quick: str = ""
     """Options that make it quick; a user may change them."""
     writes: bool = True
     """It writes a folder, which it is given by --out."""
     result: str = ""
     """The file of its folder that holds its figures; empty where there is nothing to look at."""
-    report: str = ""
-    """The file of its folder that a browser shows; empty where it writes none."""
-    fixed: tuple[str, ...] = field(default=())
+    fixed: tuple[str, ...] = ()
 
     def arguments(self, session: Path, out: Path | None, options: str) -> tuple[str, ...]:
         """The command line after the program's name. Raises BadInputError for options that are no words."""
@@ -55,15 +49,16 @@ class JobKind:
             if word.partition("=")[0] in ("--out", "--json"):
                 raise BadInputError(f"{word} is set by the job itself", hint="leave it out")
         target = () if out is None or not self.writes else ("--out", str(out))
-        return (*self.command, str(session), *self.fixed, *words, *target, "--json")
+        return (*self.words, str(session), *self.fixed, *words, *target, "--json")
 
-    def command_line(self, session: Path, out: Path | None, options: str) -> str:
+    def line(self, session: Path, out: Path | None, options: str) -> str:
         """What one would type to do the same."""
-        words = self.arguments(session, out, options)[:-1]
-        return shlex.join((_PROGRAMS.get(self.module, self.module), *words))
+        return shlex.join(
+            (_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options)[:-1])
+        )
 
 
-COMPARE = JobKind(
+COMPARE = Command(
     "compare",
     "Compare",
     "what synchronization is worth in this take",
@@ -71,9 +66,8 @@ COMPARE = JobKind(
     ("compare",),
     "--max-multiview-instants 3 --multiview-width 320",
     result="metrics.json",
-    report="report.html",
 )
-MULTIVIEW = JobKind(
+MULTIVIEW = Command(
     "multiview",
     "Depth from all cameras",
     "depth maps and a point cloud of one instant",
@@ -82,7 +76,7 @@ MULTIVIEW = JobKind(
     "--instant 0 --no-mesh",
     result="multiview.json",
 )
-CLOUDS = JobKind(
+CLOUDS = Command(
     "clouds",
     "Clouds of all instants",
     "a cloud of each, and masks of what moves",
@@ -91,7 +85,7 @@ CLOUDS = JobKind(
     result="sequence.json",
     fixed=("--instants", "all"),
 )
-STITCH = JobKind(
+STITCH = Command(
     "stitch",
     "Panorama",
     "one wide picture, of one instant and late",
@@ -100,7 +94,7 @@ STITCH = JobKind(
     "--instant 0 --offset-ms 66",
     result="metrics.json",
 )
-DOSE = JobKind(
+DOSE = Command(
     "dose",
     "Tolerable delay",
     "how late a camera may be for good depth",
@@ -108,9 +102,8 @@ DOSE = JobKind(
     ("tolerance",),
     "--max-instants 4",
     result="metrics.json",
-    report="report.html",
 )
-PANEL = JobKind(
+PANEL = Command(
     "panel",
     "Panel",
     "how far apart the cameras were, by a panel",
@@ -118,7 +111,7 @@ PANEL = JobKind(
     ("panel", "read"),
     result="panel.json",
 )
-VERIFY = JobKind(
+VERIFY = Command(
     "verify",
     "Verify",
     "whether every file is as it was saved",
@@ -126,7 +119,7 @@ VERIFY = JobKind(
     ("sessions", "verify"),
     writes=False,
 )
-REPAIR = JobKind(
+REPAIR = Command(
     "repair",
     "Repair",
     "finish it with the images that are there",
@@ -135,8 +128,8 @@ REPAIR = JobKind(
     "--wait-s 0",
     writes=False,
 )
-EXPORTS: Mapping[str, JobKind] = {
-    name: JobKind(
+EXPORTS: Mapping[str, Command] = {
+    name: Command(
         f"export-{name}",
         f"Export to {name}",
         what,
@@ -147,17 +140,12 @@ EXPORTS: Mapping[str, JobKind] = {
     for name, what in FORMATS.items()
 }
 STUDIES = (COMPARE, MULTIVIEW, STITCH, DOSE, CLOUDS, PANEL)
-"""The jobs whose results can be looked at."""
-KINDS: Mapping[str, JobKind] = {kind.name: kind for kind in (*STUDIES, VERIFY, REPAIR, *EXPORTS.values())}
+"""The commands whose results can be looked at."""
+COMMANDS = {one.name: one for one in (*STUDIES, VERIFY, REPAIR, *EXPORTS.values())}
 
 
-LOG_LINES = 500
-MEASURED_SHARE = 1 / 3
-"""From this share of a job's steps on its pace tells how long the others take."""
-
-
-class JobState(StrEnum):
-    """Where a job is."""
+class RunState(StrEnum):
+    """Where a run is."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -170,90 +158,87 @@ class JobState(StrEnum):
     @property
     def is_over(self) -> bool:
         """Whether nothing more will happen of itself."""
-        return self in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+        return self in (RunState.DONE, RunState.FAILED, RunState.CANCELLED)
 
 
-@dataclass(eq=False, slots=True)
-class Job:
-    """A job of this run, or one of an earlier run that was found on disk."""
+MEASURED_SHARE = 1 / 3
+"""From this share of a run's steps on its pace tells how long the others take."""
 
-    kind: JobKind
+
+class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
+    """A run of a command, as it is kept in its file."""
+
+    kind: str
+    """The name of its command."""
     session: Path
-    out: Path | None
-    options: str
-    number: int
-    state: JobState = JobState.WAITING
-    step: ProgressStep | None = None
+    out: Path | None = None
+    options: str = ""
+    state: RunState = RunState.WAITING
     message: str = ""
     """What came of it in a sentence: the verdict, what was written, or what went wrong."""
     ended: datetime | None = None
     seconds: float = 0.0
     """How long it has run, without the time for which it was paused."""
-    is_found: bool = False
-    """It is of an earlier run of the screen, and was found on disk."""
-    log: deque[str] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    step: ProgressStep | None = None
 
     @property
-    def place(self) -> Path:
-        """The session's folder, however it was named when the job was started."""
-        return self.session.absolute()
+    def command(self) -> Command:
+        """What it is a run of."""
+        return COMMANDS[self.kind]
 
     @property
-    def command_line(self) -> str:
+    def key(self) -> str:
+        """What tells it from all others: there is one run of a command on a session."""
+        return f"{self.kind} {self.session.absolute()}"
+
+    @property
+    def line(self) -> str:
         """What one would type to do the same."""
-        return self.kind.command_line(self.session, self.out, self.options)
+        return self.command.line(self.session, self.out, self.options)
 
     @property
     def result(self) -> Path | None:
         """The file with the figures, its own or those of an earlier run to the same folder, if any."""
-        if not self.state.is_over or self.out is None or not self.kind.result:
+        if not self.state.is_over or self.out is None or not self.command.result:
             return None
-        path = self.out / self.kind.result
+        path = self.out / self.command.result
         return path if path.is_file() else None
 
     @property
     def report(self) -> Path | None:
         """The report that comes with the result, if any."""
         result = self.result
-        if result is None or not self.kind.report:
-            return None
-        path = result.with_name(self.kind.report)
-        return path if path.is_file() else None
+        return None if result is None or not result.with_name(REPORT).is_file() else result.with_name(REPORT)
 
     @property
     def share(self) -> float | None:
-        """How much of it is done, 0 to 1, by its steps; None where that is not known."""
-        if self.state is JobState.DONE:
-            return 1.0
-        if self.step is None or self.step.total <= 0:
+        """How much of it is done, 0 to 1, by its steps; None where that is not known, or it is over."""
+        if self.state.is_over or self.step is None or self.step.total <= 0:
             return None
         # A line tells the step that begins.
         return min(1.0, max(0.0, (self.step.done - 1) / self.step.total))
 
     @property
-    def standing(self) -> str:
-        """What it is of, and how far it is: Compare of burst-001 (11 %)."""
-        waits = self.state is JobState.WAITING or self.share is None
-        far = str(self.state) if waits else f"{100 * (self.share or 0.0):.0f} %"
-        return f"{self.kind.title} of {self.session.name} ({far})"
-
-    @property
     def seconds_left(self) -> float | None:
         """How long it will take yet, were all its steps alike; None before a third of them is done."""
-        share = self.share
         # The first steps are the shortest ones: by them alone a quarter of an hour looks like seconds.
-        if share is None or share < MEASURED_SHARE or self.state.is_over:
+        if self.share is None or self.share < MEASURED_SHARE:
             return None
-        return self.seconds * (1 - share) / share
+        return self.seconds * (1 - self.share) / self.share
+
+    def __str__(self) -> str:
+        """What it is of, and how far it is: Compare of burst-001 (11 %)."""
+        far = str(self.state) if self.share is None else f"{100 * self.share:.0f} %"
+        return f"{self.command.title} of {self.session.name} ({far})"
 
 
 SIGNS = {
-    JobState.WAITING: Sign("○", "waiting", "$foreground-muted"),
-    JobState.RUNNING: Sign("▶", "running", "$primary"),
-    JobState.PAUSED: Sign("⏸", "paused", "$warning"),
-    JobState.DONE: Sign("✔", "done", "$success"),
-    JobState.FAILED: Sign("✖", "failed", "$error"),
-    JobState.CANCELLED: Sign("◌", "cancelled", "$foreground-muted"),
+    RunState.WAITING: Sign("○", "waiting", "$foreground-muted"),
+    RunState.RUNNING: Sign("▶", "running", "$primary"),
+    RunState.PAUSED: Sign("⏸", "paused", "$warning"),
+    RunState.DONE: Sign("✔", "done", "$success"),
+    RunState.FAILED: Sign("✖", "failed", "$error"),
+    RunState.CANCELLED: Sign("◌", "cancelled", "$foreground-muted"),
 }
 
 
@@ -265,26 +250,18 @@ def rough_time(seconds: float) -> str:
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def progress_bar(share: float | None, width: int) -> Content:
-    """A bar of cells that is filled as far as the share."""
-    full = filled_cells(share or 0.0, width)
-    return Content.assemble((full, "$primary"), ("─" * (width - len(full)), "$border"))
-
-
-def progress_words(job: Job) -> str:
+def progress_words(run: Run) -> str:
     """How far it is, in words: 43 % · 2 min left · stereo cam00-cam01."""
-    parts = []
-    if job.share is not None and not job.state.is_over:
-        parts.append(f"{100 * job.share:.0f} %")
-    if (left := job.seconds_left) is not None:
-        parts.append(f"about {rough_time(left)} left")
-    if job.step is not None and not job.state.is_over:
-        parts.append(printable(job.step.text))
+    parts = [] if run.share is None else [f"{100 * run.share:.0f} %"]
+    if run.seconds_left is not None:
+        parts.append(f"about {rough_time(run.seconds_left)} left")
+    if run.step is not None:
+        parts.append(printable(run.step.text))
     return " · ".join(parts)
 
 
-def job_tag(job: Job) -> Content:
-    """What a list of sessions says of a job: its glyph, and how far it is."""
-    sign = SIGNS[job.state]
-    share = f" {100 * job.share:.0f} %" if job.share is not None and not job.state.is_over else ""
-    return Content.styled(f"{sign.glyph} {job.kind.title.lower()}{share}", sign.style)
+def run_tag(run: Run) -> Content:
+    """What a list of sessions says of a run: its glyph, and how far it is."""
+    sign = SIGNS[run.state]
+    share = "" if run.share is None else f" {100 * run.share:.0f} %"
+    return Content.styled(f"{sign.glyph} {run.command.title.lower()}{share}", sign.style)

@@ -1,0 +1,203 @@
+"""Jobs are run one after the other, told of, cancelled, retried, and known again by the next start."""
+
+import asyncio
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.session.library.changes import rename_session, results_folder
+from capture_app.session.reading.reader import Session
+from capture_app.text import ProgressStep
+from capture_app.tui.jobs.results import read_result
+from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, PANEL, VERIFY, Run, RunState
+from capture_app.tui.jobs.runs import INTERRUPTED, Runs
+from tests.waiting import until
+
+SAMPLES = Path(__file__).parents[3] / "sample_sessions"
+QUICK, QUICK_STITCH, QUICK_DOSE = (
+    replace(COMPARE, name=name, module="tests.tui.jobs.quick_command", words=("compare",), quick="")
+    for name in ("compare", "stitch", "dose")
+)
+
+
+@pytest.fixture
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Runs:
+    for quick in (QUICK, QUICK_STITCH, QUICK_DOSE):
+        monkeypatch.setitem(COMMANDS, quick.name, quick)
+    return Runs(tmp_path)
+
+
+async def test_a_job_from_queue_to_result(runs: Runs, session: Session, tmp_path: Path) -> None:
+    told: list[RunState] = []
+    runs = Runs(tmp_path, lambda run: told.append(run.state) if run else None)
+    job = runs.add(QUICK, session.folder, "say '[3/9] stereo [b]cam00[/b]' say '\x1b[2Jhello' priority")
+    await runs.wait()
+    assert job.state is RunState.DONE
+    assert job.message == "It is [bold]much[/bold] better. So it is."
+    assert list(runs.log(job)) == ["[3/9] stereo [b]cam00[/b]", "\\x1b[2Jhello", "priority 19"]
+    assert job.result == tmp_path / "_results" / "small" / "compare" / "metrics.json"
+    assert job.result.is_file()
+    assert told[0] is RunState.RUNNING or told[0] is RunState.WAITING
+    assert told[-1] is RunState.DONE
+
+
+async def test_what_goes_wrong_is_said_in_the_programs_own_words(runs: Runs, session: Session) -> None:
+    job = runs.add(QUICK, session.folder, "say '[1/9] calibration' fail")
+    await runs.wait()
+    assert job.state is RunState.FAILED
+    assert job.message == "the burst has one instant only"
+    assert job.result is None
+    with pytest.raises(BadInputError, match="cannot be read"):
+        runs.add(QUICK, session.folder, "say 'open")
+    with pytest.raises(BadInputError, match="set by the job"):
+        runs.add(QUICK, session.folder, "--out=/elsewhere")
+    again = runs.add(job.command, job.session, job.options, job.out)
+    await runs.wait()
+    assert again.state is RunState.FAILED
+    assert runs.all == [again]
+
+
+async def test_a_flood_of_lines_is_not_told_line_by_line(
+    runs: Runs, session: Session, tmp_path: Path
+) -> None:
+    told: list[Run | None] = []
+    runs = Runs(tmp_path, told.append)
+    job = runs.add(QUICK, session.folder, "flood 5000")
+    await runs.wait()
+    assert job.state is RunState.DONE
+    assert runs.log(job)[-1] == "line 4999"
+    assert len(told) == 3, "it waits, runs, is done"
+
+
+async def test_one_at_a_time_and_none_twice(runs: Runs, session: Session, tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    first = runs.add(QUICK, session.folder, f"say '[2/5] depth' wait {go}")
+    other = runs.add(QUICK_STITCH, session.folder, "")
+    with pytest.raises(BadInputError, match="already"):
+        runs.add(QUICK, session.folder)
+    await until(lambda: first.step is not None)
+    assert (first.state, other.state) == (RunState.RUNNING, RunState.WAITING)
+    assert runs.unfinished == [other, first]
+    assert first.share == 0.2
+    go.touch()
+    await runs.wait()
+    assert (first.state, other.state) == (RunState.DONE, RunState.DONE)
+
+
+async def test_a_cancelled_job_leaves_nothing_behind(runs: Runs, session: Session, tmp_path: Path) -> None:
+    running = runs.add(QUICK, session.folder, f"say begun wait {tmp_path / 'never'}")
+    waiting = runs.add(QUICK_DOSE, session.folder, "")
+    await until(lambda: bool(runs.log(running)))
+    await runs.cancel(waiting)
+    await runs.cancel(running)
+    await runs.wait()
+    assert (running.state, waiting.state) == (RunState.CANCELLED, RunState.CANCELLED)
+    place = results_folder(session.folder)
+    assert sorted(path.name for path in place.iterdir()) == ["compare.json", "compare.log"]
+
+
+async def test_a_burst_has_the_machine_to_itself(runs: Runs, session: Session, tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    running = runs.add(QUICK, session.folder, f"say begun wait {go} say after")
+    waiting = runs.add(QUICK_DOSE, session.folder, "")
+    await until(lambda: bool(runs.log(running)))
+    runs.hold(True)
+    assert (running.state, waiting.state) == (RunState.PAUSED, RunState.WAITING)
+    go.touch()
+    await asyncio.sleep(0.1)
+    assert list(runs.log(running)) == ["begun"]
+    late = runs.add(QUICK_STITCH, session.folder, "")
+    runs.hold(False)
+    await runs.wait()
+    assert list(runs.log(running)) == ["begun", "after"]
+    assert {job.state for job in (running, waiting, late)} == {RunState.DONE}
+
+
+async def test_a_paused_job_can_be_cancelled(runs: Runs, session: Session, tmp_path: Path) -> None:
+    job = runs.add(QUICK, session.folder, f"say begun wait {tmp_path / 'never'}")
+    await until(lambda: bool(runs.log(job)))
+    runs.hold(True)
+    await runs.close()
+    assert job.state is RunState.CANCELLED
+
+
+async def test_the_next_start_knows_what_was_done(runs: Runs, session: Session, tmp_path: Path) -> None:
+    done = runs.add(QUICK, session.folder, "say '[1/2] one'")
+    await runs.wait()
+    failed = runs.add(QUICK_DOSE, session.folder, "fail")
+    await runs.wait()
+    unfinished = results_folder(session.folder) / "stitch.json"
+    unfinished.write_text('{"kind": "stitch", "session": "small", "state": "running"}')
+    (unfinished.parent / "other.json").write_text("{}")
+    rename_session(session.folder, "new")
+    after = Runs(tmp_path)
+    await after.read()
+    found = {job.kind: job for job in after.all}
+    assert {job.session for job in after.all} == {tmp_path / "new"}
+    assert found["compare"].state is RunState.DONE
+    assert found["compare"].message == done.message
+    assert list(after.log(found["compare"])) == ["[1/2] one"]
+    assert found["compare"].result == tmp_path / "_results" / "new" / "compare" / "metrics.json"
+    assert found["compare"].result.is_file()
+    assert (found["dose"].state, found["dose"].message) == (RunState.FAILED, failed.message)
+    assert (found["stitch"].state, found["stitch"].message) == (RunState.CANCELLED, INTERRUPTED)
+    await after.forget(found["dose"])
+    assert not (results_folder(tmp_path / "new") / "dose.json").exists()
+
+
+async def test_verify_and_export_are_jobs_too(runs: Runs, session: Session, tmp_path: Path) -> None:
+    verified = runs.add(VERIFY, session.folder)
+    exported = runs.add(EXPORTS["nerfstudio"], session.folder, "", tmp_path / "for nerfstudio")
+    await runs.wait()
+    assert verified.message == "every file and every number is as it was saved"
+    assert verified.state is RunState.DONE
+    assert exported.state is RunState.FAILED
+    assert "calibration" in exported.message
+    colmap = runs.add(EXPORTS["colmap"], session.folder, "", tmp_path / "for colmap")
+    await runs.wait()
+    assert colmap.state is RunState.DONE
+    assert (tmp_path / "for colmap" / "rig_config.json").is_file()
+    assert str(tmp_path / "for colmap") in colmap.message
+    image = session.image_file(session.manifest.images[0])
+    os.truncate(image, 10)
+    again = runs.add(verified.command, verified.session)
+    await runs.wait()
+    assert again.state is RunState.FAILED
+    assert "is damaged" in again.message
+
+
+def test_each_kind_has_a_line_that_one_could_type(session: Session, tmp_path: Path) -> None:
+    lines = [kind.line(session.folder, tmp_path / "out", kind.quick) for kind in COMMANDS.values()]
+    assert all(
+        line.startswith(("reconstruct ", "capture-app sessions ", "capture-app panel read "))
+        for line in lines
+    )
+    assert f"capture-app sessions export {session.folder} --to colmap --out {tmp_path / 'out'}" in lines
+
+
+def test_time_left_is_reckoned_from_the_steps(tmp_path: Path) -> None:
+    job = Run(kind="compare", session=tmp_path, state=RunState.RUNNING, seconds=30.0)
+    assert job.seconds_left is None
+    job.step = ProgressStep(3, 9, "stereo")
+    assert job.share == pytest.approx(2 / 9)
+    assert job.seconds_left is None, "the first steps are short and tell nothing of the others"
+    job.step = ProgressStep(4, 9, "stereo")
+    assert job.seconds_left == pytest.approx(60.0)
+    job.step = ProgressStep(5, 0, "odd")
+    assert job.share is None
+
+
+async def test_a_panel_is_read_and_its_figures_can_be_looked_at(runs: Runs) -> None:
+    job = runs.add(PANEL, SAMPLES / "led_panel")
+    await runs.wait()
+    assert job.state is RunState.DONE, list(runs.log(job))
+    assert "apart on average" in job.message
+    result = read_result(job)
+    assert result.verdict == job.message
+    apart, seen = result.tables
+    assert [row[0] for row in apart.rows] == ["cam00 – cam01"]
+    assert [row[:3] for row in seen.rows] == [("cam00", "5", "0"), ("cam01", "5", "0")]
+    assert "shows the same again after 1.0 s" in result.remarks[0]

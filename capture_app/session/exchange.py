@@ -1,14 +1,10 @@
-"""What exports keep for the way back.
+"""What exports keep for the way back, and the messages of an MCAP.
 
-The record in an export, `simulshot.json`: all that the other program's format has no place for.
-
-With `frames.csv`, which says where each image is in the export, an export becomes the session again that it
-was made of.
-
-Foxglove's message schemas as protobuf, as far as a burst needs them.
-
-Field names and numbers are those of the published schemas (docs.foxglove.dev, foxglove-sdk's proto files);
-Rerun reads them in this encoding only.
+The record in an export, `simulshot.json`, is all that the other program's format has no place for. With
+`frames.csv`, which says where each image is in the export, an export becomes the session again that it was
+made of. The messages are Foxglove's as protobuf, as far as a burst needs them: names and numbers of fields
+are those of the published schemas (docs.foxglove.dev, foxglove-sdk's proto files); Rerun reads them in this
+encoding only.
 """
 
 from functools import cache
@@ -47,7 +43,15 @@ def write_record(folder: Path, record: ExportRecord) -> None:
 
 def with_images_listed(manifest: Manifest) -> Manifest:
     """The manifest of a session in which the frames of its videos are images."""
-    images = tuple(_as_image(image) for image in manifest.images)
+    fields = [name for name in ImageRecord.__struct_fields__ if name != "path"]
+    images = tuple(
+        one
+        if type(one) is ImageRecord
+        else ImageRecord(
+            path=image_path(one.camera, one.instant), **{name: getattr(one, name) for name in fields}
+        )
+        for one in manifest.images
+    )
     return msgspec.structs.replace(manifest, images=images, videos=())
 
 
@@ -56,13 +60,6 @@ def read_record(folder: Path) -> ExportRecord:
     record = read_struct(folder / RECORD, ExportRecord, 1)
     check_references(folder / RECORD, record.manifest)
     return record
-
-
-def _as_image(record: ImageRecord) -> ImageRecord:
-    if type(record) is ImageRecord:
-        return record
-    values = {name: getattr(record, name) for name in ImageRecord.__struct_fields__}
-    return ImageRecord(**{**values, "path": image_path(record.camera, record.instant)})
 
 
 _DOUBLE, _STRING, _BYTES, _FIXED32 = 1, 9, 12, 7  # google.protobuf.FieldDescriptorProto.Type

@@ -44,15 +44,7 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions) -> Timeline:
 
     Raises BadInputError where nothing tells, or more than one thing does.
     """
-    names = [source.name for source in sources]
-    for name in options.offsets_ms:
-        if name not in names:
-            raise BadInputError(
-                f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
-            )
-    given = (options.fps is not None, options.timestamps is not None, options.times is not TimeSource.AUTO)
-    if sum(given) > 1:
-        raise BadInputError("give either the rate, --fps, or a table of times, --timestamps, or --times")
+    _check_options([source.name for source in sources], options)
     if options.timestamps is not None:
         return _shifted(timeline_by_table(sources, options.timestamps), options, str(options.timestamps))
     if options.fps is not None and not options.offsets_ms:
@@ -67,23 +59,36 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions) -> Timeline:
     recorded = {source.name: times for source in sources if (times := source.embedded_times()) is not None}
     if len(recorded) == len(sources):
         return _by_times("the recording", recorded, options)
+    return _by_videos(sources, options)
+
+
+def _check_options(names: Sequence[str], options: TimeOptions) -> None:
+    for name in options.offsets_ms:
+        if name not in names:
+            raise BadInputError(
+                f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
+            )
+    given = (options.fps is not None, options.timestamps is not None, options.times is not TimeSource.AUTO)
+    if sum(given) > 1:
+        raise BadInputError("give either the rate, --fps, or a table of times, --timestamps, or --times")
+
+
+def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
+    """Times where the files tell no common ones: the videos' own, by what the user says of them."""
+    rates = {source.fps for source in sources if isinstance(source, Video)}
+    if options.synchronized and rates:
+        return timeline_by_rate(sources, max(rates))
     if options.synchronized or options.offsets_ms:
-        return _by_videos(sources, options)
+        frames = {source.name: _own(source, TimeSource.VIDEO) for source in sources}
+        return _by_times("the recording", frames, options)
     if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
-        return timeline_by_times("the recording", {name: [TimedFrame(0, 0)] for name in names})
+        alone = {source.name: [TimedFrame(0, 0)] for source in sources}
+        return timeline_by_times("the recording", alone)
     suggestion = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
     raise BadInputError(
         "give either the rate, --fps, or a table of times, --timestamps",
         hint=f"{suggestion}--times video, name or exif takes the frames' own",
     )
-
-
-def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
-    rates = {source.fps for source in sources if isinstance(source, Video)}
-    if options.synchronized and rates:
-        return timeline_by_rate(sources, max(rates))
-    frames = {source.name: _own(source, TimeSource.VIDEO) for source in sources}
-    return _by_times("the recording", frames, options)
 
 
 def _own(source: Source, times: TimeSource) -> list[TimedFrame]:

@@ -123,10 +123,10 @@ class SessionWriter:
             raise
 
     @classmethod
-    def create(cls, root: Path, name: str, *, created: str = "", software: str = "") -> "SessionWriter":
+    def create(cls, root: Path, name: str, *, created: str = "") -> "SessionWriter":
         """Begin the session root/name, locked against other writers until it is finished or aborted.
 
-        `created` (RFC 3339, UTC) defaults to now, `software` to this version of simulshot.
+        `created` (RFC 3339, UTC) defaults to now.
         Raises BadInputError where the name is unsafe, taken, or the folder cannot be made.
         """
         check_name(name, "session")
@@ -134,7 +134,7 @@ class SessionWriter:
         make_new_folder(folder)
         try:
             sync_folder(Path(root))
-            return cls(folder, name, created, software)
+            return cls(folder, name, created)
         except (OSError, DiskFullError) as error:
             shutil.rmtree(folder, ignore_errors=True)
             if isinstance(error, OSError):

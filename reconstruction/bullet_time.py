@@ -1,6 +1,6 @@
 """One moment from camera to camera: order, stabilized views and animation; and the burst as a grid."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +13,7 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.report import wording
 from reconstruction.scores.comparison_results import BulletTime, BurstGrid
+from reconstruction.scores.timing import UNMEASURED, Timings
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
@@ -290,15 +291,15 @@ def render_camera_sweep(
     views: Mapping[str, View],
     out: Path,
     *,
-    together: Callable[[Sequence[str]], bool] = lambda cameras: False,
+    timings: Timings = UNMEASURED,
 ) -> BulletTime | None:
     """Write the sweep's pictures and an animation of it into out/pictures; None where there is no sweep.
 
     The cameras come in the order of their places where they are calibrated, else by name. Pictures of
     calibrated cameras are rotated and zoomed so that what moves stays where it is; no view is interpolated.
     In the other condition each camera is late by one of `LATE_MS`, as far as the burst goes.
-    The animation says synchronized only where the pictures of the sweep's cameras are `together`: found to be
-    of one instant.
+    The animation says synchronized only where the pictures of the sweep's cameras were found to be of one
+    instant.
     """
     calibrated = {name: views[name] for name in dataset.cameras if name in views}
     order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
@@ -326,7 +327,7 @@ def render_camera_sweep(
         for kind, frames in zip(("synced", "offset"), halves, strict=True)
     )
     offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
-    known = "synchronized" if together(order) else "as recorded"
+    known = "synchronized" if timings.together(order) else "as recorded"
     titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, offsets_ms, strict=True)]
     return BulletTime(
         cameras=order,

@@ -7,7 +7,7 @@ from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing, are_apart, are_together, found_shares
+from reconstruction.scores.timing import RigTiming, Timing, found_shares
 
 UNSYNCHRONIZED = "unsynchronized"
 EACH_DELAYED = "each camera off by a different delay"
@@ -147,17 +147,16 @@ def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
     Only pictures that were found to be of one instant are called synchronized. Of more than two cameras,
     each has a delay of its own.
     """
-    pair, rig = result.timing, result.rig_timing
-    asked = cameras or (() if pair is None else pair.cameras)
+    asked = cameras or (() if result.timing is None else result.timing.cameras)
     late = UNSYNCHRONIZED if len(asked) > 2 else wording.lateness(result.actual_offset_ms)
     late_short = "Unsynced" if len(asked) > 2 else late[0].upper() + late[1:]
-    if asked and are_together(asked, pair, rig):
+    if asked and result.timings.together(asked):
         many = "all" if len(asked) > 2 else "both"
         return Sides(
             "Synchronized", "Synced", f"when {many} pictures show the same instant", late, late_short
         )
     when = "in the pictures as they were recorded"
-    return Sides("As recorded", "Recorded", when, late, late_short, apart=are_apart(asked, pair, rig))
+    return Sides("As recorded", "Recorded", when, late, late_short, apart=result.timings.apart(asked))
 
 
 def describe_delays(study: StudyResult) -> str:
@@ -223,10 +222,6 @@ def _no_difference(timing: Timing | None, late: str) -> str:
     )
 
 
-def _together(result: CompareResult, study: StudyResult) -> bool:
-    return are_together(study.cameras, result.timing, result.rig_timing)
-
-
 def _as_recorded(stereo: StudyResult) -> str:
     """What is found of what moves and of what stands still in the pictures as they were recorded."""
     moving, still = found_shares(stereo)
@@ -241,7 +236,7 @@ def _as_recorded(stereo: StudyResult) -> str:
 
 def _stereo_sentence(result: CompareResult, stereo: StudyResult, late: str) -> str:
     """As `_depth_sentence`, with what stands still: a control, unless the cameras moved."""
-    together = _together(result, stereo)
+    together = result.timings.together(stereo.cameras)
     recorded = "both pictures show the same instant" if together else "the pictures are paired as recorded"
     first = _depth_sentence(stereo, recorded, f"one picture {late}", "both pictures agree on")
     still = stereo.first_known("static_coverage")
@@ -266,7 +261,7 @@ def _multiview_sentence(result: CompareResult, multiview: StudyResult | None) ->
     if multiview is None:
         return ""
     cameras, when = f"all {len(multiview.cameras)} cameras", "the pictures of {} are paired as recorded"
-    if _together(result, multiview):
+    if result.timings.together(multiview.cameras):
         when = "{} show the same instant"
     return _depth_sentence(multiview, when.format(cameras), EACH_DELAYED, "several cameras agree on")
 
@@ -286,7 +281,7 @@ def _panorama_sentence(result: CompareResult, late: str) -> str:
     panorama = result.study("panorama")
     if panorama is None:
         return ""
-    when = "at the same instant" if _together(result, panorama) else "as recorded"
+    when = "at the same instant" if result.timings.together(panorama.cameras) else "as recorded"
     misfit = panorama.first_known(PANORAMA_MEASURES[0])
     if misfit is not None and misfit[2] >= max(CLEAR_RATIO * misfit[1], misfit[1] + 1.0):
         return (
@@ -316,7 +311,9 @@ def _pose_sentence(result: CompareResult) -> str:
         wrong = f"only {_percent(right)} of the pairs are placed correctly"
     else:
         wrong = f"these angles are wrong by {after:.0f} degrees"
-    pictures = "pictures of one instant" if _together(result, poses) else "the pictures as recorded"
+    pictures = (
+        "pictures of one instant" if result.timings.together(poses.cameras) else "the pictures as recorded"
+    )
     return (
         f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
         f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."

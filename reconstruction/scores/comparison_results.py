@@ -3,7 +3,7 @@
 from msgspec import Struct
 
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing
+from reconstruction.scores.timing import RigTiming, Timing, Timings
 
 
 class InstantTolerance(Struct, frozen=True, kw_only=True):
@@ -174,6 +174,11 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     changed_pictures: tuple[str, ...] = ()
     """Files whose bytes are not those that were saved."""
     versions: dict[str, str] = {}
+
+    @property
+    def timings(self) -> Timings:
+        """What was measured of the session's timing."""
+        return Timings(self.timing, self.rig_timing)
 
     def study(self, name: str) -> StudyResult | None:
         """What a study measured; None where it was skipped."""

@@ -1,6 +1,7 @@
 """Whether the pictures called one instant are of one instant: measured on what moves in them."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import msgspec
 from msgspec import Struct
@@ -199,22 +200,30 @@ class RigTiming(Struct, frozen=True, kw_only=True):
         return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
 
 
-def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
-    """Whether the pictures of all these cameras were found to be of one instant.
+@dataclass(frozen=True)
+class Timings:
+    """What was measured of a session's timing: of a pair by itself, and of all cameras."""
 
-    The judgement of the `pair` that was measured by itself counts for these two, and against any group they
-    are in.
-    """
-    asked = frozenset(cameras)
-    if pair is not None:
-        measured = frozenset(pair.cameras)
-        if asked <= measured or (measured <= asked and not pair.synchronized):
-            return pair.synchronized
-    return rig is not None and asked <= rig.together
+    pair: Timing | None = None
+    rig: RigTiming | None = None
+
+    def together(self, cameras: Iterable[str]) -> bool:
+        """Whether the pictures of all these cameras were found to be of one instant.
+
+        The judgement of the pair counts for these two, and against any group they are in.
+        """
+        asked = frozenset(cameras)
+        if self.pair is not None:
+            measured = frozenset(self.pair.cameras)
+            if asked <= measured or (measured <= asked and not self.pair.synchronized):
+                return self.pair.synchronized
+        return self.rig is not None and asked <= self.rig.together
+
+    def apart(self, cameras: Iterable[str]) -> bool:
+        """Whether any of these cameras' pictures were found not to be of one instant with another's."""
+        asked = frozenset(cameras)
+        measured = (self.pair, *(self.rig.cameras if self.rig is not None else ()))
+        return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)
 
 
-def are_apart(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
-    """Whether any of these cameras' pictures were found not to be of one instant with another's."""
-    asked = frozenset(cameras)
-    measured = (*(() if pair is None else (pair,)), *(() if rig is None else rig.cameras))
-    return any(one.offset and asked.issuperset(one.cameras) for one in measured)
+UNMEASURED = Timings()

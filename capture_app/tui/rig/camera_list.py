@@ -94,8 +94,8 @@ def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, 
         (trace,) = strip_rows(errors_ns, axis, width=room, height=1, dimmed=gone)
         strip = Content.assemble(" ", trace, " ")
     else:
-        message = Content.styled(f" {printable(node.message)}", SIGNS[node.state].style)
-        strip = message.truncate(room + 2, ellipsis=True, pad=True)
+        message = f" {printable(node.message):<{room + 1}}"
+        strip = Content.styled(message, SIGNS[node.state].style).truncate(room + 2, ellipsis=True)
     row = _compact(_name(node, NAME_WIDTH), cells, strip, width)
     return row.stylize_before("$foreground-muted") if gone else row
 

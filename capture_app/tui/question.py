@@ -122,12 +122,14 @@ class TextQuestion(BoxDialog[str | None]):
         """`check` returns what is wrong with a text, or nothing."""
         self._check = check or (lambda _: "")
         self._wrong = Static("", classes="wrong")
-        question = Static(Content(printable(text)), classes="question")
-        super().__init__(title, question, Input(value, select_on_focus=False), self._wrong)
+        self._value = value
+        super().__init__(title, Static(Content(printable(text)), classes="question"), self._wrong)
 
-    def on_mount(self) -> None:
+    async def on_mount(self) -> None:
         """Type at once."""
-        self.query_one(Input).focus()
+        line = Input(self._value, select_on_focus=False)
+        await self._box.mount(line, before=self._wrong)
+        line.focus()
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Say at once what is wrong."""

@@ -102,8 +102,7 @@ def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
 
 def _whole_focal(camera: CameraCalibration) -> float:
     """The longest focal length, px, with which a film shows the camera's whole picture."""
-    across, down = np.abs(picture_rays(camera)).max(axis=0)
-    return float(min(WIDTH / 2 / across, HEIGHT / 2 / down))
+    return float((np.array([WIDTH / 2, HEIGHT / 2]) / np.abs(picture_rays(camera)).max(axis=0)).min())
 
 
 def _least_focal(camera: CameraCalibration) -> float:

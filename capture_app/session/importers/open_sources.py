@@ -75,19 +75,18 @@ class PhoneVideo(Video):
         table = table_of(path)
         if table is None:
             raise BadInputError(f"{path} has no table of times")
-        self._table = table
-        self._table_ns, self._put_in = _lines(table)
+        self._table, self._rows = table, _rows(table)
 
     def embedded_times(self) -> Sequence[TimedFrame]:
         """When each frame was taken; if table and video differ in length, as many as the shorter has."""
-        count = min(len(self._table_ns), len(self.numbers))
-        if len(self._table_ns) != len(self.numbers):
-            of = f"{len(self._table_ns)} times for {len(self.numbers)} frames"
-            self.remark = f"{self._table} has {of}: the first {count} are taken"
-        taken = [number for number in range(count) if number not in self._put_in]
-        if len(taken) < count:
-            self.remark = f"{self._table}: {count - len(taken)} of {count} frames are fillers and left out"
-        frames = [TimedFrame(number, self._table_ns[number]) for number in taken]
+        rows = self._rows[: len(self.numbers)]
+        if len(self._rows) != len(self.numbers):
+            of = f"{len(self._rows)} times for {len(self.numbers)} frames"
+            self.remark = f"{self._table} has {of}: the first {len(rows)} are taken"
+        frames = [TimedFrame(number, at_ns) for number, (at_ns, put_in) in enumerate(rows) if not put_in]
+        if len(frames) < len(rows):
+            fillers = f"{len(rows) - len(frames)} of {len(rows)} frames are fillers"
+            self.remark = f"{self._table}: {fillers} and left out"
         check_order(str(self._table), frames)
         return frames
 
@@ -176,22 +175,19 @@ def _from_nv21(file: Path) -> bytes:
     return encode_image(cv2.cvtColor(raw.reshape(height * 3 // 2, width), cv2.COLOR_YUV2BGR_NV21))
 
 
-def _lines(table: Path) -> tuple[list[int], set[int]]:
-    """The time in ns of every frame, and the numbers of frames that were put in."""
-    times: list[int] = []
-    put_in: set[int] = set()
+def _rows(table: Path) -> list[tuple[int, bool]]:
+    """The time in ns of every frame, and whether it was put in where the phone dropped one."""
+    rows: list[tuple[int, bool]] = []
     for number, line in enumerate(read_text(table).splitlines(), 1):
         text, _, made = (part.strip() for part in line.partition(","))
         if not text or text.startswith("#") or (number == 1 and text == _HEADING):
             continue
         if not re.fullmatch(r"-?\d{1,19}", text):
             raise BadInputError(f"{table}, line {number}: {text!r} is not a time in ns")
-        if made == "Generated":
-            put_in.add(len(times))
-        times.append(int(text))
-    if not times:
+        rows.append((int(text), made == "Generated"))
+    if not rows:
         raise BadInputError(f"{table} has no times")
-    return times, put_in
+    return rows
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:

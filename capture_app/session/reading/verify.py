@@ -99,16 +99,13 @@ def _burst(session: Session) -> Iterator[Problem]:
 
 def _order(session: Session) -> Iterator[Problem]:
     """Check that the times of each camera's images increase, by its own clock and by the leader's."""
-    before: dict[str, ImageRecord] = {}
-    for record in sorted(session.manifest.images, key=lambda image: image.instant):
-        last = before.get(record.camera)
-        if last is not None and record.instant > last.instant:
-            backwards = record.leader_ns <= last.leader_ns
-            if last.local_ns is not None and record.local_ns is not None:
-                backwards = backwards or record.local_ns <= last.local_ns
-            if backwards:
-                yield _contradiction(record.path, f"was not taken after {last.path}")
-        before[record.camera] = record
+    images = sorted(session.manifest.images, key=lambda image: (image.camera, image.instant))
+    for last, record in pairwise(images):
+        if record.camera != last.camera or record.instant == last.instant:
+            continue
+        known = last.local_ns is not None and record.local_ns is not None
+        if record.leader_ns <= last.leader_ns or (known and (record.local_ns or 0) <= (last.local_ns or 0)):
+            yield _contradiction(record.path, f"was not taken after {last.path}")
 
 
 def _sync(session: Session) -> Iterator[Problem]:

@@ -65,19 +65,19 @@ class LeaderNode:
         """
         options.trust.server_context()
         datagrams, listening = bind_port(options.host, options.port, or_free=options.or_free_port)
+        config = LeaderConfig(
+            instance=secrets.randbits(32),
+            transfer_port=listening.getsockname()[1],
+            rig=options.rig,
+            beacons=None if options.beacons is None else options.beacons.group,
+        )
+        leader = cls(options, Leader(config, random.Random(secrets.randbits(64))), listening)
         try:
-            config = LeaderConfig(
-                instance=secrets.randbits(32),
-                transfer_port=listening.getsockname()[1],
-                rig=options.rig,
-                beacons=None if options.beacons is None else options.beacons.group,
-            )
-            engine = Leader(config, random.Random(secrets.randbits(64)))
-            leader = cls(options, engine, listening)
             for follower in options.followers:
                 follower.start(options.clock, leader)
             await leader._server.start(listening)
         except BaseException:
+            await leader.stop()
             datagrams.close()
             listening.close()
             raise

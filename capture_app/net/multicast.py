@@ -12,7 +12,7 @@ from capture_app.net.interfaces import source_address
 from capture_app.net.udp import Pump
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import Group, NodeState
-from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
+from capture_app.trust.sealed_engines import SealedLeader
 
 BEACONS = Group("239.255.47.10", 47011)
 """One group for all rigs: a beacon says which leader sent it."""
@@ -125,7 +125,7 @@ def open_group_socket(group: Group, leader_host: str) -> socket.socket | None:
 
 
 def send_due_beacon(
-    sender: BeaconSender | None, engine: Leader, now_ns: int, sealed: SealedLeader | SealedRelay | None
+    sender: BeaconSender | None, engine: Leader, now_ns: int, sealed: SealedLeader | None
 ) -> None:
     """Send the beacon that is due, if any, to where an engine's own nodes are, at `now_ns` of its time.
 

@@ -15,7 +15,7 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.wire.principal import Speaker
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.known_machines import Role
-from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
+from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import Peer, Trust
 
 LOOK_EVERY_NS = 1_000_000_000
@@ -26,7 +26,7 @@ AGAIN_S = 1.0
 class KeyIssuer:
     """A leader's or a relay's keys: hands them out, takes them back, and tells what was refused."""
 
-    def __init__(self, trust: Trust, sealed: SealedLeader | SealedRelay | None, news: NewsLog) -> None:
+    def __init__(self, trust: Trust, sealed: SealedLeader | None, news: NewsLog) -> None:
         """`sealed` is None where datagrams are not sealed."""
         self._trust, self._sealed, self._news = trust, sealed, news
         self._seen_version: int | None = None

@@ -74,87 +74,64 @@ class SealedClient:
 
 
 class SealedLeader:
-    """A leader, with a key for each of its clients."""
+    """A leader, with a key for each of its clients; strangers are answered with no more than they sent."""
 
-    def __init__(self, engine: Leader, keys: ClientKeys | None = None) -> None:
+    def __init__(self, engine: Leader | Relay, keys: ClientKeys | None = None) -> None:
         self._engine = engine
-        self.keys = keys = ClientKeys() if keys is None else keys
+        self._leader = engine.leader if isinstance(engine, Relay) else engine
+        self.keys = ClientKeys() if keys is None else keys
         self.refusals = Refusals()
-        self._strangers = _Strangers(keys, self.refusals)
+        self._notices: list[tuple[bytes, Address]] = []
         self.next_timer = engine.next_timer
         self.handle_timer = engine.handle_timer
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Take in one datagram, if one of the clients has sealed it and speaks for itself."""
-        opened = self._strangers.open(data, address)
+        opened = self._open(data, address)
         if opened is None:
             return
-        before = self._engine.impostures
+        before = self._leader.impostures
         self._engine.receive_datagram(opened[0], address, now_ns, opened[1])
-        if self._engine.impostures != before:
+        if self._leader.impostures != before:
             self.refusals.add(address[0], Refused.NOT_ITS_OWN)
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
         """Yield what is due, stamped with `now_ns`."""
-        yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
-        yield from self._strangers.take_notices()
+        yield from _sealed(self._leader.datagrams_to_send(now_ns), self.keys)
+        notices, self._notices = self._notices, []
+        yield from notices
 
-
-class SealedRelay:
-    """A relay: a leader to its clients, a client to its parents."""
-
-    def __init__(self, engine: Relay, keys: ClientKeys | None = None) -> None:
-        self._engine = engine
-        self.keys = keys = ClientKeys() if keys is None else keys
-        self.parent_keys = LeaderKeys()
-        self.refusals = Refusals()
-        self._strangers = _Strangers(keys, self.refusals)
-        self.next_timer = engine.next_timer
-        self.handle_timer = engine.handle_timer
-
-    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram, of a parent that it has a key of, or of a client."""
-        if self.parent_keys.is_key_of(data, address):
-            message = _opened_by_client(data, address, self.parent_keys, self.refusals)
-            opened: tuple[bytes, Speaker | None] | None = None if message is None else (message, None)
-        else:
-            opened = self._strangers.open(data, address)
-        if opened is None:
-            return
-        before = self._engine.leader.impostures
-        self._engine.receive_datagram(opened[0], address, now_ns, opened[1])
-        if self._engine.leader.impostures != before:
-            self.refusals.add(address[0], Refused.NOT_ITS_OWN)
-
-    def datagrams_to_send(self, now_ns: int) -> Sealed:
-        """Yield what is due, stamped with `now_ns`."""
-        yield from _sealed(self._engine.leader.datagrams_to_send(now_ns), self.keys)
-        yield from _sealed(self._engine.datagrams_to_parents(now_ns), self.parent_keys)
-        yield from self.parent_keys.take_kept()
-        yield from self._strangers.take_notices()
-
-
-class _Strangers:
-    """Turns strangers away, with an answer that is never longer than what they sent."""
-
-    def __init__(self, keys: ClientKeys, refusals: Refusals) -> None:
-        self._keys, self._refusals = keys, refusals
-        self._notices: list[tuple[bytes, Address]] = []
-
-    def open(self, data: bytes, address: Address) -> tuple[bytes, Speaker] | None:
+    def _open(self, data: bytes, address: Address) -> tuple[bytes, Speaker | None] | None:
         try:
-            return self._keys.open(data, address)
+            return self.keys.open(data, address)
         except SealError as error:
             if not is_version_question(data):
-                self._refusals.add(address[0], error.why)
+                self.refusals.add(address[0], error.why)
             answer = _answer_to_stranger(data, error.why)
             if answer is not None and len(answer) <= len(data) and len(self._notices) < MOST_NOTICES:
                 self._notices.append((answer, address))
             return None
 
-    def take_notices(self) -> list[tuple[bytes, Address]]:
-        notices, self._notices = self._notices, []
-        return notices
+
+class SealedRelay(SealedLeader):
+    """A relay: a leader to its clients, a client to its parents."""
+
+    def __init__(self, engine: Relay, keys: ClientKeys | None = None) -> None:
+        super().__init__(engine, keys)
+        self._relay = engine
+        self.parent_keys = LeaderKeys()
+
+    def datagrams_to_send(self, now_ns: int) -> Sealed:
+        """Yield what is due, stamped with `now_ns`."""
+        yield from super().datagrams_to_send(now_ns)
+        yield from _sealed(self._relay.datagrams_to_parents(now_ns), self.parent_keys)
+        yield from self.parent_keys.take_kept()
+
+    def _open(self, data: bytes, address: Address) -> tuple[bytes, Speaker | None] | None:
+        if not self.parent_keys.is_key_of(data, address):
+            return super()._open(data, address)
+        message = _opened_by_client(data, address, self.parent_keys, self.refusals)
+        return None if message is None else (message, None)
 
 
 def _answer_to_stranger(data: bytes, why: Refused) -> bytes | None:

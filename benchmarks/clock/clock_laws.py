@@ -250,11 +250,13 @@ def _print(report: dict[str, Any]) -> None:
     print(f"{report['laws']} laws, {report['trials']} trials of each, simulated, seed {report['seed']}")
     print_rows(report["coverage"], COLUMNS)
     print(f"worst law in the {FIRST_SECOND}: {report['worst_law']}\n")
-    errors = (
-        {"law": law, **dict(enumerate(of_law))} for law, of_law in report["corrected_errors_us"].items()
-    )
-    shares = {k: (f"{share:.0%} off", ".1f") for k, share in enumerate(SHARES)}
-    print_rows(list(errors), {"law": ("mean error, us", ""), **shares})
+    names = [f"{share:.0%} off" for share in SHARES]
+    errors = [
+        {"law": law, **dict(zip(names, of_law, strict=True))}
+        for law, of_law in report["corrected_errors_us"].items()
+    ]
+    shares = {name: (name, ".1f") for name in names}
+    print_rows(errors, {"law": ("mean error, us", ""), **shares})
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ async def lead(port: int, trials: int, *, sealed: bool) -> list[float]:
 async def follow(host: str, port: int, trial: int, grant: Grant | None) -> dict[str, Any]:
     """Join, learn the time and take bursts; return how far off it was, in us."""
     clock, samples = HostClock(), list[ClockSample]()
-    config = ClientConfig(name_of(trial), trial, FACTS, 100_000, ring_frames=8)
+    config = ClientConfig(name_of(trial), trial, FACTS, 100_000)
     client: Client[None] = Client(config, random.Random(trial), on_sample=samples.append)
     engine, leader = Failover(client, ((host, port),)), (host, port)
     sealed = SealedClient(engine)

@@ -5,6 +5,7 @@ places, with shutters that are told; the screen's slowness and scan are the same
 """
 
 import argparse
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -49,7 +50,7 @@ def pair_error(rate_hz: int, exposure_ms: float, seed: int) -> tuple[float, floa
         true.append(begin_ns + read.row * photograph.row_time_ns)
         bars.append(read.uncertainty_ns)
     error_ns = nearest_ns((told[1] - told[0]) - (true[1] - true[0]), panel.cycle_ns)
-    return error_ns / 1e6, float(np.hypot(*bars)) / 1e6
+    return error_ns / 1e6, math.hypot(*bars) / 1e6
 
 
 def main() -> None:

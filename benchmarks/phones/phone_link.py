@@ -87,7 +87,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
         stack.enter_context(running(leader, *CAPTURE_APP, *steady))
         served = Served(leader, network.scratch)
         stack.callback(served.process.terminate)
-        runs = []
+        runs: list[dict[str, Any]] = []
         for when in ("joined by the code", "killed and back"):
             talk(f"{when} ...")
             url = served.url if not runs else served.url.partition("#")[0]

@@ -135,7 +135,8 @@ def _true_points(view: View, depth: Array) -> Array:
     """Some points (n, 3) of a true depth map, in the rig's frame."""
     rows, columns = (axis[::16, ::16].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
     z = depth[rows, columns].astype(float)
-    return view.unproject(np.column_stack([columns, rows]).astype(float), z)[z > 0]
+    points: Array = view.unproject(np.column_stack([columns, rows]).astype(float), z)[z > 0]
+    return points
 
 
 def _peak_mb() -> float:

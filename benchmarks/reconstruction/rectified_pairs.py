@@ -46,18 +46,24 @@ def read_pair(folder: Path, steps_a_px: float | None = None) -> RectifiedPair:
         if None in places:
             continue
         first, second, third = (place for place in places if place is not None)
-        pictures = [cv2.imread(str(place), cv2.IMREAD_COLOR) for place in (first, second)]
+        left_picture, right_picture = (cv2.imread(str(place), cv2.IMREAD_COLOR) for place in (first, second))
         try:
             truth = _read_truth(third)
         except (ValueError, OSError) as error:
             raise BadInputError(f"{third} cannot be read: {error}") from error
-        if truth is None or any(one is None or one.shape[:2] != truth.shape for one in pictures):
+        if (
+            truth is None
+            or left_picture is None
+            or right_picture is None
+            or not left_picture.shape[:2] == right_picture.shape[:2] == truth.shape
+        ):
             raise BadInputError(f"{folder}: the two pictures and {third.name} do not fit together")
         truth = np.where(np.isfinite(truth) & (truth > 0), truth / (steps_a_px or usual), 0)
         if not truth.any():
             raise BadInputError(f"{third} has no true disparity of any pixel")
         name = folder.resolve().name if left[0] != "*" else first.name.split("_")[0]
-        return RectifiedPair(name, *pictures, truth.astype(np.float32), _count(truth, folder / "calib.txt"))
+        count = _count(truth, folder / "calib.txt")
+        return RectifiedPair(name, left_picture, right_picture, truth.astype(np.float32), count)
     known = ", ".join(f"{left} {right} {truths[0]}" for left, right, truths, _ in LAYOUTS)
     raise BadInputError(f"{folder} holds no pair with its true disparities", hint=f"one of: {known}")
 

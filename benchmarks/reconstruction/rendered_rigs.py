@@ -109,7 +109,7 @@ def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> 
         camera = f"cam{number:02d}"
         view = _view(camera, placed, scale)
         layers = still.still_layers(view, stage, samples)
-        light = sum(layer.from_sky + layer.from_sun for layer in layers) / samples
+        light = np.sum([layer.from_sky + layer.from_sun for layer in layers], axis=0) / np.float32(samples)
         depth, thing = still.cast_depth(view, stage, view.directions())
         rendered.pictures[camera] = develop(light, EXPOSURE_NS, np.random.default_rng(number))
         rendered.depth[camera] = depth

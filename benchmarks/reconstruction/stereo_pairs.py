@@ -63,7 +63,8 @@ def sgbm(pair: RectifiedPair, mode: int) -> Array:
         cv2.copyMakeBorder(picture, 0, 0, pair.count, 0, cv2.BORDER_REPLICATE)
         for picture in (pair.left, pair.right)
     )
-    return matcher.compute(*widened)[:, pair.count :].astype(np.float32) / 16
+    found: Array = matcher.compute(*widened)[:, pair.count :].astype(np.float32) / 16
+    return found
 
 
 def ours(pair: RectifiedPair) -> FilledDepthMap:

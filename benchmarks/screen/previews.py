@@ -19,6 +19,7 @@ import termios
 import time
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -39,7 +40,9 @@ def show(cameras: int, stop: Path) -> None:
     from tests.tui.shoot.studio import ready_rig
 
     session = ROOT / "sample_sessions" / "jumper" / "images" / "rig1"
-    views = [[cv2.imread(str(path)) for path in sorted(view.iterdir())] for view in sorted(session.iterdir())]
+    views: list[Any] = [
+        [cv2.imread(str(path)) for path in sorted(view.iterdir())] for view in sorted(session.iterdir())
+    ]
     random = np.random.default_rng(1)
     rig = ready_rig(cameras)
 
@@ -52,7 +55,8 @@ def show(cameras: int, stop: Path) -> None:
         pictures: dict[int, list[list[bytes]]] = {}
         for number in count():
             wishes = [asked for asked in rig.asked if asked[0] == "want_previews"]
-            _, _, width, fps = wishes[-1] if wishes else (None, None, 64, 0.0)
+            wish: tuple[Any, ...] = wishes[-1] if wishes else (None, None, 64, 0.0)
+            _, _, width, fps = wish
             if not fps:
                 await asyncio.sleep(0.1)
                 continue

@@ -15,6 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from benchmarks.sessions.slow_disk import SlowDisk
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
@@ -133,9 +136,18 @@ class FromFile:
 
     file: Path
 
+    @property
+    def held_bytes(self) -> int:
+        """None: it lies on the disk."""
+        return 0
+
     def encode(self) -> bytes:
         """The picture."""
         return self.file.read_bytes()
+
+    def reduced(self, width: int) -> NDArray[np.uint8]:
+        """Not asked for here."""
+        raise NotImplementedError
 
 
 async def send(source: Path, port: int, cameras: int, instants: int) -> None:

@@ -28,4 +28,4 @@ def _light(image: Array) -> Array:
     """Linear, of a picture in sRGB."""
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     share = cv2.resize(grey, SIZE, interpolation=cv2.INTER_AREA).astype(np.float64) / 255
-    return np.where(share < 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.where(share < 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4))

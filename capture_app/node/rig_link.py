@@ -1,7 +1,7 @@
 """A screen's connection to a leader: updates in, orders out; it is opened again whenever it is lost."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from typing import Any
 
 from msgspec import Struct
@@ -50,7 +50,7 @@ class RigLink:
         self._wish: operating.PreviewsWanted | None = None
         self._news_ns = 0
 
-    async def updates(self) -> AsyncIterator[Update]:
+    async def updates(self) -> AsyncGenerator[Update, None]:
         """Yield what changes, for ever: for one reader at a time.
 
         At first, and after each `LinkLost`, come the status and the latest news that were not yielded before;

@@ -21,7 +21,7 @@ class SensorProfile:
 
     name: str
     model: str
-    phase_control: Literal["frame-duration", "injection", "reset"]
+    phase_control: Literal["frame-duration", "injection", "reset", "none"]
     row_time_ns: int
     frame_length_rows: int
     """Frame length at short exposures, blanking included: the period in rows."""

@@ -1,6 +1,7 @@
 import subprocess
 import sys
 import types
+from typing import Any
 
 import pytest
 
@@ -84,7 +85,7 @@ def open_camera_of_a_driver(
 
 
 def test_a_driver_is_added_by_the_name_of_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
-    driver = types.ModuleType("a_new_driver")
+    driver: Any = types.ModuleType("a_new_driver")
     driver.list_cameras, driver.open_camera = list_cameras_of_a_driver, open_camera_of_a_driver
     monkeypatch.setitem(sys.modules, "a_new_driver", driver)
     monkeypatch.setitem(specs.DRIVERS, "new", specs.DriverEntry("a_new_driver", "new:NUMBER"))

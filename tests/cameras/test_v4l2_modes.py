@@ -4,6 +4,7 @@ import errno
 import os
 from fractions import Fraction
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -133,7 +134,7 @@ def test_a_regular_file_is_not_opened(tmp_path: Path) -> None:
 
 
 def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path: Path) -> None:
-    def denied(_path: str) -> None:
+    def denied(_path: str) -> NoReturn:
         raise PermissionError(errno.EACCES, "Permission denied")
 
     for name in ("video10", "video2", "videox"):
@@ -154,18 +155,19 @@ def test_a_camera_is_listed_with_its_modes(tmp_path: Path) -> None:
 def test_a_camera_that_wakes_up_is_tried_again(busy: int, opens: bool) -> None:
     answers = [OSError(errno.EBUSY, "Device or resource busy")] * busy
 
-    def device(_path: str) -> str:
+    webcam = FickleDevice(MJPG, 30)
+
+    def device(_path: str) -> FickleDevice:
         if answers:
             raise answers.pop()
-        return "the device"
+        return webcam
 
     null = os.major(Path("/dev/null").stat().st_rdev)
-    known = {"open_device": device, "major": null, "pause_s": 0.0}
     if opens:
-        assert open_video_node("/dev/null", **known) == "the device"
+        assert open_video_node("/dev/null", open_device=device, major=null, pause_s=0.0) is webcam
     else:
         with pytest.raises(OSError, match="busy"):
-            open_video_node("/dev/null", **known)
+            open_video_node("/dev/null", open_device=device, major=null, pause_s=0.0)
 
 
 def test_the_period_is_the_one_the_driver_took() -> None:

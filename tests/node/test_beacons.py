@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -28,7 +30,7 @@ class NearSender(BeaconSender):
         super().set_destinations(["127.0.0.2"])
 
 
-BeaconArrivals = asyncio.Queue[tuple[Client, Beacon]]
+BeaconArrivals = asyncio.Queue[tuple[Client[Any], Beacon]]
 
 
 @pytest.fixture
@@ -40,7 +42,7 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> BeaconArrivals:
     sock.close()
     notes: BeaconArrivals = asyncio.Queue()
 
-    def hear(client: Client, data: bytes, now_ns: int) -> None:
+    def hear(client: Client[Any], data: bytes, now_ns: int) -> None:
         beacon = decode(data)
         assert isinstance(beacon, Beacon)
         assert abs(HostClock().now_ns() - now_ns) < 10**10
@@ -56,7 +58,7 @@ async def cameras(leader: Address) -> AsyncIterator[None]:
         CameraNode(
             NodeOptions(
                 name=f"cam{k}",
-                open_camera=lambda k=k: open_camera("sim:perfect", clock=HostClock(), name=f"cam{k}"),
+                open_camera=partial(open_camera, "sim:perfect", clock=HostClock(), name=f"cam{k}"),
                 leaders=(leader,),
             )
         )
@@ -73,7 +75,8 @@ async def cameras(leader: Address) -> AsyncIterator[None]:
 
 async def both_heard(heard: BeaconArrivals) -> set[int]:
     """Wait until two clients have heard something; return the runs that it came from."""
-    clients, leaders = set(), set()
+    clients: set[Client[Any]] = set()
+    leaders: set[int] = set()
     async with asyncio.timeout(60):
         while len(clients) < 2:
             client, beacon = await heard.get()

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
+from typing import Any, cast
 
 import pytest
 from msgspec.structs import replace
@@ -77,7 +78,7 @@ class Bench:
 async def bench() -> AsyncIterator[Bench]:
     bench = Bench()
     await bench.camera.start()
-    bench.camera.attach(bench, bench)
+    bench.camera.attach(cast(Any, bench), cast(Any, bench))
     running = asyncio.gather(bench.camera.keep_open(), bench.camera.carry_out_commands())
     yield bench
     running.cancel()

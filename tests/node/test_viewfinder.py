@@ -1,7 +1,7 @@
 """Previews and details on their way from a node to whoever looks: asked for, acknowledged, held back."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -60,6 +60,10 @@ class Picture:
     def encode(self) -> bytes:
         raise AssertionError("a preview is no image of a burst")
 
+    @property
+    def held_bytes(self) -> int:
+        return 0
+
     def reduced(self, width: int) -> NDArray[np.uint8]:
         self.asked.append(width)
         return np.full((60, 80, 3), self.level, np.uint8)
@@ -79,7 +83,7 @@ class Node(ShownNode):
         return picture
 
 
-async def previews(link: RigLink) -> AsyncIterator[Preview]:
+async def previews(link: RigLink) -> AsyncGenerator[Preview, None]:
     async for update in link.updates():
         if isinstance(update, Preview):
             yield update

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -200,7 +201,7 @@ class Still:
 
 
 def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path: Path) -> None:
-    sweep = render_camera_sweep(Odd(), Still(), {}, tmp_path)
+    sweep = render_camera_sweep(cast(Any, Odd()), cast(Any, Still()), {}, tmp_path)
 
     assert sweep is not None
     assert sweep.cameras == ("a", "b", "c")
@@ -217,5 +218,5 @@ def test_a_burst_of_one_instant_has_no_sweep(tmp_path: Path) -> None:
         def instants(self, camera: str) -> tuple[int, ...]:
             return (0,)
 
-    assert render_camera_sweep(Short(), Still(), {}, tmp_path) is None
+    assert render_camera_sweep(cast(Any, Short()), cast(Any, Still()), {}, tmp_path) is None
     assert not list(tmp_path.iterdir())

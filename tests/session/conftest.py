@@ -52,8 +52,16 @@ def local_from_leader(leader_ns: int) -> int:
 def calibration_of(name: str) -> Calibration:
     """A calibration of one camera, which stands upright beside the rig's origin."""
     upright = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    lens = {"width": WIDTH, "height": HEIGHT, "fx": 1.0, "fy": 2.0, "cx": 3.0, "cy": 4.0}
-    camera = CameraCalibration(**lens, rotation=upright, translation=(0.1, 0.2, 0.3))
+    camera = CameraCalibration(
+        width=WIDTH,
+        height=HEIGHT,
+        fx=1.0,
+        fy=2.0,
+        cx=3.0,
+        cy=4.0,
+        rotation=upright,
+        translation=(0.1, 0.2, 0.3),
+    )
     return Calibration(cameras={name: camera}, source="board")
 
 

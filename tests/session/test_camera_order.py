@@ -19,9 +19,18 @@ def pose_at(angle: float, radius: float = 3.0) -> CameraCalibration:
     centre = (1 + radius * math.sin(angle), -1.5, 5 - radius * math.cos(angle))
     x, z = (math.cos(angle), 0.0, math.sin(angle)), (-math.sin(angle), 0.0, math.cos(angle))
     rotation = (x, (0.0, 1.0, 0.0), z)
-    translation = tuple(-sum(r * c for r, c in zip(row, centre, strict=True)) for row in rotation)
-    lens = {"width": WIDTH, "height": HEIGHT, "fx": 10.0, "fy": 10.0, "cx": 8.0, "cy": 6.0}
-    return CameraCalibration(**lens, rotation=rotation, translation=translation)
+    moved = [-sum(r * c for r, c in zip(row, centre, strict=True)) for row in rotation]
+    translation = (moved[0], moved[1], moved[2])
+    return CameraCalibration(
+        width=WIDTH,
+        height=HEIGHT,
+        fx=10.0,
+        fy=10.0,
+        cx=8.0,
+        cy=6.0,
+        rotation=rotation,
+        translation=translation,
+    )
 
 
 def session_of(folder: Path, names: list[str], poses: dict[str, CameraCalibration]) -> Session:

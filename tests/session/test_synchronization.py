@@ -1,5 +1,7 @@
 """When rows were exposed, how far apart the cameras are, and what that costs, in plain words."""
 
+from typing import Any
+
 import pytest
 from msgspec.structs import replace
 
@@ -12,9 +14,9 @@ from .conftest import HEIGHT, camera_record
 MS, US = 1_000_000, 1_000
 
 
-def image(camera: str, instant: int, leader_ns: int, **more: object) -> ImageRecord:
+def image(camera: str, instant: int, leader_ns: int, **more: Any) -> ImageRecord:
     """An image whose bytes do not matter."""
-    place = {"camera": camera, "instant": instant, "leader_ns": leader_ns, "path": "x"}
+    place: dict[str, Any] = {"camera": camera, "instant": instant, "leader_ns": leader_ns, "path": "x"}
     return ImageRecord(bytes=1, sha256="0" * 64, **{**place, **more})
 
 

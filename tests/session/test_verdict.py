@@ -1,5 +1,7 @@
 """What a take is good for, by its times and by what is missing."""
 
+from typing import Any
+
 import pytest
 from msgspec.structs import replace
 
@@ -29,17 +31,28 @@ CAMERAS = (camera_record("left"), camera_record("right"))
 
 
 def image(
-    camera: str, instant: int, late_ns: int, error_ns: int | None = 10 * US, **more: object
+    camera: str, instant: int, late_ns: int, error_ns: int | None = 10 * US, **more: Any
 ) -> ImageRecord:
     """An image so much after its instant."""
     leader_ns = BURST.instants_ns[instant] + late_ns
-    place = {"camera": camera, "instant": instant, "leader_ns": leader_ns, "path": "x", "bytes": 1}
+    place: dict[str, Any] = {
+        "camera": camera,
+        "instant": instant,
+        "leader_ns": leader_ns,
+        "path": "x",
+        "bytes": 1,
+    }
     return ImageRecord(sha256="0" * 64, uncertainty_ns=error_ns, **{**place, **more})
 
 
 def take(*images: ImageRecord, missing: tuple[MissingImage, ...] = ()) -> Manifest:
     """A take of two cameras and two instants."""
-    about = {"name": "take", "created": "2026-01-01T00:00:00Z", "origin": "captured", "software": "test"}
+    about: dict[str, Any] = {
+        "name": "take",
+        "created": "2026-01-01T00:00:00Z",
+        "origin": "captured",
+        "software": "test",
+    }
     return Manifest(cameras=CAMERAS, burst=BURST, images=images, missing=missing, **about)
 
 

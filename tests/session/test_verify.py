@@ -75,16 +75,22 @@ def calibrate(name: str, width: int) -> Callable[[Session], None]:
     camera = {"width": width, "height": 12, "fx": 1, "fy": 1, "cx": 1, "cy": 1,
               "rotation": identity, "translation": [0, 0, 0]}  # fmt: skip
     content = json.dumps({"cameras": {name: camera}})
-    return lambda session: (session.folder / CALIBRATION).write_text(content) and None
+
+    def give(session: Session) -> None:
+        (session.folder / CALIBRATION).write_text(content)
+
+    return give
 
 
 def hold_within(tolerance_ns: int) -> Callable[[dict[str, Any]], None]:
     """Say how near to the grid the cameras were to be held."""
     phase = {"residual_ns": 0, "period_ns": 1, "drift_ppm": 0.0, "corrections": 0}
-    return lambda manifest: (
-        [camera.update(phase={**phase, "tolerance_ns": tolerance_ns}) for camera in manifest["cameras"]]
-        and None
-    )
+
+    def say(manifest: dict[str, Any]) -> None:
+        for camera in manifest["cameras"]:
+            camera["phase"] = {**phase, "tolerance_ns": tolerance_ns}
+
+    return say
 
 
 def recount(manifest: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.simulated.wifi_laws import LINKS, LinkStatistics
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.links import Channel, GammaDelay, Link, QuickMoments
+from capture_app.simulation.links import Channel, Direction, GammaDelay, Link, QuickMoments
 from capture_app.simulation.paper_link import LATE_NS, PACE_NS, PAPER_LINK
 
 TRIALS = {300: 30, 1000: 10, 10_000: 2}
@@ -78,9 +78,14 @@ def test_quick_moments_are_of_both_ways_and_not_at_first() -> None:
     moments = QuickMoments(quick, quick, share=0.1, after_ns=S)
     link, rng = Link(slow, slow, quick=moments), random.Random(4)
     channel, other = Channel(link), Channel(link)
+    ways: tuple[tuple[Channel, Direction], ...] = (
+        (channel, "to_leader"),
+        (channel, "to_client"),
+        (other, "to_leader"),
+    )
     to_leader, to_client, others = (
         [one.deliveries(way, t, rng)[0] < 2 * MS for t in range(0, 9 * S, moments.slot_ns)]
-        for one, way in ((channel, "to_leader"), (channel, "to_client"), (other, "to_leader"))
+        for one, way in ways
     )
     first = S // moments.slot_ns
     assert not any(to_leader[:first])

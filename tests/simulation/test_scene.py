@@ -112,15 +112,15 @@ def test_seed_changes_only_the_noise(scene: Scene) -> None:
 
 
 def test_rolling_shutter_moves_movers_only(scene: Scene) -> None:
-    later = {"row_time_ns": 80_000}
+    later_ns = 80_000
     depth, _, movers = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, 0)
-    rolled_depth, _, rolled = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, **later)
+    rolled_depth, _, rolled = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, later_ns)
     still = ~(movers | rolled)
     assert np.array_equal(depth[still], rolled_depth[still])
     # The first row is exposed at the same time, the last ones 9 ms later.
     changed = movers ^ rolled
     assert changed.mean() > 0.002
-    flash, rolling = picture(scene, row_time_ns=0).astype(int), picture(scene, **later)
+    flash, rolling = picture(scene, row_time_ns=0).astype(int), picture(scene, row_time_ns=later_ns)
     difference = np.abs(flash - rolling).max(axis=2)
     untouched = ~around(movers | rolled, 12)
     assert difference[changed].mean() > 20

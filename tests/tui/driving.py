@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from textual.widgets._toast import Toast
 
@@ -13,6 +13,8 @@ from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.fake_rig import FakeRig
 from tests.waiting import looked_at, patience
+
+Shown = TypeVar("Shown")
 
 
 def make_app(rig: FakeRig, **different: Any) -> SimulshotApp:
@@ -47,6 +49,13 @@ async def until(pilot: Any, true: Callable[[], object]) -> None:
         while not true():
             await asyncio.sleep(0.01)
             await settle(pilot)
+
+
+def screen_of(app: SimulshotApp, kind: type[Shown]) -> Shown:
+    """The present screen, which is of that kind."""
+    screen: Any = app.screen
+    assert isinstance(screen, kind)
+    return screen
 
 
 def lines(app: SimulshotApp, selector: str) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """A rig for tests of the screen: it is as the test says, and keeps what was asked of it."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
 from typing import Any
 
 import msgspec
@@ -128,7 +128,7 @@ class FakeRig(RigLink):
 
     # What the screen asks of it
 
-    async def updates(self) -> AsyncIterator[Update]:
+    async def updates(self) -> AsyncGenerator[Update, None]:
         yield self.status()
         while True:
             yield await self._updates.get()
@@ -145,8 +145,15 @@ class FakeRig(RigLink):
         name = f"{request.name or 'burst'}-{number:03d}"
         frames = request.frames or 0
         if self.is_ready is not None and request.wait_ready_s:
-            empty = {"cameras": 0, "instants": 0, "received": 0, "expected": 0}
-            yield BurstStatus(burst=0, name="", message="waiting for the rig: cam01 is aligning", **empty)
+            yield BurstStatus(
+                burst=0,
+                name="",
+                message="waiting for the rig: cam01 is aligning",
+                cameras=0,
+                instants=0,
+                received=0,
+                expected=0,
+            )
             await self.is_ready.wait()
             self._fail()
         session = await self.take(request) if self.take else None

@@ -38,7 +38,7 @@ def fake_run(*, trials: int | None, seed: int) -> Outcome:
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "STUDIES", {"fake": "a made-up one"})
-    monkeypatch.setitem(sys.modules, "benchmarks.paper.fake", SimpleNamespace(run=fake_run))  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "benchmarks.paper.fake", SimpleNamespace(run=fake_run))
 
 
 def test_error_figures() -> None:

@@ -2,11 +2,21 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
-from benchmarks.paper import clock_filters, clock_paper, led_panel, naive, phase, reference_broadcast, scale
+from benchmarks.paper import (
+    clock_cases,
+    clock_filters,
+    clock_paper,
+    led_panel,
+    naive,
+    phase,
+    reference_broadcast,
+    scale,
+)
 from benchmarks.paper.__main__ import main
 from benchmarks.paper.clock_trials import FIRST_SECOND, SITUATIONS
 from benchmarks.paper.phase_cases import CASES, run_cases
@@ -20,7 +30,7 @@ SHORT = clock_filters.StudySize(
     convergence=(10, 300, 1000),
     convergence_trials=2,
     coverage_trials=1,
-    cases=clock_filters.CASES[:1],
+    cases=clock_cases.CASES[:1],
     case_trials=1,
 )
 
@@ -120,7 +130,7 @@ def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
 def test_cases_of_phase_are_judged_by_the_truth() -> None:
     names = ("gain 1.45", "gain 2", "stamps of 1 ms, cut", "latency of 12 frames", "skew 300 ppm, injection")
     some = tuple(case for case in CASES if case.name in names)
-    found = {case["name"]: case for case in run_cases(3, 5, cases=some, jobs=1)}
+    found: dict[str, Any] = {str(case["name"]): case for case in run_cases(3, 5, cases=some, jobs=1)}
     assert set(found) == set(names)
     assert found == {case["name"]: case for case in run_cases(3, 5, cases=some, jobs=1)}
     hopeless = found.pop("skew 300 ppm, injection")

@@ -130,7 +130,7 @@ class Rig:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for node in self.nodes:
-            await node.supervisor.stop()
+            await node.supervisor.camera.stop()
 
     @property
     def all_ready(self) -> bool:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -51,7 +52,7 @@ class Rig:
     def session(self, name: str = "burst-001") -> Session:
         return Session.open(self.out / "sessions" / name)
 
-    def json(self, name: str) -> dict:
+    def json(self, name: str) -> dict[str, Any]:
         return json.loads(self.text(name))
 
     @property

@@ -4,6 +4,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -190,7 +191,7 @@ def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: p
     log.note(NodeLost("a", "it left"))
     log.note(BurstRefused("b", 1, "no clock"))
     log.note(BurstStatus(burst=1, name="x", cameras=1, instants=1, received=0, expected=1))
-    done = {"burst": 1, "name": "x", "cameras": 1, "instants": 1, "expected": 1, "done": True}
+    done: dict[str, Any] = {"burst": 1, "name": "x", "cameras": 1, "instants": 1, "expected": 1, "done": True}
     log.note(BurstStatus(received=1, session="/s/x", **done))
     assert [(line.unix_ns, line.camera, line.level) for line in log.after(0)] == [
         (6, "a", "warning"),

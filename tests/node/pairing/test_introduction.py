@@ -68,7 +68,7 @@ async def test_a_code_makes_a_machine_known_for_ever(leader: LeaderNode, home: T
     assert await is_known(leader.own_address, Trust(machine.folder)), "also after it was started again"
     assert any("is known as camera" in line for line in news(leader))
     with pytest.raises(UnknownMachineError, match="no code"):
-        await pair(leader.own_address, code, Trust(home.folder.parent / "another"))  # type: ignore[union-attr]
+        await pair(leader.own_address, code, Trust(home.folder.parent / "another"))
 
 
 async def test_a_wrong_code_changes_nothing_and_is_said(

@@ -7,6 +7,9 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import CapturedFrame
 from capture_app.net.channel import Channel
@@ -40,6 +43,9 @@ class Picture:
     @property
     def held_bytes(self) -> int:
         return len(self.data)
+
+    def reduced(self, width: int) -> NDArray[np.uint8]:
+        raise NotImplementedError
 
     def encode(self) -> bytes:
         self.encoded += 1

@@ -5,7 +5,7 @@ import fcntl
 import json
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -34,8 +34,8 @@ FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 class Here:
     """An executor that works in this process."""
 
-    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Iterator[Outcome]:
-        return (run_unit(task, unit, root) for unit in units)
+    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+        yield from (run_unit(task, unit, root) for unit in units)
 
 
 @pytest.fixture

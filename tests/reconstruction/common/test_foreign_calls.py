@@ -79,7 +79,7 @@ def test_an_unforeseen_error_says_where_it_comes_from() -> None:
             lines.append(str(unexpected_error(error)))
 
     with caught() as lines:
-        {}["key"]
+        dict[str, int]()["key"]
     with caught() as more:
         raise MemoryError
     assert "unexpected KeyError in test_foreign_calls.py" in lines[0]

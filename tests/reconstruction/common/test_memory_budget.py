@@ -36,7 +36,8 @@ def test_what_fits_is_left_as_it_is_and_what_does_not_is_made_smaller_and_said()
         assert budget.notes == ()
         scale = budget.fit_scale("a volume", lambda scale: 8e9 * scale**3)
         assert 8e9 * scale**3 <= 1e9 < 8e9 * (1.2 * scale) ** 3
-        (note,) = budget.notes
+        notes: tuple[str, ...] = budget.notes
+        (note,) = notes
         assert "8.0 GB" in note
         assert "1.0 GB" in note
         assert budget.fit_count(3e8, 8) == 3

@@ -49,7 +49,7 @@ class Kernel:
 
     def __call__(self, grid: tuple[int, ...], block: tuple[int, ...], args: tuple[Any, ...]) -> None:
         assert len(grid) == len(block) == 3
-        held = []
+        held: list[Any] = []
         for arg in args:
             if isinstance(arg, DeviceArray):
                 assert arg.flags.c_contiguous

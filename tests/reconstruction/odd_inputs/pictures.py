@@ -119,6 +119,11 @@ def _instants(*times_ns: int) -> Change:
     return _data(lambda manifest: manifest["burst"].update(instants_ns=list(times_ns)))
 
 
+def _grow_on_disk(session: OddSession) -> None:
+    file = _on_disk(session)
+    file.write_bytes(file.read_bytes() + b"x")
+
+
 def _on_disk(session: OddSession) -> Path:
     """The first image's file."""
     return session.folder / next(session.records())["path"]
@@ -250,7 +255,7 @@ PICTURES: dict[str, Change] = {
     "one camera only": _one_camera,
     "uncalibrated": _no_calibration,
     "one is missing on disk": lambda s: _on_disk(s).unlink(),
-    "one grew on disk": lambda s: _on_disk(s).write_bytes(_on_disk(s).read_bytes() + b"x"),
+    "one grew on disk": _grow_on_disk,
     "a folder for a picture": both(lambda s: _on_disk(s).unlink(), lambda s: _on_disk(s).mkdir()),
 }  # fmt: skip
 

@@ -150,7 +150,7 @@ def test_stereo_writes_depth_confidence_and_picture(
     assert np.array_equal(depth > 0, confidence > 0)
     assert result["coverage"] == pytest.approx(float((depth > 0).mean()))
     assert result["within_2pct"] > 0.7
-    truth = np.load(boards.ground_truth("left", 2))["depth_m"]  # type: ignore[arg-type]
+    truth = np.load(boards.ground_truth("left", 2))["depth_m"]
     wrong = (depth > 0) & (np.abs(depth - truth) > 0.02 * truth)
     right = (depth > 0) & ~wrong
     assert confidence[right].mean() > confidence[wrong].mean() + 20

@@ -179,7 +179,7 @@ def clouds(out: Path) -> InstantClouds:
 
 def whole_result(out: Path) -> CompareResult:
     """The result; its pictures lie in `out`."""
-    depth = {"mover_coverage": 0.9, "static_coverage": 0.7, "mover_within_2pct": RANGED}
+    depth: dict[str, Any] = {"mover_coverage": 0.9, "static_coverage": 0.7, "mover_within_2pct": RANGED}
     misfit = {"overlap_misfit_px": 1.3, "static_overlap_mad": 4.2}
     pictures = [greys(out, key, f"A picture of {key}", shape, 100, 180) for key, shape in SHAPES.items()]
     row = {

@@ -71,8 +71,8 @@ def test_large_clouds_are_thinned_evenly(tmp_path: Path) -> None:
 
 
 def test_the_file_of_points_is_a_ply_that_comes_back_whole(tmp_path: Path) -> None:
-    points = np.float32([[0.5, -1, 2], [3, 4, 5]])
-    colours = np.uint8([[1, 2, 3], [254, 255, 0]])
+    points = np.array([[0.5, -1, 2], [3, 4, 5]], np.float32)
+    colours = np.array([[1, 2, 3], [254, 255, 0]], np.uint8)
     write_points(tmp_path / "deep" / "cloud.ply", points, colours)
     found, shades = read_points(tmp_path / "deep" / "cloud.ply")
     assert (found == points).all()

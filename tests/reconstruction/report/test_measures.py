@@ -1,6 +1,7 @@
 """The tables and numbers of a report, honest about what was not measured."""
 
 import re
+from typing import Any
 
 import msgspec
 
@@ -131,7 +132,12 @@ def test_depth_alone_says_why_there_is_no_panorama(read_report: ReadReport) -> N
 
 
 def test_with_nothing_measured_the_page_says_so_and_claims_nothing(read_report: ReadReport) -> None:
-    nothing = {"rig_timing": None, "sync_residual_us": None, "sync_bound_us": None, "versions": {}}
+    nothing: dict[str, Any] = {
+        "rig_timing": None,
+        "sync_residual_us": None,
+        "sync_bound_us": None,
+        "versions": {},
+    }
     page = read_report(RESULT, skipped("stereo"), skipped("panorama"), **nothing)
     assert "Depth was not measured" in page.text
     assert "No panorama was made" in page.text

@@ -1,5 +1,7 @@
 """The verdict says what the figures say, also where they say nothing."""
 
+from typing import Any
+
 import msgspec
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
@@ -104,7 +106,7 @@ def test_what_a_panorama_lost_is_told_where_no_misfit_is_left() -> None:
 
 
 def test_cameras_beside_the_pair_that_are_late_are_named_with_what_mends_them() -> None:
-    def camera(name: str, late_ms: float | None, **more: float) -> Timing:
+    def camera(name: str, late_ms: float | None, **more: Any) -> Timing:
         sure = late_ms is not None
         return Timing(
             reference="a",

@@ -101,12 +101,12 @@ class Phone:
             if track is not None:
                 # Its microphone samples by its own clock.
                 own = np.arange(int(seconds * SOUND_HZ)) / SOUND_HZ
-                heard = take.sound(self.true_s(own)) + self.noise * rng.standard_normal(len(own))
+                heard = take.sound(np.asarray(self.true_s(own))) + self.noise * rng.standard_normal(len(own))
                 for begin in range(0, len(own), 1024):
                     part = heard[begin : begin + 1024].astype(np.float32)[None]
-                    frame = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
-                    frame.sample_rate, frame.pts, frame.time_base = SOUND_HZ, begin, Fraction(1, SOUND_HZ)
-                    container.mux(track.encode(frame))
+                    spoken = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
+                    spoken.sample_rate, spoken.pts, spoken.time_base = SOUND_HZ, begin, Fraction(1, SOUND_HZ)
+                    container.mux(track.encode(spoken))
                 container.mux(track.encode(None))
         return path
 

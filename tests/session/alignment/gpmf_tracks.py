@@ -91,7 +91,7 @@ class Receiver:
         rng = np.random.default_rng(self.seed)
         count = 10 * (seconds + 2)
         fixes_s = np.ceil(phone.start_s * 10) / 10 - 0.5 + np.arange(count) / 10
-        own_s = phone.own_s(fixes_s + self.late_s + rng.uniform(0, self.jitter_s, count))
+        own_s = np.asarray(phone.own_s(fixes_s + self.late_s + rng.uniform(0, self.jitter_s, count)))
         track = []
         for second in range(seconds):
             inside = (own_s >= second) & (own_s < second + 1)

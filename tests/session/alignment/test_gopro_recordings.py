@@ -1,6 +1,6 @@
 """Videos with GoPro metadata, written after its documentation, aligned by their GPS time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ LATE = {"a": Receiver(0.07), "b": Receiver(0.13, seed=1)}
 SECONDS = 5
 
 
-def aligned(tmp_path: Path, tracks: dict[str, Sequence[bytes]], *arguments: str) -> CommonTimes:
+def aligned(tmp_path: Path, tracks: Mapping[str, Sequence[bytes]], *arguments: str) -> CommonTimes:
     for phone in (A, B):
         path = tmp_path / "rec" / f"{phone.name}.mp4"
         phone.record(Take(), path, SECONDS, sound=False, metadata=tracks[phone.name])

@@ -6,6 +6,7 @@ CHANGE is rename, note, trash or restore. Kills at every so many steps, with a f
 folders and with one that cannot, and then does the same again without a kill, as a user would.
 """
 
+import os
 import shutil
 import sys
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.errors import BadInputError
-from capture_app.session.files import durable, output_folder
+from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.library import changes, trash
 from capture_app.session.library.trash import TRASH
@@ -51,14 +52,14 @@ def killed_at(
 ) -> Callable[[int], None]:
     def work(pipe: int) -> None:
         if not exchanges:
-            output_folder.exchange_folders = lambda one, other: False
+            output_folder.exchange_folders = lambda one, other: False  # type: ignore[attr-defined]
         die_at(
             step,
             [
                 (output_folder, "exchange_folders"),
                 (changes, "move_folder"),
                 (trash, "move_folder"),
-                (durable.os, "link"),
+                (os, "link"),
             ],
         )
         change(root)

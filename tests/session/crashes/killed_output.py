@@ -38,7 +38,7 @@ def files(folder: Path) -> dict[str, bytes] | None:
 def make(root: Path, pipe: int) -> None:
     """Replace the result, tell when it is done, and tell every warning."""
     warnings = logging.Handler()
-    warnings.emit = lambda record: REAL["write"](pipe, b"w")  # type: ignore[assignment, method-assign]
+    warnings.emit = lambda record: REAL["write"](pipe, b"w")  # type: ignore[method-assign]
     logging.getLogger(output_folder.__name__).addHandler(warnings)
     names = ("result", "stages", "pictures")
     with OutputFolder(root / NAME, replaces_only(names), reuse="stages") as output:
@@ -49,7 +49,7 @@ def make(root: Path, pipe: int) -> None:
 def killed_at(step: int, root: Path, exchanges: bool) -> Callable[[int], None]:
     def work(pipe: int) -> None:
         if not exchanges:
-            output_folder.exchange_folders = lambda one, other: False
+            output_folder.exchange_folders = lambda one, other: False  # type: ignore[attr-defined]
         die_at(step, [(output_folder, "exchange_folders")])
         make(root, pipe)
 
@@ -106,8 +106,9 @@ def kill(root: Path, every: int, every_in_next: int, earlier: Any, exchanges: bo
 
 
 if __name__ == "__main__":
+    every, every_in_next = map(int, sys.argv[2:])
     REAL["fsync"] = lambda handle: None  # a step to be killed at; what it costs is not at stake
     for earlier in (EARLIER, None):
         for exchanges in (True, False):
-            for _ in kill(Path(sys.argv[1]) / "root", *map(int, sys.argv[2:]), earlier, exchanges):  # type: ignore[misc]
+            for _ in kill(Path(sys.argv[1]) / "root", every, every_in_next, earlier, exchanges):
                 pass

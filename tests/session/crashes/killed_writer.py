@@ -188,11 +188,25 @@ def mend(root: Path) -> None:
     asyncio.run(repair(root / NAME, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog()))
 
 
+def mending_until(step: int, root: Path) -> Callable[[int], None]:
+    def work(pipe: int) -> None:
+        die_at(step)
+        mend(root)
+
+    return work
+
+
 def judge(root: Path, status: int, told: bytes) -> dict[str, Any]:
     """What the run left: promised images that are gone or other than they were, and lies."""
     promised = {(told[n], told[n + 1]) for n in range(0, len(told), 2)} - {(255, 255)}
     folder = root / NAME
-    result = {"ended": status, "promised": len(promised), "lost": [], "lies": [], "state": "nothing"}
+    result: dict[str, Any] = {
+        "ended": status,
+        "promised": len(promised),
+        "lost": [],
+        "lies": [],
+        "state": "nothing",
+    }
     if not (folder / PLAN).exists():
         result["lost"] = sorted(promised)
         return result
@@ -251,7 +265,7 @@ def kill_repairs(root: Path, first: int, count: int, every: int, every_in_repair
             status, told = run(killed_at(writer_step, root))
             if status == 0 or not (root / NAME / PLAN).exists():
                 break
-            status, _ = run(lambda pipe, step=step: (die_at(step), mend(root)))  # type: ignore[misc]
+            status, _ = run(mending_until(step, root))
             tell([writer_step, step], judge(root, status, told))
             if status == 0:
                 break

@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ def retrying(take: Take) -> int:
 
     writer = again(take.begin)
     for name, instant in take.places:
-        again(lambda name=name, instant=instant: take.add(writer, name, instant))
+        again(partial(take.add, writer, name, instant))
     again(lambda: take.end(writer))
     return errors
 

@@ -153,7 +153,7 @@ def test_a_system_call_that_fails_once_costs_at_most_the_new_result(
     if not exchanges:
         monkeypatch.setattr(output_folder, "exchange_folders", lambda one, other: False)
     else:
-        calls.append((output_folder, "exchange_folders"))  # type: ignore[arg-type]
+        calls.append((output_folder, "exchange_folders"))
     left = 0
     words = set()
 

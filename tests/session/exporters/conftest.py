@@ -40,7 +40,7 @@ def calibrated(name: str, width: int = WIDTH, height: int = HEIGHT) -> CameraCal
     """A camera half a metre from the rig's origin, looking at it."""
     angle = np.radians({"left": -25.0, "mid": 4.0, "right": 25.0}[name])
     rotation = cv2.Rodrigues(np.array([0.1 * angle, angle, 0.05]))[0]
-    rows = [tuple(float(value) for value in row) for row in rotation]
+    rows = [(float(x), float(y), float(z)) for x, y, z in rotation]
     return CameraCalibration(
         width=width,
         height=height,

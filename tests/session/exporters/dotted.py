@@ -36,7 +36,7 @@ def lens(name: str) -> CameraCalibration:
     """A lens with a k3 that counts, half a metre from the rig's origin and turned in all axes."""
     side = -1.0 if name == "cam9" else 1.0
     rotation = cv2.Rodrigues(np.array([0.1, 0.3 * side, 0.04 * side]))[0]
-    rows = [tuple(float(value) for value in row) for row in rotation]
+    rows = [(float(x), float(y), float(z)) for x, y, z in rotation]
     return CameraCalibration(
         width=WIDTH,
         height=HEIGHT,

@@ -89,6 +89,6 @@ def test_clocks_below_zero_and_other_files(make: Make, export: Export, tmp_path:
     assert "no calibration" in report.notes[-1]
 
 
-def _rotation(w: float, x: float, y: float, z: float) -> np.ndarray:  # type: ignore[type-arg]
+def _rotation(w: float, x: float, y: float, z: float) -> np.ndarray:
     cross = np.cross([x, y, z], np.eye(3)).T
     return np.eye(3) + 2 * w * cross + 2 * cross @ cross

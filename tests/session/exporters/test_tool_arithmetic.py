@@ -7,6 +7,7 @@ export, has the points.
 import json
 import math
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -67,7 +68,7 @@ def test_the_yardstick(session: Session) -> None:
 
         assert farthest_off(shown, project, rays) < EXACT_PX / 2
         moved = msgspec.structs.replace(camera, cx=camera.cx + 0.5)
-        shifted = farthest_off(shown, lambda point, moved=moved: opencv_pixel(moved, point), rays)
+        shifted = farthest_off(shown, partial(opencv_pixel, moved), rays)
         assert shifted == pytest.approx(0.5, abs=0.05)
 
 

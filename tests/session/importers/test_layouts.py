@@ -3,6 +3,7 @@
 import pickle
 import shutil
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -159,7 +160,7 @@ def test_videos_that_do_not_count_their_frames(tmp_path: Path, suffix: str) -> N
         path = tmp_path / "rec" / f"cam{n}{suffix}"
         path.parent.mkdir(exist_ok=True)
         with av.open(str(path), "w", format=formats[suffix]) as container:
-            stream = container.add_stream(codec, rate=25)
+            stream: Any = container.add_stream(codec, rate=25)
             stream.width, stream.height = 64, 48
             stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
             for k in range(7):

@@ -39,7 +39,7 @@ class Recorder:
         self._writer.add_message(self._channels[topic], at_ns, message.SerializeToString(), at_ns)
 
     def close(self) -> None:
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
 
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.errors import BadInputError
+from capture_app.session.importers.frame_matching import Timeline
 from capture_app.session.importers.rate_or_table import (
-    Timeline,
     match_name,
     timeline_by_rate,
     timeline_by_table,
@@ -99,7 +99,8 @@ def test_times_alone_recover_the_instants(
 ) -> None:
     # A fifth of a period of jitter, any frame dropped: the groups are still the right ones.
     taken = [(True, True, True)] * 3 + taken
-    lines, want = ["camera,frame,time_ms"], []
+    lines = ["camera,frame,time_ms"]
+    want: list[dict[str, int]] = []
     counts = [0, 0, 0]
     for instant, of in enumerate(taken):
         want.append({})

@@ -1,6 +1,7 @@
 """A session's name and note change; nothing else of it does."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,11 @@ def test_a_note_is_one_line_of_text(session: Session) -> None:
 def test_a_session_that_is_written_or_interrupted_is_left_alone(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, "open")
     writer.add_image(jpeg(1), camera="left", instant=0, leader_ns=5)
-    for change in (lambda: rename_session(writer.folder, "new"), lambda: set_note(writer.folder, "x")):
+    changes: tuple[Callable[[], object], ...] = (
+        lambda: rename_session(writer.folder, "new"),
+        lambda: set_note(writer.folder, "x"),
+    )
+    for change in changes:
         with pytest.raises(IncompleteError, match="still being written"):
             change()
     writer.abort()

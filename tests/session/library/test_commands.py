@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,9 +13,9 @@ from capture_app.session.reading.reader import Session
 Capture = pytest.CaptureFixture[str]
 
 
-def answer(capsys: Capture, *arguments: str) -> dict[str, object]:
+def answer(capsys: Capture, *arguments: str) -> dict[str, Any]:
     assert run(["sessions", *arguments, "--json"]) == 0
-    answered: dict[str, object] = json.loads(capsys.readouterr().out)
+    answered: dict[str, Any] = json.loads(capsys.readouterr().out)
     return answered
 
 
@@ -28,14 +29,14 @@ def test_from_name_to_trash_and_back(session: Session, tmp_path: Path, capsys: C
     assert run(["sessions", "show", new]) == 0
     assert "a note" in capsys.readouterr().out
     assert answer(capsys, "trash", new) == {"trashed": [{"session": new, "id": "new"}]}
-    (entry,) = answer(capsys, "list", "--trash", str(tmp_path))["trash"]  # type: ignore[misc]
+    (entry,) = answer(capsys, "list", "--trash", str(tmp_path))["trash"]
     assert entry["name"] == "new"
     assert answer(capsys, "restore", new) == {"session": new}
     assert answer(capsys, "trash", new)["trashed"]
     assert answer(capsys, "restore", "--root", str(tmp_path), "--as", "other")["session"] == str(
         tmp_path / "other"
     )
-    assert answer(capsys, "list", str(tmp_path))["sessions"][0]["name"] == "other"  # type: ignore[index]
+    assert answer(capsys, "list", str(tmp_path))["sessions"][0]["name"] == "other"
 
 
 def test_mistakes_are_one_line(session: Session, tmp_path: Path, capsys: Capture) -> None:

@@ -194,7 +194,12 @@ async def test_in_real_time_timestamps_are_in_the_nodes_clock() -> None:
     camera = open_camera("sim:perfect", clock=clock, name="a")
     arrived: asyncio.Future[tuple[CapturedFrame, int]] = asyncio.get_running_loop().create_future()
     before_ns = clock.now_ns()
-    await camera.start(lambda f: arrived.done() or arrived.set_result((f, clock.now_ns())), print)
+
+    def note(frame: CapturedFrame) -> None:
+        if not arrived.done():
+            arrived.set_result((frame, clock.now_ns()))
+
+    await camera.start(note, print)
     frame, now_ns = await arrived
     await camera.stop()
     assert before_ns <= frame.timestamp_ns < now_ns

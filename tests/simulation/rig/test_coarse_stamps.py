@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -18,7 +19,7 @@ ROWS_OF_40_MS = {"row_time_ns": 10_000, "frame_length_rows": 4000}
 """A period that is a multiple of the step: all frames hide the same."""
 
 
-def coarse_node(name: str, model: str, *, cut: bool, **changes: int) -> NodeSpec:
+def coarse_node(name: str, model: str, *, cut: bool, **changes: Any) -> NodeSpec:
     rng = random.Random(f"{name} {cut}")
     profile = replace(PROFILES[model], timestamp_quantum_ns=MS, timestamps_cut=cut, **changes)
     clock = SimulatedClock(rng.randrange(-S, S), rng.uniform(-30, 30))

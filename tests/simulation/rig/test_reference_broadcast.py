@@ -179,7 +179,7 @@ class OldLeader:
         self.unknown = 0
         self._send, self._take = rig.leader.datagrams_to_send, rig.leader.receive_datagram
         rig.leader.datagrams_to_send = self.send  # type: ignore[method-assign]
-        rig.leader.receive_datagram = self.take  # type: ignore[method-assign]
+        rig.leader.receive_datagram = self.take  # type: ignore[method-assign, assignment]
 
     def send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
         datagrams = []

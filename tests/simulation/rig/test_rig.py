@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -231,17 +232,26 @@ def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
     client = node.client.time.number or 0
     instance = node.client.config.instance
     for kind, *fields in forged:
-        message: object = {
-            "time": lambda f=fields: TimeReply(client, 5, *f),
-            "welcome": lambda f=fields: Welcome(instance, client, 1, forged_config(*f)),
-            "trigger": lambda f=fields: Trigger(client, 7, 9, *f),
-            "unknown": lambda: UnknownMember(client),
-            "alive": lambda f=fields: HeartbeatAck(client, forged_config(*f)),
-            "refused": lambda: JoinRefusal(instance, "no"),
-            "goodbye": lambda: Goodbye(client),
-            "noise": lambda: Hello("stranger", 1, node.client.config.camera),
-        }[str(kind)]()
-        data = encode(message)  # type: ignore[arg-type]
+        more: Any = fields
+        message: Any
+        match kind:
+            case "time":
+                message = TimeReply(client, 5, *more)
+            case "welcome":
+                message = Welcome(instance, client, 1, forged_config(*more))
+            case "trigger":
+                message = Trigger(client, 7, 9, *more)
+            case "unknown":
+                message = UnknownMember(client)
+            case "alive":
+                message = HeartbeatAck(client, forged_config(*more))
+            case "refused":
+                message = JoinRefusal(instance, "no")
+            case "goodbye":
+                message = Goodbye(client)
+            case _:
+                message = Hello("stranger", 1, node.client.config.camera)
+        data = encode(message)
         node.client.receive_datagram(data, node.spec.clock.local_from_true(rig.now_true_ns))
         rig.leader.receive_datagram(data, ("cam00", 0), rig.now_true_ns)
         rig.run_for(S // 10)

@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Callable
+from typing import Any
 
 from capture_app.clock import SimulatedClock
 from capture_app.interop.app_leader import AppLeader
@@ -74,14 +75,14 @@ class PhoneRig:
 
     def turn(self) -> None:
         """Send what was ordered."""
-        for port in (self.leader.calls, self.leader.times):
-            self._turn(port)
+        self._turn()
 
     def _host(self, phone: StandInPhone) -> str:
         return list(self._channels)[self.phones.index(phone)]
 
-    def _turn(self, port: object) -> None:
-        for number, engine in enumerate((self.leader.calls, self.leader.times)):
+    def _turn(self) -> None:
+        engines: tuple[Any, ...] = (self.leader.calls, self.leader.times)
+        for number, engine in enumerate(engines):
             engine.handle_timer(self.now_ns)
             for data, (host, to) in engine.datagrams_to_send(self.now_ns):
                 self._pass("to_client", host, self._at_phone, data, to)
@@ -109,7 +110,7 @@ class PhoneRig:
         engine = self.leader.calls if port == CALL_PORT else self.leader.times
         assert port in (CALL_PORT, TIME_PORT)
         engine.receive_datagram(data, (host, 50_000), self.now_ns)
-        self._turn(engine)
+        self._turn()
 
     def _pass(self, way: Direction, host: str, then: Callable[..., None], data: bytes, port: int) -> None:
         if host in self._away:

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.shared_goal import (
     PATIENCE_NS,
@@ -25,7 +26,7 @@ def shared_goal() -> SharedGoal:
 
 
 def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> CameraPhase:
-    return CameraPhase(name, control, at_ns, ppm, MS)
+    return CameraPhase(name, PhaseControl(control), at_ns, ppm, MS)
 
 
 def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(shared_goal: SharedGoal) -> None:
@@ -71,14 +72,14 @@ def test_cameras_that_will_meet_are_not_restarted(shared_goal: SharedGoal) -> No
         assert abs(shared_goal.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
 
 
-controls = st.sampled_from(["reset", "none", "injection"])
+controls = st.sampled_from([PhaseControl.RESET, PhaseControl.NONE, PhaseControl.INJECTION])
 frames_ns = st.none() | st.integers(-(2**63), 2**63 - 1)
 phases = st.tuples(controls, frames_ns, st.floats(), st.integers(1, 2**40))
 
 
 @given(st.lists(phases, max_size=8), st.integers(-(2**62), 2**62))
 def test_whatever_cameras_say_a_goal_comes_of_it(
-    said: list[tuple[str, int | None, float, int]], now_ns: int
+    said: list[tuple[PhaseControl, int | None, float, int]], now_ns: int
 ) -> None:
     shared_goal = SharedGoal(Goal(0, PERIOD))
     for again in range(3):

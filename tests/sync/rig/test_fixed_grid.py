@@ -28,8 +28,13 @@ def leader_with_a_webcam(grid_phase_ns: int | None) -> Leader:
         now_ns = 1001 * S + step * S // 10
         # Ten milliseconds after the app's phase, wherever the grid is.
         frame_ns = now_ns - (now_ns - GOAL_PHASE_NS - 10_000_000) % PERIOD_NS
-        known = {"frame_leader_ns": frame_ns, "drift_ppm": 0.0, "tolerance_ns": 2_000_000}
-        report = Report(state=NodeState.ALIGNING, message="", **known)
+        report = Report(
+            state=NodeState.ALIGNING,
+            message="",
+            frame_leader_ns=frame_ns,
+            drift_ppm=0.0,
+            tolerance_ns=2_000_000,
+        )
         leader.receive_datagram(encode(Heartbeat(welcome.client, report)), ("10.0.0.2", 1), now_ns)
         leader.handle_timer(now_ns)
     return leader

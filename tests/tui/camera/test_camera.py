@@ -1,5 +1,7 @@
 """One camera closely: its plots, and what the screen asks for while it is shown."""
 
+from collections.abc import Sequence
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -9,7 +11,7 @@ from capture_app.node.requests import ControlledCamera
 from capture_app.node.wire.status import NewsLine, NodeDetail
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
-from tests.tui.driving import make_app, settle, text, toasts
+from tests.tui.driving import make_app, screen_of, settle, text, toasts
 from tests.tui.fake_rig import UNIX_NS, FakeRig
 
 SAMPLES = tuple((5_000_000 + (n * 7919 % 41 - 20) * n, 120_000 + 100 * n) for n in range(100))
@@ -22,7 +24,7 @@ DETAIL = NodeDetail(
 )
 
 
-def plain(rows: list[object]) -> list[str]:
+def plain(rows: Sequence[object]) -> list[str]:
     return [getattr(row, "plain") for row in rows]  # noqa: B009 - rows of any kind of text
 
 
@@ -34,11 +36,11 @@ async def test_enter_opens_a_camera_and_escape_leads_back(utc: None) -> None:
         await settle(pilot)
         await pilot.press("enter")
         await settle(pilot)
-        assert isinstance(app.screen, CameraScreen)
+        screen = screen_of(app, CameraScreen)
         facts = text(app, "#camera-facts")
         for words in ("cam00", "● ready", "phase −45 µs", "clock ±9.0 µs, at most ±61 µs", "34 GB free"):
             assert words in facts
-        assert app.screen.query_one("#camera-wedge").border_title == "clock offset, 100 exchanges"
+        assert screen.query_one("#camera-wedge").border_title == "clock offset, 100 exchanges"
         assert "22:13:20 · ready" in text(app, "#camera-log Lines")
         assert rig.asked[-1] == ("want_previews", ("cam00",), 320, 2.0)
         await pilot.press("right")

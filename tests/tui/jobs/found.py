@@ -3,6 +3,7 @@
 import json
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -122,7 +123,7 @@ def add_panorama(root: Path, session: str) -> Run:
     return job
 
 
-def add_dose(root: Path, session: str, timing: dict[str, object] | None = None) -> Run:
+def add_dose(root: Path, session: str, timing: dict[str, Any] | None = None) -> Run:
     """A curve of three points."""
     job = add_job(root, DOSE.name, session)
     assert job.out is not None

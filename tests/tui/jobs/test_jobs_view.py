@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from capture_app.node.wire.status import BurstStatus
 from capture_app.tui.jobs.jobs_view import JobsView, RunRows
@@ -52,7 +53,7 @@ async def jobs_mode(root: Path, size: tuple[int, int] = (120, 40), **different: 
 
 
 def view(pilot: Any) -> JobsView:
-    return pilot.app.screen_stack[0].query_one(JobsView)  # type: ignore[no-any-return]
+    return pilot.app.screen_stack[0].query_one(JobsView)
 
 
 def text(pilot: Any) -> str:
@@ -121,11 +122,11 @@ async def test_jobs_stand_still_while_a_burst_is_taken(root: Path, tmp_path: Pat
     async with jobs_mode(root) as pilot:
         pilot.app.runs.add(QUICK, root / "take", f"say '[1/2] begun' wait {tmp_path / 'go'}")
         await until(pilot, lambda: "begun" in text(pilot))
-        burst = {"burst": 1, "name": "b", "cameras": 1, "instants": 5, "received": 0, "expected": 5}
-        pilot.rig.burst_status = BurstStatus(**burst)
+        burst = BurstStatus(burst=1, name="b", cameras=1, instants=5, received=0, expected=5)
+        pilot.rig.burst_status = burst
         pilot.rig.tell()
         await until(pilot, lambda: "⏸ paused" in text(pilot))
-        pilot.rig.burst_status = BurstStatus(**burst, done=True)
+        pilot.rig.burst_status = structs.replace(burst, done=True)
         pilot.rig.tell()
         await until(pilot, lambda: "▶ running" in text(pilot))
         (tmp_path / "go").touch()

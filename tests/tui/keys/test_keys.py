@@ -12,7 +12,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.keys import HelpScreen, keys_file_text, known_actions, unknown_names
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
-from tests.tui.driving import make_app, settle, text, toasts, until
+from tests.tui.driving import make_app, screen_of, settle, text, toasts, until
 from tests.tui.fake_rig import FakeRig, make_node
 
 
@@ -44,9 +44,9 @@ async def test_the_palette_does_what_a_key_does() -> None:
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
         await pilot.press("ctrl+p")
-        assert isinstance(app.screen, CommandPalette)
+        palette = screen_of(app, CommandPalette)
         await pilot.press(*"add cameras")
-        found = app.screen.query_one(CommandList)
+        found = palette.query_one(CommandList)
         await until(
             pilot,
             lambda: [one.hit.text for one in found.options if isinstance(one, Command)] == ["Add cameras"],

@@ -105,8 +105,17 @@ async def test_an_interrupted_session_is_repaired_by_a_job(sessions: Path) -> No
     camera = camera_record("left")
     burst = BurstRecord(instants_ns=(10**9, 2 * 10**9), period_ns=33_000_000)
     writer = SessionWriter.create(sessions, "cut")
-    plan = {"created": writer.created, "software": writer.software, "leader": 1, "number": 1}
-    writer.set_plan(BurstPlan(name="cut", burst=burst, cameras=(CameraPlan(camera=camera),), **plan))
+    writer.set_plan(
+        BurstPlan(
+            name="cut",
+            burst=burst,
+            cameras=(CameraPlan(camera=camera),),
+            created=writer.created,
+            software=writer.software,
+            leader=1,
+            number=1,
+        )
+    )
     writer.add_image(jpeg(1), camera="left", instant=0, leader_ns=10**9)
     writer.abort()
     async with library(sessions) as pilot:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from capture_app.session.library.trash import trashed_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.take import TakeScreen
 from capture_app.tui.rig_record import SessionsRequested
 from capture_app.tui.settings import Settings
@@ -217,7 +219,11 @@ async def test_another_view_can_ask_for_a_session_for_samples_and_for_another_fo
             await settle(pilot)
             pilot.app.screen.post_message(SessionsRequested(folder, session))
             await until(pilot, lambda: pilot.app.current_mode == "sessions")
-            await until(pilot, lambda name=expected: view(pilot.app).entry.card.name == name)
+            await until(pilot, partial(shows_session, pilot.app, expected))
+
+
+def shows_session(app: SimulshotApp, name: str) -> bool:
+    return view(app).entry.card.name == name
 
 
 async def test_any_size_is_drawn(sessions: Path) -> None:

@@ -1,6 +1,7 @@
 """A screen that shows one picture and ends, for a test that is its terminal."""
 
 import sys
+from typing import Any
 
 import numpy as np
 from textual.app import App, ComposeResult
@@ -24,7 +25,7 @@ class PictureApp(App[None]):
         self.picture.show(ramp, sharp=ramp)
 
 
-async def leave_when_drawn(pilot: Pilot[None]) -> None:
+async def leave_when_drawn(pilot: Pilot[Any]) -> None:
     await pilot.pause()
     await pilot.app.workers.wait_for_complete()
     await pilot.pause()

@@ -1,11 +1,13 @@
 """The check with a panel: its page is served while the dialog is open, and not after."""
 
 import asyncio
+from functools import partial
 from urllib.request import urlopen
 
 from capture_app.panel.screen import page_html
+from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.panel_screen import PanelScreen
-from tests.tui.driving import lines, make_app, settle, text, until
+from tests.tui.driving import lines, make_app, screen_of, settle, text, until
 from tests.tui.fake_rig import FakeRig
 
 
@@ -17,14 +19,18 @@ def fetch(port: int) -> bytes | None:
         return None
 
 
+def shows_panel(app: SimulshotApp) -> bool:
+    return isinstance(app.screen, PanelScreen)
+
+
 async def test_the_page_is_served_while_one_looks() -> None:
     app = make_app(FakeRig(5))
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
         await pilot.press("p")
-        await until(pilot, lambda: isinstance(app.screen, PanelScreen) and app.screen.url)
-        screen = app.screen
-        assert isinstance(screen, PanelScreen)
+        await until(pilot, lambda: isinstance(app.screen, PanelScreen))
+        screen = screen_of(app, PanelScreen)
+        await until(pilot, lambda: screen.url)
         assert screen.url in text(app, "#panel-words")
         code = lines(app, "#panel-code")
         assert len(code) > 10
@@ -47,7 +53,8 @@ async def test_a_second_screen_takes_another_port() -> None:
         for app, pilot in ((one, first), (other, second)):
             await settle(pilot)
             await pilot.press("p")
-            await until(pilot, lambda app=app: isinstance(app.screen, PanelScreen) and app.screen.url)
-            assert isinstance(app.screen, PanelScreen)
-            urls.append(app.screen.url)
+            await until(pilot, partial(shows_panel, app))
+            screen = screen_of(app, PanelScreen)
+            await until(pilot, partial(getattr, screen, "url"))
+            urls.append(screen.url)
         assert urls[0] != urls[1]

@@ -81,7 +81,7 @@ async def test_keys_and_clicks_choose_a_camera_and_scroll_to_it() -> None:
         cameras = app.screen.query_one(CameraList)
 
         def chosen() -> str | None:
-            return cameras.chosen and cameras.chosen.name
+            return cameras.chosen.name if cameras.chosen else None
 
         assert chosen() == "cam00"
         await pilot.press("down", "j", "up")

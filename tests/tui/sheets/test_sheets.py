@@ -74,7 +74,12 @@ async def test_a_picture_is_chosen_with_arrows_and_enter_or_two_clicks() -> None
 async def test_what_is_missing_late_or_beside_is_said_in_its_place(tmp_path: Path) -> None:
     camera = CameraRecord(name="left", facts=make_facts(width=32, height=24))
     writer = SessionWriter.create(tmp_path, "take")
-    for instant, more in enumerate(({}, {"late": True, "residual_ns": 3_100_000}, {"substitute": True})):
+    differences: tuple[dict[str, Any], ...] = (
+        {},
+        {"late": True, "residual_ns": 3_100_000},
+        {"substitute": True},
+    )
+    for instant, more in enumerate(differences):
         writer.add_image(
             picture_of(instant), camera="left", instant=instant, leader_ns=instant * 10**8, **more
         )

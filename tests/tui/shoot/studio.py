@@ -27,9 +27,14 @@ def saves_into(folder: Path, *, cameras: int = 3) -> Callable[[BurstRequest], Aw
     async def take(request: BurstRequest) -> str:
         nonlocal taken
         taken += 1
-        about = {"name": f"{request.name or 'burst'}-{taken:03d}", "note": request.note}
+        assert request.frames is not None
         session = make_take(
-            folder, cameras=cameras, instants=request.frames, spread_ns=20_000 * taken, **about
+            folder,
+            cameras=cameras,
+            instants=request.frames,
+            spread_ns=20_000 * taken,
+            name=f"{request.name or 'burst'}-{taken:03d}",
+            note=request.note,
         )
         return str(session.folder)
 

@@ -14,6 +14,7 @@ from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
 from capture_app.tui.shoot.plan import TakeMode
 from capture_app.tui.widgets.lines import Lines
+from tests.tui.driving import screen_of
 from tests.tui.fake_rig import FakeRig, make_node
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 
@@ -34,14 +35,14 @@ async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
         await studio.enter(pilot)
         await pilot.press("space")
         await pilot.pause()
-        assert isinstance(studio.app.screen, Question)
-        text = str(studio.app.screen.query_one(".question", Static).content)
+        question = screen_of(studio.app, Question)
+        text = str(question.query_one(".question", Static).content)
         assert "1 of 3 cameras are ready." in text
         assert "cam01 is aligning: its pictures will be about 7.3 ms off." in text
         assert "cam02 is syncing (3 of 8 samples): its pictures will be missing or at an unsure time." in text
         rig.change("cam01", state=NodeState.READY)
         await studio.settle(pilot)
-        text = str(studio.app.screen.query_one(".question", Static).content)
+        text = str(question.query_one(".question", Static).content)
         assert text.startswith("2 of 3 cameras are ready.\ncam02"), "the text is that of now"
         await pilot.click("#answer-")
         await studio.settle(pilot)
@@ -275,8 +276,15 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         assert isinstance(request, BurstRequest)
         assert (request.video, request.frames, request.seconds) == (True, None, None)
 
-        counts = {"cameras": 2, "instants": 41, "received": 80, "expected": 82}
-        rig.burst_status = BurstStatus(burst=4, name="recording-001", recording=True, **counts)
+        rig.burst_status = BurstStatus(
+            burst=4,
+            name="recording-001",
+            recording=True,
+            cameras=2,
+            instants=41,
+            received=80,
+            expected=82,
+        )
         rig.tell()
         await studio.settle(pilot)
         assert "80 frames, 2 on their way; Space ends it" in line_of(studio)

@@ -80,7 +80,11 @@ def is_over(take: Take) -> bool:
 async def test_space_puts_a_named_take_with_frames_around_the_key_on_disk(
     tmp_path: Path, cameras: int
 ) -> None:
-    plan = {"shoot.frames": FRAMES, "shoot.before": BEFORE, "shoot.name": "jump"}
+    plan: dict[str, str | int | float | bool] = {
+        "shoot.frames": FRAMES,
+        "shoot.before": BEFORE,
+        "shoot.name": "jump",
+    }
     async with rig_of(cameras, tmp_path) as leader:
         app = SimulshotApp(RigLink(leader.own_address), settings=Settings(choices=plan), sessions=tmp_path)
         async with app.run_test(size=(120, 40)) as pilot:

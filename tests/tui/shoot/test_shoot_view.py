@@ -13,6 +13,7 @@ from capture_app.session.reading.reader import list_sessions
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.look import LookScreen, Motion
+from tests.tui.driving import screen_of
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 from tests.tui.takes import picture_of
 
@@ -165,16 +166,14 @@ async def test_enter_opens_a_picture_and_w_wiggles(tmp_path: Path) -> None:
         await studio.settle(pilot)
         await pilot.press("right", "down", "enter")
         await pilot.pause()
-        look = studio.app.screen
-        assert isinstance(look, LookScreen)
+        look = screen_of(studio.app, LookScreen)
         assert look.shown == ("cam01", 4)
         await pilot.press("right", "escape")
         await studio.settle(pilot)
         assert studio.view.stage.sheet.cursor == (2, 4)
         await pilot.press("w")
         await pilot.pause()
-        assert isinstance(studio.app.screen, LookScreen)
-        assert studio.app.screen.motion is Motion.WIGGLE
+        assert screen_of(studio.app, LookScreen).motion is Motion.WIGGLE
 
 
 async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The plan of a take and its course, in virtual time."""
 
 import asyncio
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -84,7 +85,7 @@ def test_before_and_after_are_changed_alone() -> None:
 
 def test_a_plan_is_remembered_but_for_its_notes() -> None:
     settings = Settings()
-    kept = {
+    kept: dict[str, Any] = {
         "frames": 20,
         "before": 7,
         "mode": TakeMode.SEQUENCE,

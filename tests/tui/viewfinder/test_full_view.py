@@ -1,6 +1,7 @@
 """A camera full size, its aids, and two cameras blinked."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -93,7 +94,7 @@ async def test_two_cameras_are_blinked_at_the_nearest_instant(tmp_path: Path) ->
         for camera, leader_ns, level in (("cam00", 10**9, 50), ("cam01", 10**9 + 4_200_000, 200)):
             jpeg = cv2.imencode(".jpg", np.full((48, 64), level, np.uint8))[1].tobytes()
             rig.tell(Preview(camera=camera, leader_ns=leader_ns, width=64, height=48, jpeg=bytes(jpeg)))
-        seen = set()
+        seen: set[Any] = set()
         while len(seen) < 2:
             await pilot.pause(0.05)
             cells = finder.query_one(Picture).cells

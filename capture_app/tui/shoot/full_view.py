@@ -43,7 +43,6 @@ class InstantPairs:
 
     def __init__(self, first: str, second: str) -> None:
         self._previews: dict[str, deque[Preview]] = {camera: deque(maxlen=KEPT) for camera in (first, second)}
-        self._cameras = first, second
 
     def add(self, preview: Preview) -> None:
         """Keep a preview, if it is of one of them and its time is known."""
@@ -52,7 +51,7 @@ class InstantPairs:
 
     def nearest(self) -> tuple[Preview, Preview] | None:
         """The two of least distance in time, the newest of equals; None where one has no preview yet."""
-        first, second = (self._previews[camera] for camera in self._cameras)
+        first, second = self._previews.values()
         pairs = [(one, other) for one in first for other in second]
         return min(pairs, key=lambda pair: (abs(distance_ns(*pair)), -_time(pair[0])), default=None)
 

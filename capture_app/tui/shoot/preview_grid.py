@@ -46,7 +46,6 @@ class PreviewTile(Vertical):
         self.camera = name
         self._title = Lines()
         self.picture = Picture(words="no picture yet", noise=NOISE)
-        self._marked = False
         self._node: NodeStatus | None = None
         super().__init__(self._title, self.picture)
 
@@ -66,8 +65,7 @@ class PreviewTile(Vertical):
 
     def mark(self, *, chosen: bool) -> None:
         """Show whether the cursor is here."""
-        if chosen != self._marked:
-            self._marked = chosen
+        if chosen != self.has_class("chosen"):
             self.set_class(chosen, "chosen")
             self._show()
 
@@ -77,7 +75,7 @@ class PreviewTile(Vertical):
             return
         sign = SIGNS[node.state]
         title = Content.assemble(
-            ("▸" if self._marked else " ", "bold $primary"),
+            ("▸" if self.has_class("chosen") else " ", "bold $primary"),
             (f"{sign.glyph} ", sign.style),
             (printable(node.name), "bold"),
         )

@@ -68,21 +68,23 @@ def lenses_of_recordings(dataset: Dataset, board: Board, paths: Sequence[Path]) 
                 f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
                 hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
             )
+        refuse_other_sizes(recording, dataset, shared)
         for name in shared:
-            if recording.size(name) != dataset.size(name):
-                sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
-                raise BadInputError(
-                    f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
-                    hint="record the board in the mode that is used later: another may show another part",
-                )
-            seen.setdefault(name, []).extend(_sightings(recording, name, board))
+            detector = BoardDetector(board)
+            images = (recording.grey(name, instant) for instant in recording.instants(name))
+            seen.setdefault(name, []).extend(filter(None, map(detector.detect, images)))
     return {name: calibrate_lens(name, dataset.size(name), board, found) for name, found in seen.items()}
 
 
-def _sightings(recording: Dataset, name: str, board: Board) -> list[Corners]:
-    detector = BoardDetector(board)
-    found = (detector.detect(recording.grey(name, instant)) for instant in recording.instants(name))
-    return [corners for corners in found if corners]
+def refuse_other_sizes(recording: Dataset, dataset: Dataset, cameras: Sequence[str]) -> None:
+    """Raise BadInputError where a recording has pictures of another size of these cameras."""
+    for name in cameras:
+        if recording.size(name) != dataset.size(name):
+            sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
+            raise BadInputError(
+                f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
+                hint="record the board in the mode that is used later: another may show another part",
+            )
 
 
 HUBER_PX = 1.0
@@ -279,7 +281,9 @@ def calibrate_from_board(
     lenses = {
         camera: known[camera]
         if camera in known
-        else calibrate_lens(camera, dataset.size(camera), board, _of_camera(corners, camera))
+        else calibrate_lens(
+            camera, dataset.size(camera), board, [corners[key] for key in sorted(corners) if key[0] == camera]
+        )
         for camera in dataset.cameras
     }
     poses = _rig_poses(dataset, places, corners, lenses)
@@ -291,21 +295,13 @@ def calibrate_from_board(
         if moment in used
     }
     views = adjust_bundle(views, sightings, frozenset(known))
+    kind = "checkerboard" if isinstance(board, Checkerboard) else "ChArUco board"
+    own = f", lenses of {', '.join(known)} from recordings of their own" if known else ""
     return Calibration(
         cameras={name: view.to_calibration() for name, view in views.items()},
         unit="m",
-        source=_source(dataset, board, corners, known),
+        source=f"{kind} in {len(corners)} images of {dataset.name}{own}",
     )
-
-
-def _source(dataset: Dataset, board: Board, corners: BoardCorners, known: Mapping[str, Lens]) -> str:
-    kind = "checkerboard" if isinstance(board, Checkerboard) else "ChArUco board"
-    lenses = f", lenses of {', '.join(known)} from recordings of their own" if known else ""
-    return f"{kind} in {len(corners)} images of {dataset.name}{lenses}"
-
-
-def _of_camera(corners: BoardCorners, camera: str) -> list[Corners]:
-    return [corners[key] for key in sorted(corners) if key[0] == camera]
 
 
 def _bundle_moments(corners: BoardCorners) -> set[int]:

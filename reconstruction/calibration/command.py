@@ -4,19 +4,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage
 from capture_app.board.detector import Board
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.terminal import talk
-from capture_app.text import count, pretty_json
+from capture_app.text import count
 from reconstruction.calibration.boards import count_coverage, detect_board
 from reconstruction.calibration.consistency import RigCheck
-from reconstruction.calibration.kept import CalibrationShelf
+from reconstruction.calibration.kept import CalibrationShelf, write_calibration
 from reconstruction.calibration.quality import (
     CalibrationQuality,
     judge_calibration,
@@ -35,10 +35,10 @@ from reconstruction.calibration.sources import (
 from reconstruction.calibration.world import (
     KnownDistance,
     Marks,
+    World,
     in_world,
-    metres_per_unit,
+    marked_points,
     metres_per_unit_by_board,
-    scaled,
     world_of_board,
     world_of_marks,
 )
@@ -129,7 +129,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     if options.rescales:
         found = _rescaled(dataset, found, options)
     if stores:
-        _store(target, found)
+        write_calibration(target, found)
     keeps = options.source in FOUND_HERE or options.rescales if options.keep is None else options.keep
     return CalibrateResult(
         session=str(session),
@@ -169,21 +169,25 @@ def _candidate(dataset: Dataset, options: CalibrateOptions) -> Candidate:
 def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -> Calibration:
     views = calibrated_views(dataset, found)
     if options.distance is not None:
-        factor = metres_per_unit(views, options.distance)
-        found = scaled(found, factor, f"a distance of {options.distance.metres:g} m")
+        first, second = marked_points(views, options.distance.marks)
+        metres = options.distance.metres
+        world = World(np.eye(3), np.zeros(3), metres / float(np.linalg.norm(first - second)))
+        found = in_world(found, world, "m", f"scale from a distance of {metres:g} m")
     elif options.scale_by_board:
         corners = detect_board(open_recordings(dataset, options.recordings), options.board)
         factor, times = metres_per_unit_by_board(views, options.board, corners)
-        found = scaled(found, factor, f"a board seen by {times} pairs")
+        world = World(np.eye(3), np.zeros(3), factor)
+        found = in_world(found, world, "m", f"scale from a board seen by {times} pairs")
     views = calibrated_views(dataset, found)
     if options.vertical is not None:
-        return in_world(found, world_of_marks(views, options.vertical), "two points one above the other")
+        world = world_of_marks(views, options.vertical)
+        return in_world(found, world, found.unit, "z up, ground by two points one above the other")
     if options.ground is not None:
         floor = open_recordings(dataset, (options.ground,))
         corners = detect_board(floor, options.board)
         world, times = world_of_board(views, options.board, corners, metric=found.unit == "m")
         seen = count(times, "instant")
-        return in_world(found, world, f"a board on it in {floor[0].name}, at {seen}")
+        return in_world(found, world, "m", f"z up, ground by a board on it in {floor[0].name}, at {seen}")
     return found
 
 
@@ -195,10 +199,3 @@ def _keep(dataset: Dataset, calibration: Calibration) -> bool:
         talk(f"the calibration is not kept for later sessions: {error}")
         return False
     return True
-
-
-def _store(target: Path, calibration: Calibration) -> None:
-    try:
-        write_atomic(target, pretty_json(calibration))
-    except OSError as error:
-        raise BadInputError(f"cannot write {target}: {error.strerror or error}") from error

@@ -73,11 +73,7 @@ class CalibrationShelf:
         kept = KeptCalibration(
             modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
         )
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(path, pretty_json(kept))
-        except OSError as error:
-            raise BadInputError(f"cannot write {path}: {error.strerror or error}") from error
+        write_calibration(path, kept)
 
     def find(self, dataset: Dataset) -> KeptCalibration | None:
         """The newest of those that know most of a session's cameras in their modes; two at least."""
@@ -93,6 +89,19 @@ class CalibrationShelf:
     def _path(self, modes: dict[str, CameraMode]) -> Path:
         key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
         return self.folder / f"{len(modes)}-cameras-{key}.json"
+
+
+def write_calibration(path: Path, calibration: Calibration | KeptCalibration) -> None:
+    """Write a calibration's file; its folder is made where there is none.
+
+    Raises:
+        BadInputError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, pretty_json(calibration))
+    except OSError as error:
+        raise BadInputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def camera_modes(dataset: Dataset) -> dict[str, CameraMode]:

@@ -1,7 +1,7 @@
 """A session's cameras: their calibration, refused where no rig can have it, and their best pairs."""
 
 from collections.abc import Container, Iterable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +118,7 @@ class Rig:
         self.stages = StageCache(stages, dataset.fingerprint())
         self.views: dict[str, View] = {}
         self.calibration: Calibration | None = None
-        self.features = lru_cache(maxsize=4)(self._detect_features)
+        self.features = lru_cache(maxsize=4)(partial(features_at_rest, self.motion, dataset.cameras))
         """By camera, its features at rest in the image nearest to an instant."""
 
     @property
@@ -138,8 +138,10 @@ class Rig:
             NotAvailableError: it takes COLMAP, which is not installed here.
             BadInputError: none can be found.
         """
-        own = self.dataset.calibration()
-        self.use_calibration(own or self.stages.record("calibration", Calibration, self._solve))
+        found = self.dataset.calibration() or self.stages.record(
+            "calibration", Calibration, lambda: calibrate_from_images(self.motion)
+        )
+        self.use_calibration(found)
 
     def use_calibration(self, calibration: Calibration) -> None:
         """Set the views from a calibration that is known.
@@ -193,12 +195,6 @@ class Rig:
             if there:
                 shares.append(float(np.mean([self.motion.detected_movers(name, k).mean() for k in there])))
         return max(shares)
-
-    def _solve(self) -> Calibration:
-        return calibrate_from_images(self.dataset, self.motion.widened_movers)
-
-    def _detect_features(self, instant: int) -> dict[str, Features]:
-        return features_at_rest(self.motion, self.dataset.cameras, instant)
 
 
 def features_at_rest(motion: SceneMotion, cameras: Iterable[str], instant: int) -> dict[str, Features]:

@@ -19,6 +19,7 @@ from reconstruction.calibration.boards import (
     count_coverage,
     detect_board,
     lenses_of_recordings,
+    refuse_other_sizes,
     shared_corners,
 )
 from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
@@ -99,7 +100,7 @@ def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) 
     """The calibration by structure from motion; how wide the cameras see is a help."""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig = Rig(dataset, Path(scratch))
-        found = calibrate_from_images(dataset, rig.motion.widened_movers, field_of_view_deg)
+        found = calibrate_from_images(rig.motion, field_of_view_deg)
         return Candidate(found, _still_points(rig, calibrated_views(dataset, found)))
 
 
@@ -171,13 +172,7 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
                 f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
                 hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
             )
-        for name in dataset.cameras:
-            if recording.size(name) != dataset.size(name):
-                sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
-                raise BadInputError(
-                    f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
-                    hint="record the board in the mode that is used later: another may show another part",
-                )
+        refuse_other_sizes(recording, dataset, dataset.cameras)
     return recordings
 
 

@@ -4,7 +4,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ import numpy as np
 from capture_app.errors import NotApplicableError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.reading.file_headers import read_exif
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError, load_pycolmap
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.motion import SceneMotion
 
 FILM_DIAGONAL_MM = 43.27
 """Diagonal of 36 x 24 mm, which equivalent focal lengths are for (CIPA DC-008)."""
@@ -88,11 +89,7 @@ FEATURE_SHARE = 0.6
 """Share of the memory budget for all pictures whose features are found at once."""
 
 
-def calibrate_from_images(
-    dataset: Dataset,
-    movers: Callable[[str, int], Array],
-    field_of_view_deg: float | None = None,
-) -> Calibration:
+def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
     """Calibrate the rig by COLMAP from the burst's still content; the unit of length is arbitrary.
 
     The cameras form one rig and each instant is one frame of it; moving pixels are masked out. How wide the
@@ -105,6 +102,7 @@ def calibrate_from_images(
     pycolmap = load_pycolmap(
         "finding the cameras' positions from the images", hint="give it a calibration.json"
     )
+    dataset = motion.dataset
     chosen = _choose_instants(dataset)
     cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]
     if len(cameras) < 2:
@@ -115,7 +113,7 @@ def calibrate_from_images(
     focal_px = likely_focal_lengths(dataset, field_of_view_deg)
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
-        _write_images(dataset, movers, chosen, cameras, root)
+        _write_images(motion, chosen, cameras, root)
         found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
         try:
             refuse_odd_lenses(found.cameras, focal_px)
@@ -171,13 +169,8 @@ def _choose_instants(dataset: Dataset) -> list[int]:
     return sorted(chosen)
 
 
-def _write_images(
-    dataset: Dataset,
-    movers: Callable[[str, int], Array],
-    instants: Sequence[int],
-    cameras: Sequence[str],
-    root: Path,
-) -> None:
+def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequence[str], root: Path) -> None:
+    dataset = motion.dataset
     for camera in cameras:
         for folder in ("images", "masks"):
             (root / folder / camera).mkdir(parents=True)
@@ -185,7 +178,7 @@ def _write_images(
             if dataset.has_image(camera, k):
                 name = f"{camera}/{k:06d}.png"
                 write_image(root / "images" / name, dataset.image(camera, k))
-                still = np.where(movers(camera, k), 0, 255).astype(np.uint8)
+                still = np.where(motion.widened_movers(camera, k), 0, 255).astype(np.uint8)
                 write_image(root / "masks" / f"{name}.png", still)
 
 

@@ -40,28 +40,6 @@ class KnownDistance:
     metres: float
 
 
-def scaled(calibration: Calibration, factor: float, how: str) -> Calibration:
-    """The calibration in metres: every translation times `factor`."""
-    cameras = {
-        name: msgspec.structs.replace(
-            camera, translation=tuple(factor * value for value in camera.translation)
-        )
-        for name, camera in calibration.cameras.items()
-    }
-    source = f"{calibration.source}; scale from {how}"
-    return msgspec.structs.replace(calibration, cameras=cameras, unit="m", source=source)
-
-
-def metres_per_unit(views: Mapping[str, View], known: KnownDistance) -> float:
-    """Metres in a unit of the views, from two points that are marked in their pictures.
-
-    Raises:
-        BadInputError: a camera is unknown, or its marks are not of the same things as the others'.
-    """
-    first, second = marked_points(views, known.marks)
-    return known.metres / float(np.linalg.norm(first - second))
-
-
 def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
     """The two points (2, 3) of the rig that are marked in the views' pictures.
 
@@ -160,8 +138,8 @@ class World:
     scale: float = 1.0
 
 
-def in_world(calibration: Calibration, world: World, how: str) -> Calibration:
-    """The calibration in other coordinates; in metres, where these are scaled."""
+def in_world(calibration: Calibration, world: World, unit: str, how: str) -> Calibration:
+    """The calibration in other coordinates, of this unit; `how` is added to its source."""
     cameras = {}
     for name, camera in calibration.cameras.items():
         rotation = np.array(camera.rotation) @ world.rotation.T
@@ -171,8 +149,7 @@ def in_world(calibration: Calibration, world: World, how: str) -> Calibration:
             rotation=tuple(tuple(float(v) for v in row) for row in rotation),
             translation=tuple(float(v) for v in translation),
         )
-    unit = calibration.unit if world.scale == 1.0 else "m"
-    source = f"{calibration.source}; z up, ground by {how}"
+    source = f"{calibration.source}; {how}"
     return msgspec.structs.replace(calibration, cameras=cameras, unit=unit, source=source)
 
 

@@ -84,7 +84,7 @@ def load_input_images(
     )
     calibration = dataset.calibration()
     if calibration is None:
-        calibration = calibrate_from_images(dataset, SceneMotion(dataset, 1).widened_movers)
+        calibration = calibrate_from_images(SceneMotion(dataset, 1))
     views = calibrated_views(dataset, calibration)
     images: dict[str, InputImage] = {}
     left_out: dict[str, str] = {}

@@ -333,7 +333,7 @@ def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:
     if calibration is None:
         calibration = folder.calibration()
     if calibration is None:
-        calibration = calibrate_from_images(dataset, SceneMotion(dataset, 1).widened_movers)
+        calibration = calibrate_from_images(SceneMotion(dataset, 1))
         write_atomic(folder.out / CALIBRATION, pretty_json(calibration))
     dataset.adopt_calibration(calibration)
     return calibration

@@ -197,11 +197,11 @@ def test_a_board_on_the_floor_says_where_up_is(tmp_path: Path, board: Board, uni
     corners = detect_board([dataset], board)
     world, times = world_of_board(known, board, corners, metric=unit == 1.0)
     assert times == 3
-    check_floor(in_world(calibration, world, "a board"), views, board)
+    check_floor(in_world(calibration, world, "m", "a board"), views, board)
     if unit == 1.0:  # one camera is enough
         alone = {key: found for key, found in corners.items() if key[0] == "left"}
         world, _ = world_of_board(known, board, alone, metric=True)
-        check_floor(in_world(calibration, world, "a board"), views, board)
+        check_floor(in_world(calibration, world, "m", "a board"), views, board)
 
 
 def test_a_board_that_does_not_lie_or_is_seen_from_below_is_no_floor(tmp_path: Path) -> None:
@@ -258,7 +258,7 @@ def test_two_points_one_above_the_other_say_where_up_is() -> None:
 
     world = world_of_marks(views, {name: seen(view) for name, view in views.items()})
     cameras = {name: view.to_calibration() for name, view in views.items()}
-    found = in_world(Calibration(cameras=cameras, source="COLMAP"), world, "two points")
+    found = in_world(Calibration(cameras=cameras, source="COLMAP"), world, "m", "two points")
     assert found.unit == "m"
     for name, view in views.items():
         rotation, translation = np.array(found.cameras[name].rotation), found.cameras[name].translation

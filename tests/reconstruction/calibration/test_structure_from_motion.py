@@ -38,7 +38,7 @@ def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> Non
     session = write_session(tmp_path, rubble(), views, instants=3, calibrated=False, truth=False)
     dataset = Dataset(session)
     motion = SceneMotion(dataset, 1)
-    found = calibrated_views(dataset, calibrate_from_images(dataset, motion.detected_movers))
+    found = calibrated_views(dataset, calibrate_from_images(motion))
     assert set(found) == set(views)
     ratios = []
     for name in ("b", "c"):
@@ -65,7 +65,7 @@ def test_a_camera_without_an_image_is_left_out_and_one_with_few_is_not(tmp_path:
         tmp_path, rubble(), views, instants=2, calibrated=False, truth=False, missing=missing
     )
     dataset = Dataset(session)
-    found = calibrate_from_images(dataset, SceneMotion(dataset, 1).detected_movers)
+    found = calibrate_from_images(SceneMotion(dataset, 1))
     assert list(found.cameras) == ["a", "b", "late"]
     assert "3 of 4 cameras" in found.source
     views_found = calibrated_views(dataset, found)
@@ -85,8 +85,7 @@ def test_lenses_that_come_out_otherwise_are_taken_as_they_are_said_to_be(tmp_pat
     }
     session = write_session(tmp_path, rubble(), views, instants=1, calibrated=False, truth=False)
     dataset = Dataset(session)
-    still = SceneMotion(dataset, 1).widened_movers
-    found = calibrate_from_images(dataset, still, field_of_view_deg=40.0)
+    found = calibrate_from_images(SceneMotion(dataset, 1), field_of_view_deg=40.0)
     assert found.source.endswith("focal lengths taken for granted")
     for camera in found.cameras.values():
         assert camera.fx == pytest.approx(160 / np.tan(np.radians(20)), rel=1e-6)

@@ -11,6 +11,7 @@ from tests.end_to_end.rig import burst, output
 from .conftest import Start
 
 
+@pytest.mark.slow
 async def test_a_strange_machine_is_told_what_to_do_and_joins_for_good_by_a_code(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -52,6 +52,7 @@ def test_every_instant_has_its_cloud_and_what_moves_its_masks(
     assert json.loads((out / "sequence.json").read_text())["clouds"] == 4
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_was(trio: Session, tmp_path: Path, reconstruct: Reconstruct) -> None:
     out = tmp_path / "out"
     command = ["multiview", str(trio.folder), "--instants", "0-2", "--out", str(out)]

@@ -54,6 +54,7 @@ def test_naive_cameras_know_no_times(tmp_path: Path) -> None:
     assert all(image.uncertainty_ns is None and image.exposure_start_ns is None for image in manifest.images)
 
 
+@pytest.mark.slow
 def test_replace_says_whether_the_bytes_are_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

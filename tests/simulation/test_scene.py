@@ -137,6 +137,7 @@ def test_row_sees_the_scene_at_its_own_time(scene: Scene) -> None:
     assert not np.array_equal(things, things_at_row)
 
 
+@pytest.mark.slow
 def test_blur_grows_with_exposure(scene: Scene) -> None:
     def sharpness(exposure_ns: int) -> float:
         # Centred on one instant, without the noise of the sensor: the mean of several seeds.
@@ -273,6 +274,7 @@ def test_the_board_is_held_everywhere_before_every_camera() -> None:
     assert count.coverage().missing == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pinwheel", "crossing"])
 def test_the_other_scenes_show_their_movers_in_every_view(name: str) -> None:
     scene = load(name, scale=SCALE)

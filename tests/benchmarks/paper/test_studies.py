@@ -111,6 +111,7 @@ def test_the_command_prints_the_figures_as_json(capsys: pytest.CaptureFixture[st
     assert cases["slewed leader"]["stated_95_held"] > 0.85
 
 
+@pytest.mark.slow
 def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
     outcome = phase.run(trials=2, seed=3, groups={2: 1.0, 3: 1.0}, servo_s=12, cases=CASES[:1], jobs=1)
     ours, theirs = outcome.result.ours, outcome.result.baseline
@@ -175,6 +176,7 @@ def test_known_mechanisms_explain_a_part_of_the_papers_naive_triggers(tmp_path: 
     assert table.protocol.values["wifi.mean"] == pytest.approx(modelled["wifi_ms"]["mean_abs"], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_reference_broadcast_halves_what_it_should_and_leaves_the_rest() -> None:
     cases = {name: reference_broadcast.CASES[name] for name in ("pair", "copies")}
     one, two = (

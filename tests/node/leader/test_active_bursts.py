@@ -180,6 +180,7 @@ def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+@pytest.mark.slow
 async def test_two_hundred_bursts_leave_no_threads_and_no_open_files(tmp_path: Path) -> None:
     engine = engine_of("a")
     async with bursts_of(tmp_path, engine) as bursts:

@@ -39,6 +39,7 @@ def test_one_covered_marker_does_no_harm_and_two_are_said() -> None:
         read_panel(take(replace(LEDS, hidden=(0, 2)), 4e8))
 
 
+@pytest.mark.slow
 def test_an_unknown_shutter_is_found_with_the_time() -> None:
     read = read_panel(take(LEDS, 7.7e8))
     assert read.shutter.exposure_ns == pytest.approx(1e6, rel=0.1)

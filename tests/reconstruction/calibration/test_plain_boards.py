@@ -124,6 +124,7 @@ def test_a_rig_with_one_camera_upside_down(tmp_path: Path, reconstruct: Reconstr
     assert np.linalg.norm(place) == pytest.approx(np.linalg.norm(LEFT.centre - RIGHT.centre), rel=0.02)
 
 
+@pytest.mark.slow
 def test_lenses_have_recordings_of_their_own(tmp_path: Path, reconstruct: Reconstruct) -> None:
     session = record(tmp_path, "rig", RIG, PLAIN, range(5))
     alone = [

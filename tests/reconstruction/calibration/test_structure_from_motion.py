@@ -52,6 +52,7 @@ def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> Non
     assert found["a"].focal == pytest.approx(views["a"].focal, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_camera_without_an_image_is_left_out_and_one_with_few_is_not(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     views = {
@@ -76,6 +77,7 @@ def test_a_camera_without_an_image_is_left_out_and_one_with_few_is_not(tmp_path:
         assert np.degrees(np.arccos(min((np.trace(turned @ turned_found.T) - 1) / 2, 1))) < 3
 
 
+@pytest.mark.slow
 def test_lenses_that_come_out_otherwise_are_taken_as_they_are_said_to_be(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     views = {

@@ -135,6 +135,7 @@ def test_compare_tells_of_all_cameras_in_every_condition(
         assert (out / picture["offset"]).is_file()
 
 
+@pytest.mark.slow
 def test_a_comparison_takes_the_matcher_that_is_asked_for(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct
 ) -> None:

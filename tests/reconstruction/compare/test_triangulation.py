@@ -57,6 +57,7 @@ def test_points_lie_where_the_scene_is(boards: Session) -> None:
     assert np.median(nearest) < 0.01
 
 
+@pytest.mark.slow
 def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session, tmp_path: Path) -> None:
     points = study(boards, tmp_path, max_instants=2)
     found = compared(points)
@@ -72,6 +73,7 @@ def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session
     assert together.value("mover_points", "offset") == together.value("mover_points")
 
 
+@pytest.mark.slow
 def test_of_two_cameras_the_second_is_late(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path / "pair", scene, PAIR)
     found = compared(study(session, tmp_path / "stages", max_instants=3))

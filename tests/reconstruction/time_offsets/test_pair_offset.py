@@ -28,9 +28,8 @@ def fall(time: float) -> tuple[float, float]:
     return 0.05 * time - 0.3, -0.5 + 0.12 * time + 0.012 * time**2
 
 
-@pytest.mark.parametrize(
-    "late", [0.3, *(pytest.param(late, marks=pytest.mark.slow) for late in (-1.6, -0.5, 0, 2))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [-1.6, -0.5, 0, 0.3, 2])
 def test_fractions_of_a_frame_are_found_from_either_side(scene: Scene, tmp_path: Path, late: float) -> None:
     falling = replace(scene, boards=[*scene.boards[:-1], replace(scene.boards[-1], path=fall)])
     session = write_session(tmp_path, falling, PAIR, instants=6, truth=False, late={"right": late})
@@ -71,9 +70,8 @@ def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize(
-    "late", [pytest.param(late, marks=[] if late == 3 else pytest.mark.slow) for late in range(-4, 5)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("late", range(-4, 5))
 def test_a_real_ball_tells_how_many_frames_late_a_camera_is(shared: Path, tmp_path: Path, late: int) -> None:
     rig = ball(shared, tmp_path, late).rig
     for pair, sign in ((("L", "R"), 1), (("R", "L"), -1)):

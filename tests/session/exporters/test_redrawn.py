@@ -21,6 +21,7 @@ from tests.session.exporters.dotted import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["n3dv", "easyvolcap", "freemocap"])
 def test_redrawn_pictures_come_back_with_their_lens(tmp_path: Path, name: str) -> None:
     session = build(tmp_path / "sessions")

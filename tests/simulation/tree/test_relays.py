@@ -164,6 +164,7 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
     assert not any(isinstance(event, NodeLost) and event.name == "cam" for event in rig.events[-4:])
 
 
+@pytest.mark.slow
 def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -> None:
     rig = RelayRig(probe_every_ns=S)
     gate, other = rig.relay("gate", ROOT), rig.relay("other", ROOT)

@@ -226,6 +226,7 @@ def shows_session(app: SimulshotApp, name: str) -> bool:
     return view(app).entry.card.name == name
 
 
+@pytest.mark.slow
 async def test_any_size_is_drawn(sessions: Path) -> None:
     async with library(sessions) as pilot:
         for size in ((20, 8), (3, 2), (300, 90)):

@@ -77,41 +77,20 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     seconds: float
 
 
-class _ViewRecord(Struct, frozen=True, kw_only=True):
-    """Whose depth it is, and the picture of it in the unit's folder."""
-
-    camera: str = ""
-    picture: str = ""
-
-
-class _UnitRecord(Struct, frozen=True, kw_only=True):
-    """The figures in a unit.json."""
-
-    not_applicable: str = ""
-    reference: str = ""
-    views: tuple[_ViewRecord, ...] = ()
-    coverage: float | None = None
-    within_2pct: float | None = None
-    mover_within_2pct: float | None = None
-    static_within_2pct: float | None = None
-    median_error_pct: float | None = None
-    fused_points: int | None = None
-
-
 def completed_row(unit: Unit, root: Path) -> Row:
     """The row of a unit with a result."""
-    record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes(), type=_UnitRecord)
-    pictures = {view.camera: view.picture for view in record.views}
-    picture = pictures.get(record.reference, "")
+    record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes())
+    views = record.get("views", ())
+    picture = next((one["picture"] for one in views if one["camera"] == record["reference"]), "")
     return Row(
         session=unit.name,
         instant=unit.instant,
         condition=unit.condition,
-        not_applicable=record.not_applicable,
-        cameras=len(record.views) or None,
+        not_applicable=record.get("not_applicable", ""),
+        cameras=len(views) or None,
         folder=unit.folder,
         picture=f"{unit.folder}/{picture}" if picture else "",
-        **{name: getattr(record, name) for name in FIGURES},
+        **{name: record.get(name) for name in FIGURES},
     )
 
 

@@ -1,12 +1,13 @@
 """Depth of all cameras of an instant: each by itself, then what others confirm, or propose in its place."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from capture_app.terminal import Progress
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import worker_count, worker_pool
@@ -77,13 +78,12 @@ def match_all_views(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     depth_ranges: Mapping[str, tuple[float, float]],
-    *,
     engine: SweepEngine = CPU,
-    done: Callable[[str], None] = lambda name: None,
+    progress: Progress | None = None,
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera that has sources.
 
-    `depth_ranges`: between which two depths each camera's scene is. `done` is called after each.
+    `depth_ranges`: between which two depths each camera's scene is. `progress` gets a step after each.
     """
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
@@ -93,7 +93,8 @@ def match_all_views(
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
         found = sweep_view(images[name], others, depth_ranges[name], options)
-        done(name)
+        if progress is not None:
+            progress.step(f"depth of {name}")
         return found
 
     def propose(name: str) -> Surface:

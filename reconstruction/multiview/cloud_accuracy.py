@@ -12,7 +12,7 @@ from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.colmap import read_fused_cloud
-from reconstruction.multiview.input_images import InputImage, undistort_nearest
+from reconstruction.multiview.input_images import InputImage, undistorted_truth
 from reconstruction.multiview.result import CloudScore
 from reconstruction.scores.tally import Measurements
 from reconstruction.session.dataset import Dataset
@@ -161,8 +161,8 @@ def score_movers(
     """
     if unit != "m":
         return None
-    surfaces = {camera: _truth(dataset, image, instant) for camera, image in images.items()}
-    shown = {camera: _truth(dataset, image, image.instant) for camera, image in images.items()}
+    surfaces = {c: undistorted_truth(dataset, image.view, c, instant) for c, image in images.items()}
+    shown = {c: undistorted_truth(dataset, image.view, c, image.instant) for c, image in images.items()}
     true = {camera: one for camera, one in surfaces.items() if one is not None}
     movers = {camera: one[1] for camera, one in shown.items() if one is not None}
     if not len(true) == len(movers) == len(images):
@@ -186,12 +186,3 @@ def score_movers(
         recall=round(recall, 4),
         f_score=round(f_score, 4),
     )
-
-
-def _truth(dataset: Dataset, image: InputImage, instant: int) -> tuple[Array, Array] | None:
-    """True depth (m) and movers (bool), undistorted as the picture is."""
-    truth = dataset.ground_truth(image.camera, instant)
-    if truth is None:
-        return None
-    depth, movers = truth[0], truth[1].astype(np.uint8)
-    return undistort_nearest(image.view, depth), undistort_nearest(image.view, movers) > 0

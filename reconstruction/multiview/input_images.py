@@ -48,6 +48,14 @@ def undistort_nearest(view: View, image: Array) -> Array:
     return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_NEAREST))
 
 
+def undistorted_truth(dataset: Dataset, view: View, camera: str, instant: int) -> tuple[Array, Array] | None:
+    """True depth (m, 0 = unknown) and movers (bool) of an image, undistorted by its view; None without."""
+    truth = dataset.ground_truth(camera, instant)
+    if truth is None:
+        return None
+    return undistort_nearest(view, truth[0]), undistort_nearest(view, truth[1].astype(np.uint8)) > 0
+
+
 def undistort_image(camera: str, instant: int, image: Array, view: View) -> InputImage:
     """Undistort a picture (uint8 height x width x 3, BGR).
 

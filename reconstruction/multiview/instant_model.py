@@ -13,7 +13,6 @@ from capture_app.terminal import Progress
 from capture_app.text import pretty_json
 from reconstruction.calibration.kept import adopt_kept_calibration
 from reconstruction.common.drawing import colour_depth, display_range
-from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, require_reconstruction
@@ -30,7 +29,7 @@ from reconstruction.depth.view_choice import (
     smallest_group,
 )
 from reconstruction.multiview.cloud_accuracy import score_movers
-from reconstruction.multiview.input_images import InputImage, load_input_images, undistort_nearest
+from reconstruction.multiview.input_images import InputImage, load_input_images, undistorted_truth
 from reconstruction.multiview.matcher import (
     ChosenMatcher,
     Matcher,
@@ -60,25 +59,6 @@ class MultiviewOptions:
     """What is added to the times of the cameras it names."""
 
 
-@dataclass
-class _Stopwatch:
-    """Wall seconds of the stages."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
-    last: float = field(default_factory=time.perf_counter)
-
-    def end_stage(self, name: str) -> None:
-        """Record the time since the last call as this stage's."""
-        now = time.perf_counter()
-        self.seconds[name] = round(now - self.last, 3)
-        self.last = now
-
-    def total(self) -> float:
-        """Seconds since the start."""
-        return round(time.perf_counter() - self.started, 3)
-
-
 def model_instant(
     dataset: Dataset,
     matcher: ChosenMatcher,
@@ -91,39 +71,39 @@ def model_instant(
     Raises:
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
     """
-    stopwatch = _Stopwatch()
+    marks = {"begin": time.perf_counter()}
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
     images, left_out, calibration, unit = load_input_images(dataset, instants)
-
-    def announce(text: str) -> None:
-        if progress is not None:
-            progress.total = len(images) + (3 if options.mesh else 2)
-            progress.step(text)
-
-    announce("how near and how far the scene is")
+    progress = progress or Progress(0, silent=True)
+    progress.total = len(images) + (3 if options.mesh else 2)
+    progress.step("how near and how far the scene is")
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     scene = find_coarse_scene(calibrated)
-    sources = find_sources({c: calibrated[c].view for c in scene.points}, scene)
+    views_seen = {camera: calibrated[camera].view for camera in scene.points}
+    sources = choose_source_views(views_seen, scene.points)
+    if not any(sources.values()):
+        raise refuse_views(views_seen, scene.points)
     left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
-    stopwatch.end_stage("range")
+    progress.total = len(images) + (3 if options.mesh else 2)
+    marks["range"] = time.perf_counter()
     workspace = part / "workspace"
-    found = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, announce)
+    found = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress)
     if matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), found)
-    stopwatch.end_stage("matching")
-    announce("joining the maps to a cloud")
+    marks["matching"] = time.perf_counter()
+    progress.step("joining the maps to a cloud")
     fused = fuse_depth_maps(workspace, part / FUSED, smallest_group(sources))
-    stopwatch.end_stage("fusion")
+    marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
     views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
     movers = score_movers(dataset, images, unit, options.instant, part / FUSED)
-    stopwatch.end_stage("judging")
+    marks["judging"] = time.perf_counter()
     model = MeshModel(fused, 0, ())
     if options.mesh:
-        announce("cloud, mesh and pictures")
-        model = _build_model(part, images)
-        stopwatch.end_stage("mesh")
+        progress.step("cloud, mesh and pictures")
+        model = build_mesh(part / FUSED, part, list(image_views(images).values()))
+        marks["mesh"] = time.perf_counter()
     reference = choose_reference_view(image_views(images), scene.points)
     main = next(view for view in views if view.camera == reference)
     result = MultiviewResult(
@@ -150,26 +130,17 @@ def model_instant(
         cloud_points=model.points,
         mesh_triangles=model.triangles,
         files=(FUSED, *model.files, "workspace", RESULT),
-        seconds=stopwatch.total(),
-        seconds_of=stopwatch.seconds,
+        seconds=round(time.perf_counter() - marks["begin"], 3),
+        seconds_of={
+            stage: round(now - before, 3)
+            for before, (stage, now) in zip(marks.values(), list(marks.items())[1:], strict=False)
+        },
         memory_notes=memory_budget().notes,
         changed_pictures=picture_checks().changed,
         versions=library_versions(),
     )
     write_atomic(part / RESULT, pretty_json(result))
     return result
-
-
-def find_sources(views: Mapping[str, View], scene: CoarseScene) -> dict[str, tuple[str, ...]]:
-    """The source views of each camera.
-
-    Raises:
-        BadInputError: no two cameras see the scene from fit directions.
-    """
-    sources = choose_source_views(views, scene.points)
-    if not any(sources.values()):
-        raise refuse_views(views, scene.points)
-    return sources
 
 
 def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: CoarseScene) -> str:
@@ -189,10 +160,6 @@ def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: Coarse
     )
 
 
-def _build_model(part: Path, images: Mapping[str, InputImage]) -> MeshModel:
-    return build_mesh(part / FUSED, part, list(image_views(images).values()))
-
-
 def write_view(
     dataset: Dataset, image: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
 ) -> ViewResult:
@@ -201,10 +168,9 @@ def write_view(
     np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
     write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
     shares: dict[str, float | None] = {}
-    truth = dataset.ground_truth(image.camera, image.instant)
+    truth = undistorted_truth(dataset, image.view, image.camera, image.instant)
     if truth is not None:
-        movers = undistort_nearest(image.view, truth[1].astype(np.uint8)) > 0
-        shares = depth_shares(found.depth, undistort_nearest(image.view, truth[0]), movers)
+        shares = depth_shares(found.depth, *truth)
     return ViewResult(
         camera=image.camera,
         instant=image.instant,

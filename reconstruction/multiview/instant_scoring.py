@@ -92,7 +92,7 @@ class InstantScorer:
         """The true surfaces of an instant, if the calibration knows metres."""
         if self.unit != "m":
             return None
-        loaded = {camera: self.undistorted.ground_truth(camera, instant, full=True) for camera in shown}
+        loaded = {camera: self.undistorted.full_ground_truth(camera, instant) for camera in shown}
         known = {camera: one for camera, one in loaded.items() if one is not None}
         if len(known) < len(loaded):
             return None

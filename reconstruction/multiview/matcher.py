@@ -1,10 +1,11 @@
 """What finds the depth of all cameras of an instant: the plane sweep, or COLMAP's PatchMatch on a GPU."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from capture_app.terminal import Progress
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.colmap import CudaGpu, find_gpu, read_maps, run_patch_match, write_workspace
 from reconstruction.depth.engine import CPU, SweepEngine
@@ -62,19 +63,14 @@ def match_cameras(
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     depth_ranges: Mapping[str, tuple[float, float]],
-    announce: Callable[[str], None] = lambda text: None,
+    progress: Progress | None = None,
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there."""
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
-        return match_all_views(
-            calibrated,
-            sources,
-            depth_ranges,
-            engine=matcher.engine,
-            done=lambda name: announce(f"depth of {name}"),
-        )
-    announce(f"PatchMatch on {matcher.gpu.name}")
+        return match_all_views(calibrated, sources, depth_ranges, matcher.engine, progress)
+    if progress is not None:
+        progress.step(f"PatchMatch on {matcher.gpu.name}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)

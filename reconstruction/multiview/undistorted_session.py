@@ -8,7 +8,12 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
-from reconstruction.multiview.input_images import InputImage, undistort_image, undistort_nearest
+from reconstruction.multiview.input_images import (
+    InputImage,
+    undistort_image,
+    undistort_nearest,
+    undistorted_truth,
+)
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion, dilate
 
@@ -53,16 +58,16 @@ class UndistortedSession:
         mask = self.undistort_mask(camera, self.motion.changing(camera, instant))
         return dilate(mask, max(3, mask.shape[1] // 80))
 
-    def ground_truth(self, camera: str, instant: int, *, full: bool = False) -> tuple[Array, Array] | None:
-        """True depth (m, 0 = unknown) and movers (bool), undistorted, at the small or at the full size."""
+    def full_ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
+        """As `ground_truth`, at the full size."""
+        return undistorted_truth(self.dataset, self.full_views[camera], camera, instant)
+
+    def ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
+        """True depth (m, 0 = unknown) and movers (bool), undistorted, at the small size."""
         loaded = self.dataset.ground_truth(camera, instant)
         if loaded is None:
             return None
-        depth, movers = loaded[0], loaded[1].astype(np.uint8)
-        if full:
-            view = self.full_views[camera]
-            return undistort_nearest(view, depth), undistort_nearest(view, movers) > 0
-        return self._undistort_small(camera, depth), self._undistort_small(camera, movers) > 0
+        return self._undistort_small(camera, loaded[0]), self.undistort_mask(camera, loaded[1])
 
     def undistorted_view(self, camera: str) -> View:
         """The camera's view at its full size, without distortion."""

@@ -4,8 +4,6 @@ SGBM's own parabola pulls disparities towards whole pixels (Szeliski and Scharst
 left between the pictures is measured, and surfaces are smoothed.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -73,24 +71,17 @@ CHECK_WINDOW = 9
 """Side of the window in which the two views are correlated, px."""
 
 
-@dataclass(frozen=True)
-class MatchChecks:
-    """Limits within which a match is accepted."""
-
-    max_left_right_px: float = 1.0
-    """Difference between the disparities of both directions."""
-    min_correlation: float = 0.0
-    """Normalized correlation of the two views in a window, asked for where there is texture."""
-    max_grey_difference: float = 10.0
-    """Mean difference of brightness beside the noise, grey levels of 255."""
-    max_residual_px: float = 0.7
-    """Displacement that is left after the disparity is taken out, also between rows: 0 for a true match."""
-    min_island_px: int = 60
-    """Smaller islands of depth are dropped."""
+MAX_LEFT_RIGHT_PX = 1.0
+"""Difference between the disparities of both directions within which a match is accepted."""
+MAX_GREY_DIFFERENCE = 10.0
+"""Mean difference of brightness beside the noise within which it is, grey levels of 255."""
 
 
-def same_appearance(a: Array, b: Array, checks: MatchChecks) -> Array:
-    """Where two images (float32, grey levels) look the same, by correlation and brightness (bool)."""
+def same_appearance(a: Array, b: Array, min_correlation: float = 0.0) -> Array:
+    """Where two images (float32, grey levels) look the same, by correlation and brightness (bool).
+
+    The correlation is normalized, in a window, and asked for where there is texture.
+    """
     size = (CHECK_WINDOW, CHECK_WINDOW)
     mean_a, mean_b = cv2.blur(a, size), cv2.blur(b, size)
     var_a = np.maximum(cv2.blur(a * a, size) - mean_a**2, 0)
@@ -99,8 +90,8 @@ def same_appearance(a: Array, b: Array, checks: MatchChecks) -> Array:
     correlation = both / np.sqrt(np.maximum(var_a * var_b, 1e-3))
     noise = noise_level(a)
     flat = np.minimum(var_a, var_b) < (3 * noise) ** 2
-    near = cv2.blur(np.abs(a - b), (3, 3)) < checks.max_grey_difference + 3 * noise
-    return np.asarray(near & (flat | (correlation > checks.min_correlation)))
+    near = cv2.blur(np.abs(a - b), (3, 3)) < MAX_GREY_DIFFERENCE + 3 * noise
+    return np.asarray(near & (flat | (correlation > min_correlation)))
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:

@@ -17,7 +17,8 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.memory import memory_budget
 from reconstruction.pairs import canvas_bounds, rectifying_rotations
 from reconstruction.stereo.matching import (
-    MatchChecks,
+    MAX_GREY_DIFFERENCE,
+    MAX_LEFT_RIGHT_PX,
     fill_small_holes,
     match_rectified,
     match_rectified_back,
@@ -198,6 +199,10 @@ def rectify(
 
 SAME_GAIN, SAME_BIAS = 0.05, 4.0
 """Pictures that differ by more (factor, grey levels) are made equally bright and matched again."""
+MAX_RESIDUAL_PX = 0.7
+"""Displacement left after the disparity is taken out, also between rows: 0 for a true match."""
+MIN_ISLAND_PX = 60
+"""Smaller islands of depth are dropped."""
 VOLUME_SHARE = 0.6
 """Share of the memory budget for matching; the rest is for pictures and maps."""
 
@@ -256,7 +261,6 @@ class StereoPair:
         end = self.min_disparity + self.num_disparities
         searched = self.min_disparity / self.scale, end / self.scale
         self.rectification: Rectification = rectify(reference, other, searched, self.scale)
-        self.checks = MatchChecks()
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
         """Depth from two grey images (uint8) of the pair, checked from left to right and back."""
@@ -301,8 +305,8 @@ class StereoPair:
         return np.where(seen_a & inside, forward, np.nan), backward
 
     def _confidence(self, found: _Match) -> Array:
-        left_right_share = np.nan_to_num(found.left_right, nan=np.inf) / self.checks.max_left_right_px
-        greatest = self.checks.max_grey_difference + 3 * noise_level(found.reference)
+        left_right_share = np.nan_to_num(found.left_right, nan=np.inf) / MAX_LEFT_RIGHT_PX
+        greatest = MAX_GREY_DIFFERENCE + 3 * noise_level(found.reference)
         difference_share = cv2.blur(np.nan_to_num(found.difference, nan=255.0), (3, 3)) / greatest
         sure = 1 - 0.5 * np.minimum(left_right_share, 1) - 0.5 * np.minimum(difference_share, 1)
         confidence = np.where(np.isfinite(found.checked), np.maximum(sure, 0.05), 0).astype(np.float32)
@@ -313,17 +317,16 @@ class StereoPair:
         return np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
 
     def _consistent_pixels(self, a: Array, warped: Array, disparity: Array, left_right: Array) -> Array:
-        checks = self.checks
         there = np.isfinite(disparity) & np.isfinite(warped)
-        agrees = left_right <= checks.max_left_right_px
+        agrees = left_right <= MAX_LEFT_RIGHT_PX
         view = np.where(there, warped, a).astype(np.float32)
-        same = same_appearance(a.astype(np.float32), view, checks)
+        same = same_appearance(a.astype(np.float32), view)
         second = np.clip(view, 0, 255).astype(np.uint8)
         flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(a, second, None)
-        still = np.hypot(flow[..., 0], flow[..., 1]) <= checks.max_residual_px
+        still = np.hypot(flow[..., 0], flow[..., 1]) <= MAX_RESIDUAL_PX
         good = there & agrees & same & still
         speckled = np.ascontiguousarray((np.where(good, disparity, -1.0) * 16).astype(np.int16))
-        cv2.filterSpeckles(speckled, -16, checks.min_island_px, 2 * 16)
+        cv2.filterSpeckles(speckled, -16, MIN_ISLAND_PX, 2 * 16)
         return np.asarray(good & (speckled > 0))
 
 
@@ -360,7 +363,7 @@ def find_disparity_range(
         texture = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0))
         warped = match_brightness(a, warp_by_disparity(b, forward))
         seen = np.where(np.isfinite(warped), warped, a)
-        same = same_appearance(a.astype(np.float32), seen, MatchChecks(min_correlation=0.7))
+        same = same_appearance(a.astype(np.float32), seen, min_correlation=0.7)
         textured = seen_a & inside & (texture > 12)
         good = textured & agrees & same
         asked += int(textured.sum())

@@ -2,13 +2,14 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from capture_app.errors import BadInputError, ExitCode, NotApplicableError, SimulshotError
 from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
+from capture_app.terminal import talk
 from capture_app.text import ProgressStep
 from reconstruction.batch.executors import Executor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
@@ -24,7 +25,6 @@ def batch(
     out: Path,
     options: BatchOptions,
     executor: Executor,
-    print_progress: Callable[[str], None] = lambda text: None,
     task: str = DEPTH_TASK,
 ) -> BatchResult:
     """Compute all units that are not in `out` yet, and the summary of all.
@@ -40,11 +40,11 @@ def batch(
         missing = [unit for unit in units if not is_done(unit, root)]
         done = len(units) - len(missing)
         for failure in failures:
-            print_progress(f"{_label(failure)}: {failure.problem}")
+            talk(f"{_label(failure)}: {failure.problem}")
         if done:
-            print_progress(f"reusing {done} of {len(units)} results")
+            talk(f"reusing {done} of {len(units)} results")
         try:
-            outcomes = _run_units(missing, done, root, executor, print_progress, task)
+            outcomes = _run_units(missing, done, root, executor, task)
         finally:
             remove_leftovers(root)
         rows = [_row(unit, root, outcomes) for unit in units] + failures
@@ -105,7 +105,6 @@ def _run_units(
     done: int,
     root: Path,
     executor: Executor,
-    print_progress: Callable[[str], None],
     task: str,
 ) -> dict[str, Outcome]:
     """Run the units; `done` are there already, and count in the progress lines."""
@@ -121,7 +120,7 @@ def _run_units(
             left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
             left = f", about {_duration(left_s)} left" if len(outcomes) < len(units) else ""
             step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")
-            print_progress(str(step))
+            talk(str(step))
             if outcome.computed:
                 # Timings are optional: a full disk shows in the units themselves.
                 with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from capture_app.errors import ExitCode, SimulshotError
-from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.terminal import json_option, print_json, print_line
 from capture_app.usage import examples
 from reconstruction.commands.options import (
     CONDITION_HELP,
@@ -97,7 +97,7 @@ def batch(
         raise click.UsageError("--slurm is for --executor slurm")
     else:
         chosen = LocalExecutor(jobs)
-    result = run(sessions, out, BatchOptions(**options), chosen, talk)
+    result = run(sessions, out, BatchOptions(**options), chosen)
     if as_json:
         print_json(result)
     else:

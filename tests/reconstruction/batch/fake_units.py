@@ -9,8 +9,6 @@ import signal
 import sys
 from pathlib import Path
 
-import click
-
 from reconstruction.batch.units import Unit
 from reconstruction.session.conditions import Condition
 
@@ -61,7 +59,7 @@ def main() -> None:
     # Whoever edits the program while a test runs computes no new units.
     options = BatchOptions(conditions=conditions, program="fixed")
     task = DEPTH_TASK if real else FAKE_TASK
-    batch([Path(session)], Path(out), options, LocalExecutor(2), lambda text: click.echo(text), task)
+    batch([Path(session)], Path(out), options, LocalExecutor(2), task)
 
 
 if __name__ == "__main__":

@@ -39,13 +39,13 @@ class Here:
 
 
 @pytest.fixture
-def run(boards: Session, tmp_path: Path) -> Callable[..., Any]:
+def run(boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., Any]:
     def run(*, executor: Any = None, task: str = FAKE_TASK, sessions: Any = None, **options: Any) -> Any:
-        lines: list[str] = []
         result = batch(
             sessions or [boards.folder], tmp_path / "out", BatchOptions(**options), executor or Here(),
-            lines.append, task,
+            task,
         )  # fmt: skip
+        lines = capsys.readouterr().err.splitlines()
         return SimpleNamespace(result=result, lines=lines, out=tmp_path / "out")
 
     return run

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.panel.pattern import Panel, panel_named
-from capture_app.panel.simulated import Photograph
 
 WIDTH, HEIGHT = 960, 720
 EXPOSURES_NS = (100e3, 20e6)
@@ -27,7 +27,7 @@ SCREENS = (
 class Case:
     """A photograph, when it was taken, and what its camera tells of it."""
 
-    photograph: Photograph
+    photograph: HandheldPhotograph
     start_ns: float
     told_exposure: bool
     told_row_time: bool
@@ -63,7 +63,7 @@ def draw_case(seed: int, *, screen: bool) -> Case:
     )
     told = bool(rng.random() < 0.6)
     way, length = rng.uniform(0, 2 * np.pi), rng.uniform(0, 5)
-    photograph = Photograph(
+    photograph = HandheldPhotograph(
         panel,
         WIDTH,
         HEIGHT,

@@ -8,10 +8,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.simulated.panel_photographs import difference_ns, read_time
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
-from capture_app.panel.simulated import Image, difference_ns, read_time, render
+from capture_app.panel.simulated import Image, render
 from capture_app.simulation.links import LOOPBACK, Channel, DelayLaw, GammaDelay, Link
 from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import PROFILES, SensorProfile

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.simulated import panel_photographs
 from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.panel import simulated
@@ -125,9 +126,11 @@ def test_the_time_can_be_read_off_the_panel_of_leds() -> None:
         assert record.exposure_ns is not None
         assert row_time_ns is not None
         picture = np.asarray(picture, np.uint8)
-        read_ns = simulated.read_time(picture, exposure_ns=record.exposure_ns, row_time_ns=row_time_ns)
+        read_ns = panel_photographs.read_time(
+            picture, exposure_ns=record.exposure_ns, row_time_ns=row_time_ns
+        )
         true_ns = truth[record.camera, record.instant] % simulated.CYCLE_NS
-        assert abs(simulated.difference_ns(read_ns, true_ns)) < 5_000
+        assert abs(panel_photographs.difference_ns(read_ns, true_ns)) < 5_000
 
 
 def test_depth_is_in_steps_and_reaches_across_the_room() -> None:

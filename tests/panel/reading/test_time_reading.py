@@ -7,17 +7,19 @@ import pytest
 
 from benchmarks.panel.photographs import draw_case
 from benchmarks.panel.read_photographs import judge
+from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.panel.finder import PanelNotFoundError
 from capture_app.panel.pattern import panel_named
-from capture_app.panel.simulated import Photograph
 from capture_app.panel.time_reading import read_panel
 
 PAIR = panel_named("led-pair")
 ASKEW = ((62.0, 90.0), (570.0, 140.0), (550.0, 390.0), (80.0, 345.0))
-LEDS = Photograph(PAIR, 640, 480, ASKEW, 1e6, 12e3, defocus=0.8, motion=(2, 1), uneven=0.05)
+LEDS = HandheldPhotograph(PAIR, 640, 480, ASKEW, 1e6, 12e3, defocus=0.8, motion=(2, 1), uneven=0.05)
 
 
-def take(photograph: Photograph, start_ns: float) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+def take(
+    photograph: HandheldPhotograph, start_ns: float
+) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     return photograph.take(start_ns, np.random.default_rng(5))
 
 

@@ -15,7 +15,8 @@ from benchmarks.paper.phase_trials import (
     unknown_phone,
 )
 from benchmarks.simulated.aligner_bench import Bench
-from capture_app.panel.simulated import CYCLE_NS, difference_ns, read_time, render
+from benchmarks.simulated.panel_photographs import difference_ns, read_time
+from capture_app.panel.simulated import CYCLE_NS, render
 from capture_app.simulation.profiles import PROFILES
 
 S = 1_000_000_000

@@ -1,0 +1,88 @@
+"""Photographs of panels as a camera in some hand takes them, and the time read off the paper's panel."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.panel.pattern import Scan, nearest_ns
+from capture_app.panel.simulated import CYCLE_NS, Floats, Image, Photograph
+from capture_app.panel.time_reading import read_panel
+
+
+@dataclass(frozen=True)
+class HandheldPhotograph(Photograph):
+    """A photograph with what a hand, the room, a screen and a phone's processing add to it."""
+
+    motion: tuple[float, float] = (0.0, 0.0)
+    """How far the camera moved in the exposure."""
+    glare: tuple[tuple[float, float, float, float], ...] = ()
+    """Spots of light that shine back from the panel: x, y, reach and strength of each."""
+    contrast: float = 0.0
+    """How far the tone curve is bent to an S."""
+    jpeg_quality: int | None = 92
+    scan_share: float = 0.95
+    """Share of a refresh that a screen needs to draw from one edge of the panel to the other."""
+    response_ns: float = 0.0
+    """A screen's cells change so slowly (time constant)."""
+    rate_error: float = 0.0
+    """The panel's clock is fast by this share."""
+
+    def take(self, start_ns: float, rng: np.random.Generator) -> Image:
+        """The picture, BGR uint8 (height, width, 3), whose first row's exposure starts at that panel time."""
+        picture = super().take(start_ns, rng)
+        if self.jpeg_quality is None:
+            return picture
+        _, coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
+        decoded = cv2.imdecode(coded, cv2.IMREAD_COLOR)
+        assert decoded is not None, "it was encoded a line above"
+        return np.asarray(decoded, np.uint8)
+
+    def _ticks(self, moments: Floats, lamps: NDArray[np.int64], rng: np.random.Generator) -> Floats:
+        if self.response_ns:
+            moments = moments - rng.exponential(self.response_ns, moments.shape)
+        late = np.array([self._late(lamp.x, lamp.y) for lamp in self.panel.lamps])[lamps, None]
+        return np.floor(moments * (1 + self.rate_error) / self.panel.tick_ns - late)
+
+    def _late(self, x: float, y: float) -> float:
+        """Refreshes by which a screen shows a place of the panel later than the middle of it."""
+        across, down = x / self.panel.width, y / self.panel.height
+        way = {Scan.DOWN: down, Scan.UP: 1 - down, Scan.RIGHT: across, Scan.LEFT: 1 - across}
+        return self.scan_share * (way.get(self.panel.scan, 0.5) - 0.5)
+
+    def _blur(self, scene: Floats) -> Floats:
+        scene = super()._blur(scene)
+        length = float(np.hypot(*self.motion))
+        if length > 0.5:
+            reach = int(np.ceil(length / 2)) + 1
+            kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
+            for share in np.linspace(-0.5, 0.5, 8 * reach):
+                x, y = reach + share * self.motion[0], reach + share * self.motion[1]
+                i, j = int(y), int(x)
+                for di, dj in ((0, 0), (0, 1), (1, 0), (1, 1)):
+                    kernel[i + di, j + dj] += (1 - abs(y - i - di)) * (1 - abs(x - j - dj))
+            scene = np.asarray(cv2.filter2D(scene, -1, kernel / kernel.sum()))
+        y, x = np.mgrid[: self.height, : self.width]
+        for at_x, at_y, radius, strength in self.glare:
+            away = ((x - at_x) ** 2 + (y - at_y) ** 2) / radius**2
+            scene += strength * np.exp(-0.5 * away)[..., None]
+        return scene
+
+    def _tone(self, scene: Floats) -> Floats:
+        tone = super()._tone(scene)
+        return (1 - self.contrast) * tone + self.contrast * tone * tone * (3 - 2 * tone)
+
+
+def read_time(picture: Image, *, exposure_ns: int, row_time_ns: float) -> float:
+    """Return when the exposure of a picture's first row began, in ns within CYCLE_NS, by its LEDs' light.
+
+    Raises PanelNotFoundError where the picture tells no time.
+    """
+    read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+    return (read.at_row(0.0)[0] - exposure_ns / 2) % CYCLE_NS
+
+
+def difference_ns(one_ns: float, other_ns: float) -> float:
+    """Return `one` minus `other`, both within CYCLE_NS, as the nearest of what it can be."""
+    return nearest_ns(one_ns - other_ns, CYCLE_NS)

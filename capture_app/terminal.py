@@ -103,6 +103,17 @@ def print_json_line(value: Any) -> None:
     click.echo(terminal_json(value))
 
 
+def answer(as_json: bool, value: Any, *lines: str, said: str = "") -> None:
+    """Print a result as one JSON object, or as lines on stdout, with what is `said` of it on stderr."""
+    if as_json:
+        print_json(value)
+        return
+    for line in lines:
+        print_line(line)
+    if said:
+        talk(said)
+
+
 def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table on stdout, columns of numbers to the right; without lines and colours in a file."""
     from rich import box

@@ -11,7 +11,7 @@ from capture_app.commands.camera_measurements import calibrate_time, characteriz
 from capture_app.commands.options import leader_option
 from capture_app.errors import BadInputError
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import answer, json_option, print_json, print_line, print_table, talk
 from capture_app.text import count, duration, megabytes
 from capture_app.usage import examples
 
@@ -172,11 +172,7 @@ def add(
         if name is not None:
             raise click.UsageError("--name is for one camera, not with --simulated")
         names = asyncio.run(give_order(leader, AddSimulated(cameras=simulated or 1, scene=scene)))
-    if as_json:
-        print_json({"added": names})
-    else:
-        for one in names:
-            print_line(one)
+    answer(as_json, {"added": names}, *names)
 
 
 @cameras.command(epilog=examples("capture-app cameras remove cam0"))
@@ -189,10 +185,7 @@ def remove(name: str, leader: Address, as_json: bool) -> None:
     from capture_app.node.wire.operating import RemoveCamera
 
     asyncio.run(give_order(leader, RemoveCamera(name=name)))
-    if as_json:
-        print_json({"removed": name})
-    else:
-        talk(f"removed {name}")
+    answer(as_json, {"removed": name}, said=f"removed {name}")
 
 
 @cameras.command(epilog=examples("capture-app cameras show cam0"))

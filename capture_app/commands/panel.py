@@ -13,6 +13,7 @@ from capture_app.errors import SimulshotError
 from capture_app.panel.screen import DEFAULT_PORT, PageServer
 from capture_app.terminal import (
     FiniteRange,
+    answer,
     json_option,
     print_json,
     print_line,
@@ -232,10 +233,7 @@ def _save(file: Path, page: bytes, as_json: bool) -> None:
         file.write_bytes(page)
     except OSError as error:
         raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
-    if as_json:
-        print_json({"file": str(file)})
-    else:
-        print_line(str(file))
+    answer(as_json, {"file": str(file)}, str(file))
 
 
 async def _serve(server: PageServer, as_json: bool) -> None:
@@ -244,10 +242,7 @@ async def _serve(server: PageServer, as_json: bool) -> None:
     host, port = server.server_name, server.server_port
     outside = host in ANY_HOST
     url = f"http://{Address(reachable_host(host, server.socket.family), port)}/"
-    if as_json:
-        print_json({"url": url})
-    else:
-        print_line(url)
+    answer(as_json, {"url": url}, url)
     if outside and sys.stderr.isatty():
         import segno
 
@@ -301,14 +296,10 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     if panel.is_screen:
         raise BadInputError(f"{name} is a screen's", hint="capture-app panel show draws it")
     files = write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)
-    if as_json:
-        print_json(
-            {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": [str(file) for file in files]}
-        )
-        return
-    for file in files:
-        print_line(str(file))
-    talk(f"begin with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %")
+    paths = [str(file) for file in files]
+    told = {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths}
+    begin = f"begin with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %"
+    answer(as_json, told, *paths, said=begin)
 
 
 @click.group(epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"))

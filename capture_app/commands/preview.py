@@ -9,7 +9,7 @@ import click
 from capture_app.commands.options import leader_option
 from capture_app.errors import IncompleteError, NetworkError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.terminal import FiniteRange, answer, json_option
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -46,11 +46,8 @@ def preview(camera: str, out: Path | None, width: int, wait_s: float, leader: Ad
         path.write_bytes(seen.jpeg)
     except OSError as error:
         raise SimulshotError(f"cannot write {path}: {error.strerror}") from error
-    if as_json:
-        facts = {"camera": seen.camera, "leader_ns": seen.leader_ns}
-        print_json({**facts, "width": seen.width, "height": seen.height, "file": str(path)})
-    else:
-        print_line(str(path))
+    facts = {"camera": seen.camera, "leader_ns": seen.leader_ns, "width": seen.width, "height": seen.height}
+    answer(as_json, facts | {"file": str(path)}, str(path))
 
 
 async def _next_preview(leader: Address, camera: str, width: int, wait_s: float) -> "Preview":

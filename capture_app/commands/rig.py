@@ -14,7 +14,7 @@ from capture_app.commands.options import (
     sessions_option,
 )
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import answer, json_option, print_json, print_table, talk
 from capture_app.usage import examples
 
 
@@ -38,11 +38,8 @@ def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...],
     from capture_app.rig_process import start_rig
 
     started = asyncio.run(start_rig(sessions=sessions, host=host, port=port, cameras=cameras))
-    if as_json:
-        print_json(started)
-        return
-    print_line(started.leader)
-    talk(f"it runs until: capture-app rig stop --leader {started.leader}")
+    until = f"it runs until: capture-app rig stop --leader {started.leader}"
+    answer(as_json, started, started.leader, said=until)
 
 
 @rig.command(
@@ -76,7 +73,4 @@ def stop(leader: Address, as_json: bool) -> None:
     from capture_app.node.wire.operating import StopRig
 
     asyncio.run(give_order(leader, StopRig()))
-    if as_json:
-        print_json({"stopped": str(leader)})
-    else:
-        talk(f"{leader} stops")
+    answer(as_json, {"stopped": str(leader)}, said=f"{leader} stops")

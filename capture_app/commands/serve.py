@@ -8,7 +8,7 @@ import click
 
 from capture_app.commands.options import ADDRESS, attached_sessions_option, run_until_stopped
 from capture_app.net.address import LOOPBACK_HOSTS, Address
-from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.terminal import answer, json_option, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -49,10 +49,8 @@ async def _serve(rig: "AttachedRig", host: str, port: int, as_json: bool) -> Non
 
     with bind_page(host, port) as listening:
         server = PageServer(rig, listening)
-        if as_json:
-            print_json({"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)})
-        else:
-            print_line(server.public_url)
+        told = {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)}
+        answer(as_json, told, server.public_url)
         who = "whoever uses this machine" if host in LOOPBACK_HOSTS else "whoever reaches it from the network"
         talk(f"the page shows the rig {rig.leader}; {who} controls the rig; Ctrl-C ends the page")
         await server.run()

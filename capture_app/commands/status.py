@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     from capture_app.node.wire.status import NodeStatus, RigStatus
 
+NO_TIME = "-"
+_OPTIONAL = ("apart µs", "stamps µs")
+
 
 @click.command(epilog=examples("capture-app status", "capture-app status --leader 192.168.1.20 --watch"))
 @leader_option
@@ -104,13 +107,9 @@ def _print_rig(rig: "RigStatus") -> None:
 
 def _print_nodes(nodes: "Sequence[NodeStatus]") -> None:
     rows = [_node_row(node) for node in nodes]
-    if all(node.relative_uncertainty_ns is None for node in nodes):
-        for row in rows:
-            del row["apart µs"]
-    if all(_stamp_error_ns(node) is None for node in nodes):
-        for row in rows:
-            del row["stamps µs"]
-    print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
+    # What no node of a rig has is no column.
+    shown = [name for name in rows[0] if name not in _OPTIONAL or any(row[name] != NO_TIME for row in rows)]
+    print_table(shown, [[row[name] for name in shown] for row in rows])
 
 
 def _phone_rows(rig: "RigStatus") -> list[tuple[str, ...]]:
@@ -151,4 +150,4 @@ def _stamp_error_ns(node: "NodeStatus") -> int | None:
 
 
 def _microseconds(time_ns: int | None) -> str:
-    return "-" if time_ns is None else f"{time_ns / 1000:.1f}"
+    return NO_TIME if time_ns is None else f"{time_ns / 1000:.1f}"

@@ -16,7 +16,7 @@ from capture_app.commands.joining import (
 from capture_app.commands.options import ADDRESS, leader_option
 from capture_app.errors import UnknownMachineError
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import answer, json_option, print_json, print_line, print_table, talk
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import show_code
 from capture_app.trust.trust import Trust
@@ -70,10 +70,8 @@ def list_command(as_json: bool) -> None:
 def add(pin: str, role: Role, name: str, as_json: bool) -> None:
     """Let the machine of PIN join here, without a code. `capture-app trust list` there shows its pin."""
     machine = _trust().known.add(pin, Role(role), name=name)
-    if as_json:
-        print_json({"pin": machine.pin, "name": machine.name, "roles": machine.roles})
-    else:
-        talk(f"{machine.name} is known from now on, as {' and '.join(machine.roles)}")
+    told = {"pin": machine.pin, "name": machine.name, "roles": machine.roles}
+    answer(as_json, told, said=f"{machine.name} is known from now on, as {' and '.join(machine.roles)}")
 
 
 @trust.command(epilog=examples("capture-app trust remove garage-pi"))
@@ -82,10 +80,8 @@ def add(pin: str, role: Role, name: str, as_json: bool) -> None:
 def remove(machine: str, as_json: bool) -> None:
     """Take MACHINE off, by its name or the beginning of its pin; what it has open is broken off."""
     removed = _trust().known.remove(machine)
-    if as_json:
-        print_json({"removed": removed.name, "pin": removed.pin})
-    else:
-        talk(f"{removed.name} is not known any more")
+    told = {"removed": removed.name, "pin": removed.pin}
+    answer(as_json, told, said=f"{removed.name} is not known any more")
 
 
 @trust.command(epilog=examples("capture-app trust invite", "capture-app trust invite --as operator"))

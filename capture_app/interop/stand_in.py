@@ -8,6 +8,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.interop.app_protocol import (
     ALIGNED_NS,
     CALL_PORT,
@@ -29,7 +30,7 @@ OVERHEAD_NS, MIN_EXPOSURE_NS, TRIES, TRY_EVERY_NS = 200_000, 33_370_000, 5, 400_
 PIXEL = SensorProfile(
     name="pixel-3",
     model="stand-in for a Pixel 3 with libsoftwaresync",
-    phase_control="injection",
+    phase_control=PhaseControl.INJECTION,
     row_time_ns=10_000,
     frame_length_rows=PERIOD_NS // 10_000,
     margin_rows=20,

@@ -7,7 +7,6 @@ frame is held for `injection_gain` frames, as measured on real sensors; of a gai
 
 from dataclasses import dataclass, replace
 from math import floor
-from typing import Literal
 
 from msgspec import structs
 
@@ -21,7 +20,7 @@ class SensorProfile:
 
     name: str
     model: str
-    phase_control: Literal["frame-duration", "injection", "reset", "none"]
+    phase_control: PhaseControl
     row_time_ns: int
     frame_length_rows: int
     """Frame length at short exposures, blanking included: the period in rows."""
@@ -88,14 +87,14 @@ class SensorProfile:
     @property
     def min_frame_duration_ns(self) -> int | None:
         """Shortest time that a frame can be made to last; None where durations cannot be set."""
-        if self.phase_control != "frame-duration":
+        if self.phase_control is not PhaseControl.FRAME_DURATION:
             return None
         return (self.min_frame_rows or self.frame_length_rows) * self.row_time_ns
 
     @property
     def max_frame_duration_ns(self) -> int | None:
         """Longest time that a frame can be made to last; None where durations cannot be set."""
-        if self.phase_control != "frame-duration":
+        if self.phase_control is not PhaseControl.FRAME_DURATION:
             return None
         return (self.max_frame_rows or 4 * self.frame_length_rows) * self.row_time_ns
 
@@ -135,7 +134,7 @@ class SensorProfile:
 _PHONE_A = SensorProfile(
     name="phone-a",
     model="Simulated phone A",
-    phase_control="injection",
+    phase_control=PhaseControl.INJECTION,
     row_time_ns=10_840,
     frame_length_rows=3075,
     margin_rows=19,
@@ -161,7 +160,7 @@ _MODELS = (
     SensorProfile(
         name="pi",
         model="Simulated Raspberry Pi camera",
-        phase_control="frame-duration",
+        phase_control=PhaseControl.FRAME_DURATION,
         row_time_ns=11_111,
         frame_length_rows=3000,
         margin_rows=4,
@@ -175,7 +174,7 @@ _MODELS = (
     SensorProfile(
         name="webcam",
         model="Simulated USB webcam",
-        phase_control="reset",
+        phase_control=PhaseControl.RESET,
         row_time_ns=10_250,
         frame_length_rows=3252,
         margin_rows=8,
@@ -189,7 +188,7 @@ _MODELS = (
     SensorProfile(
         name="perfect",
         model="Simulated perfect camera",
-        phase_control="injection",
+        phase_control=PhaseControl.INJECTION,
         row_time_ns=11_111,
         frame_length_rows=3000,
         margin_rows=0,
@@ -225,7 +224,7 @@ def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
         pixel_format="JPEG",
         period_ns=profile.period_ns,
         timestamp_source=TimestampSource.START_OF_EXPOSURE,
-        phase_control=PhaseControl(profile.phase_control),
+        phase_control=profile.phase_control,
         row_time_ns=profile.row_time_ns,
         exposure_ns=profile.whole_rows(profile.exposure_ns) * profile.row_time_ns,
         min_exposure_ns=profile.min_exposure_ns,

@@ -6,6 +6,7 @@ Pure: true times in ns go in and come out, all randomness comes from the generat
 import random
 from dataclasses import dataclass, replace
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.errors import CameraError
 from capture_app.simulation.profiles import SensorProfile
 
@@ -100,7 +101,7 @@ class Sensor:
         The exposure is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
         one frame each. Raises CameraError where the sensor cannot inject or does not stream.
         """
-        if self.profile.phase_control != "injection":
+        if self.profile.phase_control is not PhaseControl.INJECTION:
             raise CameraError(
                 f"a simulated {self.profile.name} cannot inject frames", hint="restart its stream"
             )

@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.simulation.rendering import layers as moving
-from capture_app.simulation.rendering import layers as still
-from capture_app.simulation.rendering.layers import SUBPIXELS, MovingPart, StillLayer, View, look_at
+from capture_app.simulation.rendering.layers import (
+    SUBPIXELS,
+    MovingPart,
+    StillLayer,
+    View,
+    cast_depth,
+    find_visible,
+    light_changes,
+    look_at,
+    moving_parts,
+    still_layers,
+)
 from capture_app.simulation.rendering.lighting import OpenSky, sun_direction
 from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.scenes import moving_bodies, stages, studio
@@ -94,9 +103,7 @@ class Scene:
         for number, (layer, offset_ns) in enumerate(_samples(layers, repeats, exposure_ns)):
             parts = self._parts(camera, start_ns + offset_ns, row_time_ns)
             to_sun = sun_direction(number, repeats * len(layers))
-            pixels, change = moving.light_changes(
-                camera, layer, list(parts.values()), self._room, self._sky, to_sun
-            )
+            pixels, change = light_changes(camera, layer, list(parts.values()), self._room, self._sky, to_sun)
             flat[pixels] += change
         light /= repeats * len(layers)
         number = list(self.views).index(view)
@@ -115,14 +122,14 @@ class Scene:
         directions = camera.directions()
         with self._lock:
             if view not in self._still_depth:
-                self._still_depth[view] = still.cast_depth(camera, self._room, directions)
+                self._still_depth[view] = cast_depth(camera, self._room, directions)
             still_depth, still_things = self._still_depth[view]
         depth = np.where(still_depth > 0, still_depth, np.inf).astype(np.float32)
         things = still_things.copy()
         movers_mask = np.zeros(depth.shape, np.bool_)
         parts = self._parts(camera, start_ns + exposure_ns // 2, row_time_ns)
         numbers = {id(part): self._thing_of[name] for name, part in parts.items()}
-        for seen in moving.find_visible(camera, directions, depth, parts.values()):
+        for seen in find_visible(camera, directions, depth, parts.values()):
             things.reshape(-1)[seen.pixels] = numbers[id(seen.part)]
             movers_mask.reshape(-1)[seen.pixels] = True
         depth[~np.isfinite(depth)] = 0
@@ -149,7 +156,7 @@ class Scene:
     def _layers(self, view: View) -> list[StillLayer]:
         with self._lock:
             if view.name not in self._still:
-                layers = still.still_layers(view, self._room, self._samples)
+                layers = still_layers(view, self._room, self._samples)
                 self._still_light[view.name] = np.sum([x.from_sky + x.from_sun for x in layers], axis=0)
                 self._still[view.name] = layers
             return self._still[view.name]
@@ -157,7 +164,7 @@ class Scene:
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
         times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
         seconds = moving_bodies.cycle_seconds(times_ns)
-        return moving.moving_parts(view, self._bodies, self._stage.poses(seconds))
+        return moving_parts(view, self._bodies, self._stage.poses(seconds))
 
 
 def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:

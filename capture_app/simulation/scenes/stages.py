@@ -11,7 +11,6 @@ import numpy as np
 
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.simulation.scenes import materials, moving_bodies, studio
-from capture_app.simulation.scenes import moving_bodies as poses
 from capture_app.simulation.scenes.definition import Point, SceneDefinition
 from capture_app.simulation.scenes.materials import Colour, Picture
 from capture_app.simulation.scenes.meshes import box, panel, turn
@@ -71,7 +70,7 @@ REACH_M = (0.31, 0.27, 0.07)
 """How far the board is moved to either side, up and down, and to and from the cameras."""
 TILT_RAD = (0.50, 0.62, 0.20)
 """How far it is turned about x, y and z."""
-CYCLE_S = poses.CYCLE_NS / 1e9
+CYCLE_S = moving_bodies.CYCLE_NS / 1e9
 TIMES_A_CYCLE = {"right": 9, "down": 5, "away": 4, "x": 11, "y": 13, "z": 7}
 """Whole numbers, none a multiple of another, so that places and tilts mix."""
 
@@ -110,7 +109,7 @@ HELD_BOARD = SceneDefinition(
 """The studio without the child, whose cameras see the board from all sides."""
 
 
-_X, _Y, _Z = poses.WHEEL_HUB
+_X, _Y, _Z = moving_bodies.WHEEL_HUB
 _WALL_Z = _Z + 0.95
 
 
@@ -148,6 +147,6 @@ PINWHEEL = SceneDefinition(
     pictures=_pinwheel_pictures,
     fixtures=_fixtures,
     parts=lambda: {name: part for name, part in moving_bodies.parts().items() if part.thing == "pinwheel"},
-    poses=poses.turning_wheel,
+    poses=moving_bodies.turning_wheel,
 )
 """A pinwheel that fills the pictures."""

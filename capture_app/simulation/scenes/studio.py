@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 
 from capture_app.simulation.scenes import materials, moving_bodies
-from capture_app.simulation.scenes import moving_bodies as poses
 from capture_app.simulation.scenes.definition import SceneDefinition
 from capture_app.simulation.scenes.materials import (
     WARM,
@@ -344,6 +343,6 @@ DEFINITION = SceneDefinition(
     pictures=lambda rng: moving_bodies.pictures(rng) | pictures(rng),
     fixtures=fixtures,
     parts=moving_bodies.parts,
-    poses=lambda seconds: poses.jumping_child(seconds) | poses.turning_wheel(seconds),
+    poses=lambda seconds: moving_bodies.jumping_child(seconds) | moving_bodies.turning_wheel(seconds),
 )
 """A room in which a child jumps and a pinwheel turns."""

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 from benchmarks.simulated.wifi_laws import LognormalDelay
+from capture_app.camera_facts import PhaseControl
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.links import Link, TroubleSpells
 from capture_app.simulation.profiles import PROFILES
@@ -108,7 +109,7 @@ def test_a_burst_is_taken_while_a_node_still_asks_on() -> None:
 
 
 def test_a_camera_that_cannot_move_its_frames_says_where_they_lie() -> None:
-    fixed = replace(PROFILES["perfect"], phase_control="none")
+    fixed = replace(PROFILES["perfect"], phase_control=PhaseControl.NONE)
     specs = [spec("cam0", LAN, 60_000), replace(spec("cam1", LAN, 60_000), start_true_ns=7 * MS)]
     rig = VirtualRig([replace(one, profile=fixed) for one in specs], seed=4)
     assert rig.run_until(rig.all_ready, limit_ns=20 * S)

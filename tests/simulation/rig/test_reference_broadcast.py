@@ -7,6 +7,7 @@ from itertools import combinations
 import pytest
 
 from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
+from capture_app.camera_facts import PhaseControl
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.links import GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES
@@ -17,7 +18,7 @@ from capture_app.sync.wire.messages import AgreedArrival, ArrivalReport, Beacon,
 from tests.simulation.rig.rigs import S, checked_error_ns
 
 US = 1_000
-CAMERA = replace(PROFILES["perfect"], phase_control="none", frame_length_rows=10_000)
+CAMERA = replace(PROFILES["perfect"], phase_control=PhaseControl.NONE, frame_length_rows=10_000)
 """Ten frames a second, wherever they fall: only the clocks are looked at."""
 WAYS_US = ((300, 700), (800, 400), (500, 500), (600, 450))
 """Least delays to and from the leader: what no exchange can see is half their difference."""

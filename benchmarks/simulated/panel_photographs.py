@@ -43,7 +43,7 @@ class HandheldPhotograph(Photograph):
         if self.response_ns:
             moments = moments - rng.exponential(self.response_ns, moments.shape)
         late = np.array([self._late(lamp.x, lamp.y) for lamp in self.panel.lamps])[lamps, None]
-        return np.floor(moments * (1 + self.rate_error) / self.panel.tick_ns - late)
+        return np.asarray(np.floor(moments * (1 + self.rate_error) / self.panel.tick_ns - late))
 
     def _late(self, x: float, y: float) -> float:
         """Refreshes by which a screen shows a place of the panel later than the middle of it."""

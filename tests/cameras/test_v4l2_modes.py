@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import pytest
 
+from capture_app.cameras.v4l2 import driver
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
 from capture_app.cameras.v4l2.driver_errors import driver_error
@@ -133,26 +134,32 @@ def test_a_regular_file_is_not_opened(tmp_path: Path) -> None:
     assert list_cameras(tmp_path) == []
 
 
-def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path: Path) -> None:
+def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def denied(_path: str) -> NoReturn:
         raise PermissionError(errno.EACCES, "Permission denied")
 
     for name in ("video10", "video2", "videox"):
         Path(tmp_path, name).touch()
-    found = list_cameras(tmp_path, denied)
+    monkeypatch.setattr(driver, "open_video_node", denied)
+    found = list_cameras(tmp_path)
     assert [Path(listing.spec).name for listing in found] == ["video2", "video10"]
     assert all("group `video`" in listing.detail and not listing.usable for listing in found)
 
 
-def test_a_camera_is_listed_with_its_modes(tmp_path: Path) -> None:
+def test_a_camera_is_listed_with_its_modes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Path(tmp_path, "video0").touch()
-    (found,) = list_cameras(tmp_path, lambda _path: FickleDevice(MJPG, 30))
+    monkeypatch.setattr(driver, "open_video_node", lambda _path: FickleDevice(MJPG, 30))
+    (found,) = list_cameras(tmp_path)
     assert (found.spec, found.model) == (f"v4l2:{tmp_path}/video0", "Fake camera")
     assert (found.detail, found.usable) == ("MJPG 640x480 at 30, 15 fps", True)
 
 
 @pytest.mark.parametrize(("busy", "opens"), [(3, True), (99, False)])
-def test_a_camera_that_wakes_up_is_tried_again(busy: int, opens: bool) -> None:
+def test_a_camera_that_wakes_up_is_tried_again(
+    busy: int, opens: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     answers = [OSError(errno.EBUSY, "Device or resource busy")] * busy
 
     webcam = FickleDevice(MJPG, 30)
@@ -162,12 +169,14 @@ def test_a_camera_that_wakes_up_is_tried_again(busy: int, opens: bool) -> None:
             raise answers.pop()
         return webcam
 
-    null = os.major(Path("/dev/null").stat().st_rdev)
+    monkeypatch.setattr(driver, "VideoDevice", device)
+    monkeypatch.setattr(driver, "VIDEO4LINUX_MAJOR", os.major(Path("/dev/null").stat().st_rdev))
+    monkeypatch.setattr(driver, "WAKING_PAUSE_S", 0.0)
     if opens:
-        assert open_video_node("/dev/null", open_device=device, major=null, pause_s=0.0) is webcam
+        assert open_video_node("/dev/null") is webcam
     else:
         with pytest.raises(OSError, match="busy"):
-            open_video_node("/dev/null", open_device=device, major=null, pause_s=0.0)
+            open_video_node("/dev/null")
 
 
 def test_the_period_is_the_one_the_driver_took() -> None:

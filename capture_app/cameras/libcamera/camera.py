@@ -178,8 +178,7 @@ class LibcameraCamera(Camera):
             controls,
             period_us=period_us,
             clock=self._clock,
-            on_frame=self._receive,
-            on_failure=lambda why: self._fail(CameraError(f"{self.id} does not answer any more: {why}")),
+            on_news=self._receive,
         )
         self._stream.keep(first_exposure(controls, self._wishes))
 
@@ -303,7 +302,10 @@ class LibcameraCamera(Camera):
 
     # Frames
 
-    def _receive(self, frame: FinishedFrame) -> None:
+    def _receive(self, frame: FinishedFrame | RuntimeError) -> None:
+        if isinstance(frame, RuntimeError):
+            self._fail(CameraError(f"{self.id} does not answer any more: {frame}"))
+            return
         if frame.stamp_ns is None:
             self._fail(CameraError(f"{self.id} stamps its frames in no clock of this machine"))
             return

@@ -57,24 +57,22 @@ _FOREIGN_NS = 60_000_000_000
 
 
 class StampClock:
-    """Brings stamps into the monotonic clock; both clocks can be others in a test."""
+    """Brings stamps into the monotonic clock."""
 
-    def __init__(
-        self,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        boot_ns: Callable[[], int] = lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME),
-    ) -> None:
-        self._monotonic_ns, self._boot_ns = monotonic_ns, boot_ns
-        self._asleep_ns = 0
+    _asleep_ns = 0
 
     def now_ns(self) -> int:
         """The monotonic clock now."""
-        return self._monotonic_ns()
+        return time.monotonic_ns()
+
+    def boot_ns(self) -> int:
+        """The clock now that runs on while the machine sleeps."""
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def monotonic_of(self, stamp_ns: int) -> int | None:
         """The time in ns of a stamp that has just come; None where it is of another clock."""
-        now_ns = self._monotonic_ns()
-        asleep_ns = self._boot_ns() - now_ns
+        now_ns = self.now_ns()
+        asleep_ns = self.boot_ns() - now_ns
         if abs(asleep_ns - self._asleep_ns) > _NOISE_NS:
             self._asleep_ns = asleep_ns
         by_boot_ns = stamp_ns - self._asleep_ns
@@ -119,15 +117,16 @@ class RequestStream:
         *,
         period_us: int,
         clock: StampClock,
-        on_frame: Callable[[FinishedFrame], None],
-        on_failure: Callable[[str], None],
+        on_news: Callable[[FinishedFrame | RuntimeError], None],
     ) -> None:
-        """Allocate its buffers; `on_frame` and `on_failure` are called on the loop the library listens on.
+        """Allocate its buffers; `on_news` is called with each frame, or with why there are no more.
+
+        It is called on the loop that the library listens on.
 
         Raises RuntimeError of the library, OSError.
         """
         self._library, self._camera, self._clock = library, camera, clock
-        self._on_frame, self._on_failure = on_frame, on_failure
+        self._on_news = on_news
         self._controls = controls
         self._buffers = MappedBuffers(library.module, camera, stream, layout)
         self._requests = [library.new_request(camera, self._finish) for _ in self._buffers.buffers]
@@ -208,6 +207,6 @@ class RequestStream:
         try:
             self._camera.queue_request(request)
         except RuntimeError as error:
-            self._on_failure(str(error))
+            self._on_news(error)
             return
-        self._on_frame(frame)
+        self._on_news(frame)

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,12 +87,10 @@ STALL_NS = 500_000_000
 class ReplayCamera(Camera):
     """Plays a recording in the host's monotonic clock; a task waits for each frame's time."""
 
-    def __init__(self, recording: "Recording", now_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        """`now_ns` reads the host's monotonic clock."""
+    def __init__(self, recording: "Recording") -> None:
         from capture_app.cameras.replay.recordings import Playback  # heavy, as above
 
         self._recording = recording
-        self._now_ns = now_ns
         self._playback = Playback(
             recording.timing, anchored=recording.facts.phase_control is PhaseControl.NONE
         )
@@ -113,14 +111,14 @@ class ReplayCamera(Camera):
         if self._playing is not None:
             raise CameraError(f"the replay of {self.facts.model} was started already")
         self.listen(on_frame, on_failure)
-        self._play_from(self._now_ns())
+        self._play_from(time.monotonic_ns())
 
     async def apply(self, command: CameraCommand) -> None:
         """Let the next frame last longer or shorter, or begin a new stream; its delay counts from this call.
 
         Raises CameraError where it does not play, and for what no recording can do.
         """
-        asked_ns = self._now_ns()
+        asked_ns = time.monotonic_ns()
         if self._playing is None:
             raise CameraError(f"the replay of {self.facts.model} does not run")
         if self.facts.phase_control is PhaseControl.NONE or isinstance(command, InjectFrame):
@@ -153,7 +151,7 @@ class ReplayCamera(Camera):
             frame = self._playback.next_frame()
             settings = recording.settings(frame.index)
             due_ns = frame.start_ns + (settings.exposure_ns or 0) + readout_ns + DELIVERY_NS
-            if self._now_ns() - due_ns > STALL_NS:
+            if time.monotonic_ns() - due_ns > STALL_NS:
                 await asyncio.sleep(0)
                 continue
             try:
@@ -161,7 +159,7 @@ class ReplayCamera(Camera):
             except (OSError, SimulshotError) as error:
                 self._on_failure(CameraError(f"the replay of {self.facts.model} cannot go on: {error}"))
                 return
-            await asyncio.sleep(max(0, due_ns - self._now_ns()) / 1e9)
+            await asyncio.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
             if picture is None:
                 continue  # its number is missing from the stream: a dropped frame like any other
             self._on_frame(

@@ -4,7 +4,7 @@ import errno
 import os
 import stat
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 
@@ -43,45 +43,37 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
         raise driver_error(path, error) from error
 
 
-def open_video_node(
-    path: str,
-    *,
-    open_device: Callable[[str], VideoDevice] = VideoDevice,
-    major: int = VIDEO4LINUX_MAJOR,
-    pause_s: float = WAKING_PAUSE_S,
-) -> VideoDevice:
+def open_video_node(path: str) -> VideoDevice:
     """Open a node once it is known to be one of Video4Linux: opening others may have effects of its own.
 
     Raises CameraError for another kind of node, OSError of the driver.
     """
     status = Path(path).stat()
-    if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == major):
+    if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == VIDEO4LINUX_MAJOR):
         raise CameraError(f"{path} is not a camera", hint="`capture-app cameras` lists the cameras")
     for _ in range(WAKING_TRIES - 1):
         try:
-            return open_device(path)
+            return VideoDevice(path)
         except OSError as error:
             if error.errno != errno.EBUSY:
                 raise
             # A USB camera that sleeps answers so while its hub wakes up; uvcvideo never means "in use" here.
-            time.sleep(pause_s)
-    return open_device(path)
+            time.sleep(WAKING_PAUSE_S)
+    return VideoDevice(path)
 
 
-def list_cameras(
-    folder: Path = Path("/dev"), open_node: Callable[[str], VideoDevice] = open_video_node
-) -> list[CameraListing]:
+def list_cameras(folder: Path = Path("/dev")) -> list[CameraListing]:
     """The V4L2 cameras of this machine in the order of their numbers, with those that cannot be used."""
     nodes = [node for node in folder.glob("video*") if node.name[5:].isdecimal()]
     ordered = sorted(nodes, key=lambda node: int(node.name[5:]))
-    return [listing for node in ordered for listing in _listings(node, open_node)]
+    return [listing for node in ordered for listing in _listings(node)]
 
 
-def _listings(node: Path, open_node: Callable[[str], VideoDevice]) -> Iterator[CameraListing]:
+def _listings(node: Path) -> Iterator[CameraListing]:
     """What one node is; nothing where it delivers no pictures."""
     spec = f"v4l2:{node}"
     try:
-        with closing(open_node(str(node))) as device:
+        with closing(open_video_node(str(node))) as device:
             capability = device.capability()
             check_capture(str(node), capability)
             detail = ", ".join(map(str, offered_modes(device)))

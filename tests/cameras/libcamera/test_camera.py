@@ -259,7 +259,15 @@ def test_options_are_read() -> None:
 @pytest.mark.parametrize(("stamp_ns", "monotonic_ns"), [(999_000, 999_000), (5_000_000_900_000, 900_000)])
 def test_stamps_of_either_clock_are_brought_into_the_monotonic_one(stamp_ns: int, monotonic_ns: int) -> None:
     slept_ns = 5_000_000_000_000
-    clock = StampClock(lambda: 1_000_000, lambda: 1_000_040 + slept_ns)
+
+    class Slept(StampClock):
+        def now_ns(self) -> int:
+            return 1_000_000
+
+        def boot_ns(self) -> int:
+            return 1_000_040 + slept_ns
+
+    clock = Slept()
     found_ns = clock.monotonic_of(stamp_ns)
     assert found_ns is not None
     assert abs(found_ns - monotonic_ns) <= 40

@@ -4,6 +4,7 @@ from textual.app import App
 from textual.widgets import Static
 
 from capture_app.tui.question import Answer, Question, TextQuestion
+from tests.tui.driving import settle
 
 ANSWERS = (Answer("keep", "k", "Keep both"), Answer("trash", "t", "Trash the earlier one"))
 
@@ -51,7 +52,7 @@ async def test_a_key_pressed_twice_gives_one_answer() -> None:
             await pilot.pause()
             for _ in range(3):
                 app.simulate_key(key)
-            await pilot.pause()
+            await settle(pilot)  # all three have come through, before the app ends
             assert len(app.answers) == 1
             assert app.screen is not app.question
 

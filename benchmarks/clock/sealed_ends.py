@@ -90,7 +90,7 @@ async def follow(host: str, port: int, trial: int, grant: Grant | None) -> dict[
     """Join, learn the time and take bursts; return how far off it was, in us."""
     clock, samples = HostClock(), list[ClockSample]()
     config = ClientConfig(name_of(trial), trial, FACTS, 100_000)
-    client: Client[None] = Client(config, random.Random(trial), on_sample=samples.append)
+    client: Client[None] = Client(config, random.Random(trial), samples=samples)
     engine, leader = Failover(client, ((host, port),)), (host, port)
     sealed = SealedClient(engine)
     if grant is not None:

@@ -148,12 +148,15 @@ class _Delays:
     """True one-way times in ns of the client's messages, both ways."""
 
     clock: SimulatedClock
-    to_leader_ns: list[int] = field(default_factory=list)
-    to_client_ns: list[int] = field(default_factory=list)
+    samples: list[ClockSample] = field(default_factory=list)
 
-    def add(self, sample: ClockSample) -> None:
-        self.to_leader_ns.append(sample.t1_ns - self.clock.true_from_local(sample.t0_ns))
-        self.to_client_ns.append(self.clock.true_from_local(sample.t3_ns) - sample.t2_ns)
+    @property
+    def to_leader_ns(self) -> list[int]:
+        return [sample.t1_ns - self.clock.true_from_local(sample.t0_ns) for sample in self.samples]
+
+    @property
+    def to_client_ns(self) -> list[int]:
+        return [self.clock.true_from_local(sample.t3_ns) - sample.t2_ns for sample in self.samples]
 
 
 def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: bool = False) -> Trial:
@@ -172,7 +175,7 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
     rig = VirtualRig(
         [
             replace(leader_spec, schedule=schedule, any_clock=once),
-            replace(client_spec, schedule=schedule, any_clock=once, on_sample=delays.add),
+            replace(client_spec, schedule=schedule, any_clock=once, samples=delays.samples),
         ],
         seed=rng.getrandbits(32),
     )
@@ -180,8 +183,7 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
     began_ns, before = 0, (0, 0)
     if protocol.anew:
         began_ns, before = rig.now_true_ns, _corrections(rig)
-        delays.to_leader_ns.clear()
-        delays.to_client_ns.clear()
+        delays.samples.clear()
         for node in rig.nodes.values():
             period_ns = node.spec.profile.period_ns
             node.sensor.inject(period_ns + rng.randrange(LEAST_STRETCH_NS, period_ns), rig.now_true_ns)

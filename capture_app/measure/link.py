@@ -73,7 +73,7 @@ class LinkClient:
         if pace_ns is not None:
             schedule = SteadySchedule(first_pace_ns=pace_ns, easing_paces_ns=(), pace_ns=pace_ns)
         instance = rng.getrandbits(32)
-        self.timekeeper = Timekeeper(rng.getrandbits(31), schedule, on_sample=self.samples.append)
+        self.timekeeper = Timekeeper(rng.getrandbits(31), schedule, samples=self.samples)
         self.client = TimeClient(f"link-{instance:08x}", instance, self.timekeeper)
         self._messages = messages
         self._joined_s = 0.0

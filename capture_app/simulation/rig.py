@@ -5,7 +5,7 @@ Virtual time: what is to happen is done in the order of its true time, and nothi
 
 import heapq
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -99,7 +99,7 @@ class NodeSpec:
     """Makes the schedule by which it asks for the time."""
     any_clock: bool = False
     """Whether its clock is good enough once its schedule calls it synchronized, however well it is known."""
-    on_sample: Callable[[ClockSample], None] | None = None
+    samples: MutableSequence[ClockSample] | None = None
     """Called with each of its exchanges with the leader."""
 
 
@@ -166,7 +166,7 @@ class VirtualRig:
             ring_ns=60 * spec.profile.period_ns,
             injection_profile=spec.injection_profile,
         )
-        client: Client[SensorFrame] = Client(config, rng, spec.schedule(), on_sample=spec.on_sample)
+        client: Client[SensorFrame] = Client(config, rng, spec.schedule(), samples=spec.samples)
         if spec.any_clock:
             client.time.timekeeper.goal = AccuracyGoal()
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))

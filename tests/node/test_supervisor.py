@@ -58,7 +58,9 @@ class Bench:
 
     has_burst_pending = False
 
-    def frame_arrived(self, stamp: FrameStamp, frame: CapturedFrame, now_ns: int) -> None:
+    def frame_arrived(
+        self, stamp: FrameStamp, frame: CapturedFrame, now_ns: int, size_bytes: int = 0
+    ) -> None:
         self.stamps.append(stamp)
 
     def stream_started(self, now_ns: int) -> None:

@@ -147,8 +147,7 @@ class RigMember:
         self._engine: Client[CapturedFrame] = Client(
             config,
             random.Random(secrets.randbits(64)),
-            on_sample=self._samples.append,
-            size_of=lambda frame: frame.picture.held_bytes,
+            samples=self._samples,
         )
         self._failover = Failover(self._engine, peers)
         self._sealed = None if options.trust.is_open else SealedClient(self._failover)

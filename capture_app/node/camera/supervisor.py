@@ -339,7 +339,7 @@ class CameraSupervisor:
         self._last_stream = self._streams_before + frame.stream
         stamp = FrameStamp(frame.sequence, self._last_stream, frame.timestamp_ns)
         self._engine_ns = self._options.clock.now_ns()
-        self._engine.frame_arrived(stamp, frame, self._engine_ns)
+        self._engine.frame_arrived(stamp, frame, self._engine_ns, frame.picture.held_bytes)
         self._turn()
         if self._viewfinder is not None:
             self._viewfinder.add_frame(frame)

@@ -2,7 +2,7 @@
 
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import MutableSequence
 from dataclasses import replace
 from typing import Generic, TypeVar
 
@@ -41,12 +41,11 @@ class Client(Generic[F]):
         rng: random.Random,
         schedule: PollSchedule | None = None,
         *,
-        on_sample: Callable[[ClockSample], None] | None = None,
-        size_of: Callable[[F], int] = lambda _: 0,
+        samples: MutableSequence[ClockSample] | None = None,
     ) -> None:
         """`schedule` says when it asks for the time; the default is that of `SteadySchedule`.
 
-        `on_sample` is called with every exchange with the leader; `size_of` tells a frame's bytes in memory.
+        Every exchange with the leader is added to `samples`.
         """
         self.config = config
         self._phase_loop = PhaseLoop(config, rng)
@@ -57,7 +56,7 @@ class Client(Generic[F]):
             Timekeeper(
                 rng.getrandbits(32),
                 schedule,
-                on_sample=on_sample,
+                samples=samples,
                 goal=AccuracyGoal.for_tolerance(config.tolerance_ns),
             ),
             config.camera,
@@ -65,7 +64,7 @@ class Client(Generic[F]):
             objection=self._objection,
         )
         """Its membership and its clock."""
-        self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes, size_of)
+        self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
         self.failure = ""
         self.strange_triggers = 0
         """How many triggers came of a leader that is not the one that is followed."""
@@ -163,9 +162,9 @@ class Client(Generic[F]):
         """Take in a datagram of the group that the leader named; of those only its beacons count."""
         self.time.receive_broadcast(data, now_ns)
 
-    def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int) -> None:
-        """Take in the next frame of the stream."""
-        self.ring.add(stamp.timestamp_ns, frame)
+    def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int, size_bytes: int = 0) -> None:
+        """Take in the next frame of the stream, and how much memory it takes."""
+        self.ring.add(stamp.timestamp_ns, frame, size_bytes)
         dropped = self.aligner.add_frame(stamp)
         if dropped:
             self._events.append(FramesDropped(dropped, stamp.sequence))
@@ -288,9 +287,7 @@ class Client(Generic[F]):
         grid, time_map = self._grid, self.time_map
         if grid is None or time_map is None:
             return
-        stamp_error = self.aligner.stamp_error
+        member = self.time.is_member
         self._events.extend(
-            self._bursts.pick_due(
-                self.ring, grid, time_map, now_ns, stamp_error=stamp_error, phase=self.phase
-            )
+            self._bursts.pick_due(self.ring, self._phase_loop, grid, time_map, now_ns, is_member=member)
         )

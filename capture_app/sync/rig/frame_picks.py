@@ -1,17 +1,17 @@
 """A burst's instants in leader time, and the frames a client picks for them."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.stamps import StampError
 
 F = TypeVar("F")
-EXACT_STAMP = StampError()
 
 
 RING_NS = 3_000_000_000
@@ -21,31 +21,26 @@ RING_BYTES = 256_000_000
 class RingBuffer(Generic[F]):
     """Holds the frames of the last `span_ns`, with their timestamps in ns of the local clock.
 
-    They may take `most_bytes` of memory by what `size_of` tells of each; the newest two are kept in any case.
+    They may take `most_bytes` of memory; the newest two are kept in any case.
     """
 
-    def __init__(
-        self,
-        span_ns: int = RING_NS,
-        most_bytes: int = RING_BYTES,
-        size_of: Callable[[F], int] = lambda _: 0,
-    ) -> None:
-        self._span_ns, self._most_bytes, self._size_of = span_ns, most_bytes, size_of
-        self._entries: deque[tuple[int, F]] = deque()
+    def __init__(self, span_ns: int = RING_NS, most_bytes: int = RING_BYTES) -> None:
+        self._span_ns, self._most_bytes = span_ns, most_bytes
+        self._entries: deque[tuple[int, F, int]] = deque()
         self._bytes = 0
 
     def __len__(self) -> int:
         return len(self._entries)
 
-    def add(self, local_ns: int, frame: F) -> None:
+    def add(self, local_ns: int, frame: F, size_bytes: int = 0) -> None:
         """Keep a frame; the oldest go where they are too old, or take too much memory."""
-        self._entries.append((local_ns, frame))
-        self._bytes += self._size_of(frame)
+        self._entries.append((local_ns, frame, size_bytes))
+        self._bytes += size_bytes
         # A clock that was set back leaves frames from its future.
         while len(self._entries) > 2 and (
             abs(local_ns - self._entries[0][0]) > self._span_ns or self._bytes > self._most_bytes
         ):
-            self._bytes -= self._size_of(self._entries.popleft()[1])
+            self._bytes -= self._entries.popleft()[2]
 
     @property
     def oldest_local_ns(self) -> int | None:
@@ -59,7 +54,8 @@ class RingBuffer(Generic[F]):
 
     def nearest(self, local_ns: int) -> tuple[int, F] | None:
         """Return the timestamp and the frame nearest to a local time in ns; the earlier one of a tie."""
-        return min(self._entries, key=lambda entry: abs(entry[0] - local_ns), default=None)
+        nearest = min(self._entries, key=lambda entry: abs(entry[0] - local_ns), default=None)
+        return None if nearest is None else nearest[:2]
 
 
 MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
@@ -148,70 +144,51 @@ def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> 
     return range(first_ns, first_ns + frames * step_ns, step_ns)
 
 
-def pick_frame(
-    ring: RingBuffer[F],
-    time_map: TimeMap,
-    instant: int,
-    instant_ns: int,
-    period_ns: int,
-    *,
-    offset_ns: int = 0,
-    accuracy: StampAccuracy = EXACT_STAMPS,
-    stamp_error: Callable[[int], StampError] = lambda _: EXACT_STAMP,
-) -> Pick[F] | Gap:
-    """Return the frame nearest to an instant, or why there is none within half a period.
+@dataclass(frozen=True, slots=True)
+class FrameTiming:
+    """What tells when a camera's frames were, in leader time."""
 
-    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the pick tells; `accuracy`
-    says how well that is known.
-    `stamp_error` says how far a timestamp is off its stream's line (a stamp may be late though the frame is
-    not), and how well that tells the frame's time.
-    """
-    wanted_ns = time_map.local_from_leader(instant_ns) - offset_ns
+    time_map: TimeMap
+    offset_ns: int = 0
+    """From a frame's timestamp to its aligned moment, which is what a pick tells."""
+    accuracy: StampAccuracy = EXACT_STAMPS
+    """How well that is known."""
+    aligner: Aligner | None = None
+    """Knows how far a timestamp is off its stream's line: a stamp may be late though the frame is not."""
+
+    def pick(self, frame: F, stamp_ns: int, instant: int, instant_ns: int) -> Pick[F]:
+        """Return the pick of a frame for an instant; `stamp_ns` is as the driver told it."""
+        error = StampError() if self.aligner is None else self.aligner.stamp_error(stamp_ns)
+        time_map, accuracy = self.time_map, self.accuracy
+        local_ns = stamp_ns - error.outlier_ns + self.offset_ns
+        leader_ns = time_map.leader_from_local(local_ns)
+        bound_ns = round(time_map.hard_bound_at(local_ns) + error.hard_bound_ns)
+        return Pick(
+            instant,
+            local_ns,
+            leader_ns,
+            residual_ns=leader_ns - instant_ns,
+            uncertainty_ns=round(
+                time_map.uncertainty_at(local_ns) + error.uncertainty_ns + accuracy.uncertainty_ns
+            ),
+            hard_bound_ns=bound_ns if accuracy.is_exact else None,
+            outlier_ns=error.outlier_ns,
+            frame=frame,
+            alignment_offset_ns=self.offset_ns,
+        )
+
+
+def pick_frame(
+    ring: RingBuffer[F], timing: FrameTiming, instant: int, instant_ns: int, period_ns: int
+) -> Pick[F] | Gap:
+    """Return the frame nearest to an instant, or why there is none within half a period."""
+    wanted_ns = timing.time_map.local_from_leader(instant_ns) - timing.offset_ns
     nearest = ring.nearest(wanted_ns)
     if nearest is None:
         return Gap(instant, "the camera gave no frames")
     stamp_ns, frame = nearest
-    pick = timed_pick(
-        frame,
-        stamp_ns,
-        time_map,
-        instant,
-        instant_ns,
-        offset_ns=offset_ns,
-        accuracy=accuracy,
-        error=stamp_error(stamp_ns),
-    )
+    pick = timing.pick(frame, stamp_ns, instant, instant_ns)
     if abs(pick.residual_ns) > period_ns // 2:
         late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
         return Gap(instant, "it had left the ring buffer" if late else DROPPED)
     return pick
-
-
-def timed_pick(
-    frame: F,
-    stamp_ns: int,
-    time_map: TimeMap,
-    instant: int,
-    instant_ns: int,
-    *,
-    offset_ns: int,
-    accuracy: StampAccuracy = EXACT_STAMPS,
-    error: StampError,
-) -> Pick[F]:
-    """Return the pick of a frame with its times by a map; `stamp_ns` is as the driver told it."""
-    local_ns = stamp_ns - error.outlier_ns + offset_ns
-    leader_ns = time_map.leader_from_local(local_ns)
-    bound_ns = round(time_map.hard_bound_at(local_ns) + error.hard_bound_ns) if accuracy.is_exact else None
-    return Pick(
-        instant,
-        local_ns,
-        leader_ns,
-        residual_ns=leader_ns - instant_ns,
-        uncertainty_ns=round(
-            time_map.uncertainty_at(local_ns) + error.uncertainty_ns + accuracy.uncertainty_ns
-        ),
-        hard_bound_ns=bound_ns,
-        outlier_ns=error.outlier_ns,
-        frame=frame,
-        alignment_offset_ns=offset_ns,
-    )

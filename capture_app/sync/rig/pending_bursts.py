@@ -1,24 +1,23 @@
 """The bursts that a client has accepted, until their frames are picked, whether its leader lives or not."""
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from msgspec.structs import replace
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.stamps import PhaseEstimate, StampError
+from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import BurstPicked
 from capture_app.sync.rig.frame_picks import (
     NO_FRAME_OF_ITS_OWN,
+    FrameTiming,
     Gap,
     Pick,
     RingBuffer,
     pick_frame,
-    timed_pick,
 )
-from capture_app.sync.rig.phase_loop import CameraGrid
+from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
 from capture_app.sync.wire.messages import Trigger
 
 F = TypeVar("F")
@@ -124,38 +123,32 @@ class PendingBursts(Generic[F]):
     def pick_due(
         self,
         ring: RingBuffer[F],
+        loop: PhaseLoop,
         grid: CameraGrid,
         time_map: TimeMap,
         now_ns: int,
         *,
-        stamp_error: Callable[[int], StampError],
-        phase: Callable[[int], PhaseEstimate | None],
+        is_member: bool,
     ) -> list[BurstPicked[F]]:
         """Pick the frames of all bursts whose last frame is there, or waited for no longer.
 
-        Spare instants are told after that, each when it is over. `stamp_error` as for `pick_frame`; `phase`
-        tells the stream's at a local time in ns.
+        Spare instants are told after that, each when it is over; the stream's phase only by a member.
         """
         due = []
+        timing = grid.timing(time_map, loop)
         for key, burst in list(self._pending.items()):
             for instant in range(burst.over, burst.trigger.count):
-                if not _is_over(burst.instant_ns(instant), ring, grid, time_map, now_ns):
+                instant_ns = burst.instant_ns(instant)
+                if not _is_over(instant_ns, ring, grid, time_map, now_ns):
                     break
-                picked = pick_frame(
-                    ring,
-                    time_map,
-                    instant,
-                    burst.instant_ns(instant),
-                    grid.goal.period_ns,
-                    offset_ns=grid.offset_ns,
-                    accuracy=grid.stamp,
-                    stamp_error=stamp_error,
-                )
+                picked = pick_frame(ring, timing, instant, instant_ns, grid.goal.period_ns)
                 burst.picked.append(burst.once(picked))
             if burst.has_news:
                 newest = burst.trigger.streamed or burst.time_map is None
                 by = time_map if newest else burst.time_map or time_map
-                due.append(_tell(burst, grid, by, stamp_error, phase))
+                last_ns = by.local_from_leader(burst.instant_ns(max(0, burst.over - 1))) - grid.offset_ns
+                phase = loop.phase(grid, time_map, last_ns) if is_member else None
+                due.append(_tell(burst, grid.timing(by, loop), phase))
             if burst.told == burst.trigger.count:
                 self.forget(*key)
         return due
@@ -169,34 +162,18 @@ def _is_over(instant_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: T
     return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns
 
 
-def _tell(
-    burst: _PendingBurst[F],
-    grid: CameraGrid,
-    time_map: TimeMap,
-    stamp_error: Callable[[int], StampError],
-    phase: Callable[[int], PhaseEstimate | None],
-) -> BurstPicked[F]:
-    """What is new of a burst, with the times by this map."""
-    last_ns = time_map.local_from_leader(burst.instant_ns(max(0, burst.over - 1))) - grid.offset_ns
+def _tell(burst: _PendingBurst[F], timing: FrameTiming, phase: PhaseEstimate | None) -> BurstPicked[F]:
+    """What is new of a burst, with the times by this timing."""
     picks = tuple(
-        timed_pick(
-            pick.frame,
-            pick.stamp_ns,
-            time_map,
-            pick.instant,
-            burst.instant_ns(pick.instant),
-            offset_ns=grid.offset_ns,
-            accuracy=grid.stamp,
-            error=stamp_error(pick.stamp_ns),
-        )
+        timing.pick(pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
         for pick in burst.picked
         if isinstance(pick, Pick)
     )
     gaps = tuple(gap for gap in burst.picked if isinstance(gap, Gap))
     further = burst.told > 0
-    burst.told, burst.time_map = burst.over, time_map
+    burst.told, burst.time_map = burst.over, timing.time_map
     burst.picked.clear()
-    return _event(burst, time_map, phase(last_ns), picks, gaps, further)
+    return _event(burst, timing.time_map, phase, picks, gaps, further)
 
 
 def _end(burst: _PendingBurst[F], time_map: TimeMap) -> BurstPicked[F]:

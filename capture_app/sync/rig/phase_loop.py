@@ -13,7 +13,7 @@ from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
-from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
+from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS, FrameTiming
 from capture_app.sync.timekeeping.timekeeper import FollowedConfig
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
@@ -46,6 +46,10 @@ class CameraGrid:
             "" if known_ns is not None else problem,
             config.meeting_leader_ns,
         )
+
+    def timing(self, time_map: TimeMap, loop: "PhaseLoop") -> FrameTiming:
+        """What tells when this camera's frames were, by that map of its clock."""
+        return FrameTiming(time_map, self.offset_ns, self.stamp, loop.aligner)
 
     @property
     def goal_of_stamps(self) -> Goal:

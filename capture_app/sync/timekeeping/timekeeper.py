@@ -4,7 +4,7 @@ The configuration of its leader as a client uses it: the grid of instants and th
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import MutableSequence
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -91,9 +91,9 @@ class Timekeeper:
         *,
         clock: ClockFilter | None = None,
         goal: AccuracyGoal | None = None,
-        on_sample: Callable[[ClockSample], None] | None = None,
+        samples: MutableSequence[ClockSample] | None = None,
     ) -> None:
-        """`goal` says how well to know the clock; `on_sample` is called with every answered exchange."""
+        """`goal` says how well to know the clock; every answered exchange is added to `samples`."""
         self.clock = clock or ClockFilter()
         self.goal = goal or AccuracyGoal()
         self.rate = RateWatch()
@@ -111,7 +111,7 @@ class Timekeeper:
         """Whether `time_map` can be relied on, by the leader's answers or in holdover."""
         self.requests = 0
         """How many time requests were sent."""
-        self._on_sample = on_sample
+        self._samples = samples
         self._number = 0
         self._asked: FollowedConfig | None = None
         """Those of the leader that is asked, or was last: `clock` estimates its clock."""
@@ -166,8 +166,8 @@ class Timekeeper:
         if t0_ns is None or t0_ns != reply.t0_ns:
             return False
         sample = ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)
-        if self._on_sample is not None:
-            self._on_sample(sample)
+        if self._samples is not None:
+            self._samples.append(sample)
         if self.schedule.reply_arrived(now_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(now_ns)
         if not self.clock.add(sample):

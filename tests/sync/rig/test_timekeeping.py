@@ -111,7 +111,7 @@ def talk(client: TimeClient, leader: Leader, seconds: float) -> None:
 def test_it_joins_keeps_the_time_at_its_pace_and_tells_every_sample() -> None:
     samples: list[ClockSample] = []
     schedule = SteadySchedule(first_pace_ns=STEADY_NS, easing_paces_ns=(), pace_ns=STEADY_NS)
-    timekeeper = Timekeeper(5, schedule, on_sample=samples.append)
+    timekeeper = Timekeeper(5, schedule, samples=samples)
     client = TimeClient("probe", 9, timekeeper)
     leader = Leader(LeaderConfig(1, 47), random.Random(2))
     talk(client, leader, 5.0)

@@ -158,7 +158,7 @@ def run_trial(seed: str, tolerance_ns: int) -> RigTrial:
     rig.run_for(BURST_NS)
     starts: dict[int, list[int]] = {}
     for node in rig.nodes.values():
-        for pick in node.bursts[burst.number].picks if burst.number in node.bursts else ():
+        for pick in node.bursts[burst.number].frames if burst.number in node.bursts else ():
             starts.setdefault(pick.instant, []).append(pick.frame.start_true_ns)
     apart_us = {instant: _worst_us(times) for instant, times in starts.items()}
     clients_s = [at_s for name, at_s in synced_s.items() if name != "leader"]

@@ -251,9 +251,9 @@ def _draw_phone(rng: random.Random, scatter_ns: int) -> SensorProfile:
 def _find_shot(node: VirtualNode, number: int) -> Shot | None:
     """The picture of a burst; None where its frame was dropped."""
     ready = node.bursts.get(number)
-    if ready is None or not ready.picks:
+    if ready is None or not ready.frames:
         return None
-    pick = ready.picks[0]
+    pick = ready.frames[0]
     true_ns = pick.frame.start_true_ns
     leader_ns = ready.time_map.leader_from_local(node.spec.clock.local_from_true(true_ns))
     error_ns = abs(leader_ns - true_ns)

@@ -35,7 +35,7 @@ from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_picks import Burst, Pick
+from capture_app.sync.rig.frame_selection import Burst, SelectedFrame
 
 WIDTH, HEIGHT, PERIOD_NS = 1920, 1080, 33_333_333
 CAMERA = CameraFacts(
@@ -157,7 +157,7 @@ async def send(source: Path, port: int, cameras: int, instants: int) -> None:
     uploaders = []
     for name in names(cameras):
         picks = deque(
-            Pick(
+            SelectedFrame(
                 instant=n,
                 local_ns=at_ns,
                 leader_ns=at_ns,

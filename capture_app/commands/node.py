@@ -22,7 +22,7 @@ from capture_app.commands.options import (
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.names import check_name
 from capture_app.net.address import Address
-from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS
+from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 from capture_app.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.usage import examples
 

@@ -15,7 +15,7 @@ from capture_app.node.leader.followers import FollowedRig, RigFollower, Take
 from capture_app.node.news import FollowerNews
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
-from capture_app.sync.rig.frame_picks import MAX_FRAMES, Burst
+from capture_app.sync.rig.frame_selection import MAX_FRAMES, Burst
 from capture_app.text import count
 
 LOOK_EVERY_S = 0.1

@@ -20,8 +20,8 @@ from capture_app.simulation.profiles import SensorProfile, facts_of, find_profil
 from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.simulation.sensor import Sensor, SensorFrame
-from capture_app.sync.rig.events import BurstPicked
-from capture_app.sync.rig.frame_picks import DROPPED
+from capture_app.sync.rig.events import FramesSelected
+from capture_app.sync.rig.frame_selection import DROPPED
 
 _READY_WITHIN_NS = 120_000_000_000
 _PICKED_WITHIN_NS = 30_000_000_000
@@ -100,7 +100,7 @@ class _Log:
         """Add the new events; always False, as a condition that never ends a run."""
         for name, node in self._rig.nodes.items():
             for event in node.events[self._seen.get(name, 0) :]:
-                if not isinstance(event, BurstPicked):
+                if not isinstance(event, FramesSelected):
                     local_ns = node.spec.clock.local_from_true(self._rig.now_true_ns)
                     self.lines.append({"camera": name, "local_ns": local_ns, **event_line(event)})
             self._seen[name] = len(node.events)
@@ -108,7 +108,7 @@ class _Log:
 
 
 def _camera_record(
-    node: VirtualNode, ready: BurstPicked[SensorFrame], sources: Mapping[str, PictureSource]
+    node: VirtualNode, ready: FramesSelected[SensorFrame], sources: Mapping[str, PictureSource]
 ) -> CameraRecord:
     spec = node.spec
     source = sources[spec.name]
@@ -116,7 +116,7 @@ def _camera_record(
     return camera_record(spec.name, facts, ready, node.client.aligner.corrections, spec.tolerance_ns)
 
 
-def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[RecipeFrame]:
+def _frames(camera: CameraRecord, ready: FramesSelected[SensorFrame]) -> list[RecipeFrame]:
     return [
         RecipeFrame(
             camera=camera.name,
@@ -132,7 +132,7 @@ def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[Recip
             outlier_ns=pick.outlier_ns,
             late=camera.is_late(pick.residual_ns),
         )
-        for pick in ready.picks
+        for pick in ready.frames
     ]
 
 

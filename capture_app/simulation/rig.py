@@ -18,8 +18,8 @@ from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.events import ClientEvent, FramesSelected, LeaderEvent
+from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
@@ -114,7 +114,7 @@ class VirtualNode:
     timer: Timer = field(init=False)
     alive: bool = True
     events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
-    bursts: dict[int, BurstPicked[SensorFrame]] = field(default_factory=dict)
+    bursts: dict[int, FramesSelected[SensorFrame]] = field(default_factory=dict)
     """All that was picked of each burst, by its number."""
 
 
@@ -266,12 +266,12 @@ class VirtualRig:
             self._apply(command, node)
         while (event := client.next_event()) is not None:
             node.events.append(event)
-            if isinstance(event, BurstPicked):
+            if isinstance(event, FramesSelected):
                 known = node.bursts.get(event.burst)
                 if event.further and known is not None:
                     newest = known if event.trigger is None else event
                     event = replace(
-                        newest, picks=(*known.picks, *event.picks), gaps=(*known.gaps, *event.gaps)
+                        newest, frames=(*known.frames, *event.frames), gaps=(*known.gaps, *event.gaps)
                     )
                 node.bursts[event.burst] = event
         node.timer.set(node.spec.clock.true_from_local(client.next_timer()) + 1)

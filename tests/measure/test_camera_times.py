@@ -119,7 +119,7 @@ def test_a_rig_goes_by_a_measured_stamp_at_once() -> None:
     assert rig.run_until(rig.all_ready, limit_ns=60_000 * MS)
     rig.trigger(frames=3)
     rig.run_for(3_000 * MS)
-    for pick in next(iter(rig.nodes["late"].bursts.values())).picks:
+    for pick in next(iter(rig.nodes["late"].bursts.values())).frames:
         assert abs(pick.leader_ns - pick.frame.start_true_ns) <= pick.uncertainty_ns < MS
         assert abs(pick.residual_ns) < MS
     (view,) = (one for one in rig.leader.clients(rig.now_true_ns) if one.name == "late")

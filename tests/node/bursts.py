@@ -13,7 +13,7 @@ from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 from tests.facts import make_facts
 
 PERIOD_NS = 33_333_333

@@ -8,7 +8,7 @@ import pytest
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import Correction, TimeMap
-from capture_app.sync.rig.events import BurstPicked
+from capture_app.sync.rig.events import FramesSelected
 from capture_app.sync.timekeeping.clock_events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from tests.facts import make_facts
 
@@ -26,7 +26,7 @@ OWN = TimeMap(
 
 
 def clock_of(time_map: TimeMap) -> ClockRecord | None:
-    ready: BurstPicked[object] = BurstPicked(1, 1, (), (), time_map, None)
+    ready: FramesSelected[object] = FramesSelected(1, 1, (), (), time_map, None)
     return camera_record("cam", make_facts(), ready, 0, 1000).clock
 
 

@@ -20,7 +20,7 @@ from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 from capture_app.text import count
 
 SAID_AFTER_S = 1.0

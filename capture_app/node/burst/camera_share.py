@@ -24,7 +24,7 @@ from capture_app.session.format.manifest import CameraRecord, MissingImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 
 _BLOCK = 1 << 20
 

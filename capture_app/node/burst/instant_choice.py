@@ -16,7 +16,7 @@ from capture_app.session.format.manifest import (
     SkippedInstant,
     image_path,
 )
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 
 FEWEST_SPARE = 4
 

@@ -11,7 +11,7 @@ from capture_app.session.format.manifest import BurstRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 from capture_app.text import count
 
 Lost = dict[tuple[str, int], MissingImage]

@@ -17,7 +17,7 @@ from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.files.disk import disk_error
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import MissingImage
-from capture_app.sync.rig.frame_picks import RING_BYTES, Pick
+from capture_app.sync.rig.frame_selection import RING_BYTES, SelectedFrame
 
 TOO_SLOW = "the node could not save its frames as fast as they came"
 
@@ -42,12 +42,12 @@ class PickedStream:
 
     def add(
         self,
-        frames: Iterable[Pick[CapturedFrame]],
+        frames: Iterable[SelectedFrame[CapturedFrame]],
         missing: Iterable[MissingImage],
         *,
         over: int,
         held_bytes: int,
-    ) -> list[Pick[CapturedFrame]]:
+    ) -> list[SelectedFrame[CapturedFrame]]:
         """Note what was picked, and return the frames that there is memory for; others are missing.
 
         `held_bytes` is what images take that are encoded, and are not on a disk yet.
@@ -65,7 +65,7 @@ class PickedStream:
             kept.append(frame)
         return kept
 
-    def note_encoded(self, frame: Pick[CapturedFrame]) -> None:
+    def note_encoded(self, frame: SelectedFrame[CapturedFrame]) -> None:
         """A frame waits no longer."""
         self.waiting_bytes -= frame.frame.picture.held_bytes
 
@@ -90,7 +90,7 @@ class BurstUpload:
 
     report: CameraReport
     """Its instants are those that were ordered; the leader may want fewer."""
-    frames: deque[Pick[CapturedFrame]]
+    frames: deque[SelectedFrame[CapturedFrame]]
     images: deque[ImageUpload] = field(default_factory=deque)
     """Ready to send as often as it takes."""
     in_memory: dict[int, bytes] = field(default_factory=dict)
@@ -160,7 +160,7 @@ class BurstUpload:
 
     def extend(
         self,
-        frames: Iterable[Pick[CapturedFrame]],
+        frames: Iterable[SelectedFrame[CapturedFrame]],
         missing: Iterable[MissingImage],
         *,
         over: int = 0,

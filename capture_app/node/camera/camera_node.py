@@ -266,7 +266,7 @@ class RigMember:
 
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
-        if isinstance(event, events.BurstPicked):
+        if isinstance(event, events.FramesSelected):
             self._upload(event)
             return
         if isinstance(event, events.BurstCancelled):
@@ -284,14 +284,14 @@ class RigMember:
         if words := event_words(event):
             self._log.say(words)
 
-    def _upload(self, picked: events.BurstPicked[CapturedFrame]) -> None:
+    def _upload(self, picked: events.FramesSelected[CapturedFrame]) -> None:
         """Begin the upload of a burst that was picked, or go on with it."""
         ready, name = with_device_clock(picked), self.options.name
         facts, camera = self._camera.facts, self._camera.camera
         if ready.further:
             missing = missing_images(name, ready.gaps)
             self._uploader.extend_burst(
-                ready.leader, ready.burst, ready.picks, missing, over=ready.over, ended=ready.ended
+                ready.leader, ready.burst, ready.frames, missing, over=ready.over, ended=ready.ended
             )
             return
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
@@ -301,9 +301,9 @@ class RigMember:
         self._happened.clear()
         if ready.trigger is None:
             forget = functools.partial(self._engine.forget_burst, ready.leader, ready.burst)
-            self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_commit=forget))
+            self._uploader.add_burst(BurstUpload(report, deque(ready.frames), on_commit=forget))
             return
         stream = PickedStream(ready.trigger.video, self.options.ring_bytes)
         upload = BurstUpload(report.with_plan(instants=(), missing=(), picking=True), deque(), stream=stream)
-        upload.extend(ready.picks, report.plan.missing, over=ready.over, ended=ready.ended)
+        upload.extend(ready.frames, report.plan.missing, over=ready.over, ended=ready.ended)
         self._uploader.add_burst(upload)

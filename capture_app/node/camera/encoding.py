@@ -8,7 +8,7 @@ import threading
 from capture_app.cameras.base import CapturedFrame
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import ImageRecord, image_path
-from capture_app.sync.rig.frame_picks import Pick
+from capture_app.sync.rig.frame_selection import SelectedFrame
 
 LOW_PRIORITY = 10
 """Niceness of the thread that encodes pictures: the clock exchange comes first."""
@@ -19,7 +19,7 @@ class EncodingError(Exception):
 
 
 def encode_frame(
-    report: CameraReport, picked: Pick[CapturedFrame], *, with_truth: bool = True
+    report: CameraReport, picked: SelectedFrame[CapturedFrame], *, with_truth: bool = True
 ) -> tuple[ImageUpload, bytes]:
     """Return an image's header and its bytes, ground truth behind them. Raises EncodingError."""
     frame = picked.frame

@@ -14,14 +14,14 @@ from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.rig import events, node_message
-from capture_app.sync.rig.frame_picks import DROPPED, Gap
+from capture_app.sync.rig.frame_selection import DROPPED, Gap
 from capture_app.sync.timekeeping import clock_events
 
 
 def camera_record(
     name: str,
     facts: CameraFacts,
-    ready: events.BurstPicked[Any],
+    ready: events.FramesSelected[Any],
     corrections: int,
     tolerance_ns: int,
     device: DeviceClock | None = None,
@@ -62,18 +62,18 @@ def camera_record(
     )
 
 
-def with_device_clock(picked: events.BurstPicked[CapturedFrame]) -> events.BurstPicked[CapturedFrame]:
+def with_device_clock(picked: events.FramesSelected[CapturedFrame]) -> events.FramesSelected[CapturedFrame]:
     """Add to the error of each pick that of the clock which its device stamps by."""
     picks = tuple(
         replace(pick, uncertainty_ns=pick.uncertainty_ns + pick.frame.clock_uncertainty_ns)
-        for pick in picked.picks
+        for pick in picked.frames
     )
-    return replace(picked, picks=picks)
+    return replace(picked, frames=picks)
 
 
 def camera_report(
     camera: CameraRecord,
-    ready: events.BurstPicked[Any],
+    ready: events.FramesSelected[Any],
     calibration: CameraCalibration | None,
     true_clock: SimulatedClock | None,
     events: tuple[dict[str, JsonValue], ...],
@@ -82,7 +82,7 @@ def camera_report(
     plan = CameraPlan(
         camera=camera,
         reported=True,
-        instants=tuple(pick.instant for pick in ready.picks),
+        instants=tuple(pick.instant for pick in ready.frames),
         missing=missing_images(camera.name, ready.gaps),
         calibration=calibration,
         true_clock=true_clock,

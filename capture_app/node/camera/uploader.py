@@ -18,7 +18,7 @@ from capture_app.node.camera.spool import Spool
 from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream
 from capture_app.session.format.manifest import MissingImage
-from capture_app.sync.rig.frame_picks import Pick
+from capture_app.sync.rig.frame_selection import SelectedFrame
 from capture_app.text import count
 from capture_app.trust.trust import Trust
 
@@ -95,7 +95,7 @@ class Uploader:
         self,
         leader: int,
         burst: int,
-        frames: Iterable[Pick[CapturedFrame]],
+        frames: Iterable[SelectedFrame[CapturedFrame]],
         missing: Iterable[MissingImage],
         *,
         over: int = 0,

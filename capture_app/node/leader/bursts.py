@@ -33,7 +33,7 @@ from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUplo
 from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.events import BurstRefused
-from capture_app.sync.rig.frame_picks import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
+from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.messages import NodeState

@@ -13,7 +13,7 @@ from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 
 
 @dataclass(frozen=True, slots=True)

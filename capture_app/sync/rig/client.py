@@ -12,7 +12,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import node_message
 from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined, StrangeTrigger
-from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
+from capture_app.sync.rig.frame_selection import RingBuffer, is_possible_burst
 from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
@@ -188,7 +188,7 @@ class Client(Generic[F]):
         self._note_events()
 
     def forget_burst(self, leader: int, burst: int) -> None:
-        """Pick no more frames of a burst: its leader has what it needs, or has cancelled it."""
+        """SelectedFrame no more frames of a burst: its leader has what it needs, or has cancelled it."""
         self._bursts.forget(leader, burst)
 
     def leave(self) -> None:
@@ -289,5 +289,5 @@ class Client(Generic[F]):
             return
         member = self.time.is_member
         self._events.extend(
-            self._bursts.pick_due(self.ring, self._phase_loop, grid, time_map, now_ns, is_member=member)
+            self._bursts.select_due(self.ring, self._phase_loop, grid, time_map, now_ns, is_member=member)
         )

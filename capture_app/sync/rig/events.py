@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.stamps import PhaseEstimate
-from capture_app.sync.rig.frame_picks import Gap, Pick
+from capture_app.sync.rig.frame_selection import Gap, SelectedFrame
 from capture_app.sync.timekeeping.clock_events import ClockEvent
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Group, Trigger
@@ -73,14 +73,14 @@ class AlignmentFailed:
 
 
 @dataclass(frozen=True, slots=True)
-class BurstPicked(Generic[F]):
+class FramesSelected(Generic[F]):
     """Frames of a burst are picked: save and send them."""
 
     leader: int
     """The run of the leader that ordered it."""
     burst: int
     """Its number within that run."""
-    picks: tuple[Pick[F], ...]
+    frames: tuple[SelectedFrame[F], ...]
     """In the order of their instants."""
     gaps: tuple[Gap, ...]
     """The instants without a frame."""
@@ -128,7 +128,7 @@ ClientEvent = (
     | FramesDropped
     | PhaseCorrected
     | AlignmentFailed
-    | BurstPicked[F]
+    | FramesSelected[F]
     | BurstCancelled
     | StrangeTrigger
 )

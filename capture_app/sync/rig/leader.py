@@ -18,7 +18,7 @@ from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeLost
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders, check_burst
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.uplink import Uplink

@@ -7,7 +7,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
-from capture_app.sync.rig.frame_picks import (
+from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
     MAX_FRAMES,
     MAX_STREAMED_FRAMES,

@@ -8,14 +8,14 @@ from msgspec.structs import replace
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.stamps import PhaseEstimate
-from capture_app.sync.rig.events import BurstPicked
-from capture_app.sync.rig.frame_picks import (
+from capture_app.sync.rig.events import FramesSelected
+from capture_app.sync.rig.frame_selection import (
     NO_FRAME_OF_ITS_OWN,
     FrameTiming,
     Gap,
-    Pick,
     RingBuffer,
-    pick_frame,
+    SelectedFrame,
+    select_frame,
 )
 from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
 from capture_app.sync.wire.messages import Trigger
@@ -33,7 +33,7 @@ class _PendingBurst(Generic[F]):
     """A burst whose frames are set aside as they come: the ring buffer may not reach back to the first."""
 
     trigger: Trigger
-    picked: list[Pick[F] | Gap] = field(default_factory=list)
+    picked: list[SelectedFrame[F] | Gap] = field(default_factory=list)
     """Those that are not told yet."""
     told: int = 0
     """How many instants are."""
@@ -68,7 +68,7 @@ class _PendingBurst(Generic[F]):
         """Leader time in ns."""
         return self.trigger.first_leader_ns + instant * self.trigger.step_ns
 
-    def once(self, picked: Pick[F] | Gap) -> Pick[F] | Gap:
+    def once(self, picked: SelectedFrame[F] | Gap) -> SelectedFrame[F] | Gap:
         """The same, but a gap where its frame is that of the instant before: one further away is none."""
         if isinstance(picked, Gap):
             return picked
@@ -89,7 +89,7 @@ class PendingBursts(Generic[F]):
         """Whether any burst is still to be picked."""
         return bool(self._pending)
 
-    def clear(self) -> list[BurstPicked[F]]:
+    def clear(self) -> list[FramesSelected[F]]:
         """Forget all bursts, as those of another root are in another time; return how those under way end."""
         under_way = [burst for burst in self._pending.values() if burst.trigger.streamed]
         ends = [_end(burst, burst.time_map) for burst in under_way if burst.time_map is not None]
@@ -107,7 +107,7 @@ class PendingBursts(Generic[F]):
             known.trigger = replace(known.trigger, count=max(trigger.count, known.over))
 
     def forget(self, leader: int, burst: int) -> None:
-        """Pick nothing more of a burst, also should its trigger come again."""
+        """SelectedFrame nothing more of a burst, also should its trigger come again."""
         self._pending.pop((leader, burst), None)
         if (leader, burst) not in self._done:
             self._done.append((leader, burst))
@@ -120,7 +120,7 @@ class PendingBursts(Generic[F]):
         spans = [burst.span_ns for burst in self._pending.values() if burst.over < burst.trigger.count]
         return min((span for span in spans if span[0] <= leader_ns), default=None)
 
-    def pick_due(
+    def select_due(
         self,
         ring: RingBuffer[F],
         loop: PhaseLoop,
@@ -129,8 +129,8 @@ class PendingBursts(Generic[F]):
         now_ns: int,
         *,
         is_member: bool,
-    ) -> list[BurstPicked[F]]:
-        """Pick the frames of all bursts whose last frame is there, or waited for no longer.
+    ) -> list[FramesSelected[F]]:
+        """SelectedFrame the frames of all bursts whose last frame is there, or waited for no longer.
 
         Spare instants are told after that, each when it is over; the stream's phase only by a member.
         """
@@ -141,7 +141,7 @@ class PendingBursts(Generic[F]):
                 instant_ns = burst.instant_ns(instant)
                 if not _is_over(instant_ns, ring, grid, time_map, now_ns):
                     break
-                picked = pick_frame(ring, timing, instant, instant_ns, grid.goal.period_ns)
+                picked = select_frame(ring, timing, instant, instant_ns, grid.goal.period_ns)
                 burst.picked.append(burst.once(picked))
             if burst.has_news:
                 newest = burst.trigger.streamed or burst.time_map is None
@@ -162,12 +162,12 @@ def _is_over(instant_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: T
     return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns
 
 
-def _tell(burst: _PendingBurst[F], timing: FrameTiming, phase: PhaseEstimate | None) -> BurstPicked[F]:
+def _tell(burst: _PendingBurst[F], timing: FrameTiming, phase: PhaseEstimate | None) -> FramesSelected[F]:
     """What is new of a burst, with the times by this timing."""
     picks = tuple(
         timing.pick(pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
         for pick in burst.picked
-        if isinstance(pick, Pick)
+        if isinstance(pick, SelectedFrame)
     )
     gaps = tuple(gap for gap in burst.picked if isinstance(gap, Gap))
     further = burst.told > 0
@@ -176,7 +176,7 @@ def _tell(burst: _PendingBurst[F], timing: FrameTiming, phase: PhaseEstimate | N
     return _event(burst, timing.time_map, phase, picks, gaps, further)
 
 
-def _end(burst: _PendingBurst[F], time_map: TimeMap) -> BurstPicked[F]:
+def _end(burst: _PendingBurst[F], time_map: TimeMap) -> FramesSelected[F]:
     """That nothing further comes of a burst of which some was told, as its leader is another one."""
     burst.trigger = replace(burst.trigger, count=burst.told)
     return _event(burst, time_map, None, (), (), True)
@@ -186,12 +186,12 @@ def _event(
     burst: _PendingBurst[F],
     time_map: TimeMap,
     phase: PhaseEstimate | None,
-    picks: tuple[Pick[F], ...],
+    picks: tuple[SelectedFrame[F], ...],
     gaps: tuple[Gap, ...],
     further: bool,
-) -> BurstPicked[F]:
+) -> FramesSelected[F]:
     trigger = burst.trigger
     streamed = trigger if trigger.streamed else None
-    return BurstPicked(
+    return FramesSelected(
         trigger.leader, trigger.burst, picks, gaps, time_map, phase, further, streamed, burst.told
     )

@@ -13,7 +13,7 @@ from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
-from capture_app.sync.rig.frame_picks import RING_BYTES, RING_NS, FrameTiming
+from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS, FrameTiming
 from capture_app.sync.timekeeping.timekeeper import FollowedConfig
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report

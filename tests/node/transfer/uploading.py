@@ -28,7 +28,7 @@ from capture_app.node.wire.messages import (
 )
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
-from capture_app.sync.rig.frame_picks import Pick
+from capture_app.sync.rig.frame_selection import SelectedFrame
 from tests.facts import make_facts
 from tests.net.echoes import serving
 
@@ -56,7 +56,7 @@ class Picture:
 
 def burst_upload(*pictures: Picture) -> BurstUpload:
     picks = [
-        Pick(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
+        SelectedFrame(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
         for n, picture in enumerate(pictures)
     ]
     camera = CameraRecord(name="a", facts=CAMERA)

@@ -10,7 +10,7 @@ from capture_app.clock import SimulatedClock
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.simulation.sensor import SensorFrame
-from capture_app.sync.rig.frame_picks import Pick
+from capture_app.sync.rig.frame_selection import SelectedFrame
 from tests.simulation.rig.rigs import LAN, MS, S
 
 BURSTS = 3
@@ -26,12 +26,12 @@ def coarse_node(name: str, model: str, *, cut: bool, **changes: Any) -> NodeSpec
     return NodeSpec(name, profile, clock, LAN, tolerance_ns=2 * MS)
 
 
-def picks_of(rig: VirtualRig) -> list[Pick[SensorFrame]]:
-    found: list[Pick[SensorFrame]] = []
+def picks_of(rig: VirtualRig) -> list[SelectedFrame[SensorFrame]]:
+    found: list[SelectedFrame[SensorFrame]] = []
     for _ in range(BURSTS):
         burst = rig.trigger(frames=FRAMES)
         rig.run_for(5 * S)
-        found += [pick for node in rig.nodes.values() for pick in node.bursts[burst.number].picks]
+        found += [pick for node in rig.nodes.values() for pick in node.bursts[burst.number].frames]
         rig.run_for(2 * S)
     return found
 

@@ -31,7 +31,7 @@ def test_two_fast_clocks_in_a_rig_of_five_cost_no_accuracy(profile: str) -> None
         burst = rig.trigger(frames=2)
         rig.run_for(2 * S)
         for node in rig.nodes.values():
-            for pick in node.bursts[burst.number].picks:
+            for pick in node.bursts[burst.number].frames:
                 # A driver's late stamp is an error of its own, and is told as such.
                 clock_ns = pick.leader_ns - (pick.frame.timestamp_true_ns - pick.outlier_ns)
                 assert abs(clock_ns) <= pick.hard_bound_ns

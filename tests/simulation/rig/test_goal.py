@@ -9,7 +9,7 @@ from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.rig.events import PhaseCorrected
-from capture_app.sync.rig.frame_picks import Pick
+from capture_app.sync.rig.frame_selection import SelectedFrame
 from capture_app.sync.wire.camera_commands import RestartStream
 from tests.simulation.rig.rigs import S, ready_rig
 
@@ -36,7 +36,7 @@ def test_a_phone_follows_a_webcam_that_is_never_restarted() -> None:
     burst = rig.trigger(frames=2)
     rig.run_for(3 * S)
     for made in rig.nodes.values():
-        for pick in made.bursts[burst.number].picks:
+        for pick in made.bursts[burst.number].frames:
             off_ns = pick.frame.start_true_ns - burst.instants_ns[pick.instant]
             assert abs(off_ns) <= made.spec.tolerance_ns + 40_000
 
@@ -45,11 +45,11 @@ def test_webcams_agree_and_a_burst_finds_them_together() -> None:
     rig = ready_rig([node(f"webcam{n}", "webcam", 1_000_000) for n in range(3)], seed=7, limit_s=90)
     burst = rig.trigger(frames=1)
     rig.run_for(3 * S)
-    starts = [n.bursts[burst.number].picks[0].frame.start_true_ns for n in rig.nodes.values()]
+    starts = [n.bursts[burst.number].frames[0].frame.start_true_ns for n in rig.nodes.values()]
     assert max(starts) - min(starts) < 2_200_000
 
 
-def middle_true_ns(rig: VirtualRig, name: str, pick: Pick[SensorFrame]) -> int:
+def middle_true_ns(rig: VirtualRig, name: str, pick: SelectedFrame[SensorFrame]) -> int:
     profile = rig.nodes[name].spec.profile
     row = round(0.5 * (profile.image_rows - 1))
     return pick.frame.start_true_ns + row * profile.row_time_ns + pick.frame.exposure_ns // 2
@@ -64,7 +64,7 @@ def test_exposure_centres_meet_where_it_is_asked_for() -> None:
     rig.run_for(5 * S)
     burst = rig.trigger(frames=1)
     rig.run_for(4 * S)
-    picks = {name: n.bursts[burst.number].picks[0] for name, n in rig.nodes.items()}
+    picks = {name: n.bursts[burst.number].frames[0] for name, n in rig.nodes.items()}
     for name, pick in picks.items():
         off_ns = middle_true_ns(rig, name, pick) - burst.instants_ns[0]
         assert abs(off_ns) < 100_000

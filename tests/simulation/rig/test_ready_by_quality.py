@@ -85,11 +85,11 @@ def test_a_coarse_node_takes_part_in_a_burst_with_honest_error_bars() -> None:
     burst = rig.trigger(frames=3)
     rig.run_for(3 * S)
     for node in rig.nodes.values():
-        picks = node.bursts[burst.number].picks
+        picks = node.bursts[burst.number].frames
         assert len(picks) == 3
         for pick in picks:
             assert abs(pick.leader_ns - pick.frame.start_true_ns) <= pick.hard_bound_ns
-    assert rig.nodes["far"].bursts[burst.number].picks[0].uncertainty_ns > 100_000
+    assert rig.nodes["far"].bursts[burst.number].frames[0].uncertainty_ns > 100_000
 
 
 def test_the_same_link_is_good_enough_for_who_asks_for_less() -> None:
@@ -105,7 +105,7 @@ def test_a_burst_is_taken_while_a_node_still_asks_on() -> None:
     assert in_state(rig, "far", NodeState.SYNCING)
     burst = rig.trigger(frames=1)
     rig.run_for(2 * S)
-    assert len(rig.nodes["far"].bursts[burst.number].picks) == 1
+    assert len(rig.nodes["far"].bursts[burst.number].frames) == 1
 
 
 def test_a_camera_that_cannot_move_its_frames_says_where_they_lie() -> None:

@@ -15,7 +15,7 @@ from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.messages import (
     Goodbye,
@@ -52,7 +52,7 @@ def errors_ns(rig: VirtualRig, burst: Burst) -> list[int]:
     return [
         pick.frame.start_true_ns - burst.instants_ns[pick.instant]
         for node in rig.nodes.values()
-        for pick in node.bursts[burst.number].picks
+        for pick in node.bursts[burst.number].frames
     ]
 
 
@@ -75,7 +75,7 @@ def test_the_hard_bound_holds_for_every_frame_on_the_papers_link() -> None:
     burst = rig.trigger(frames=10)
     rig.run_for(3 * S)
     for node in rig.nodes.values():
-        for pick in node.bursts[burst.number].picks:
+        for pick in node.bursts[burst.number].frames:
             error_ns = pick.leader_ns - (pick.frame.timestamp_true_ns - pick.outlier_ns)
             assert abs(error_ns) <= pick.hard_bound_ns
             assert pick.uncertainty_ns <= pick.hard_bound_ns
@@ -163,9 +163,9 @@ def test_dropped_frames_leave_gaps_that_say_so() -> None:
     rig.run_for(5 * S)
     for node in rig.nodes.values():
         ready = node.bursts[burst.number]
-        assert sorted([p.instant for p in ready.picks] + [g.instant for g in ready.gaps]) == list(range(30))
+        assert sorted([p.instant for p in ready.frames] + [g.instant for g in ready.gaps]) == list(range(30))
         assert all(gap.reason == "the camera dropped the frame" for gap in ready.gaps)
-        assert len({pick.frame.sequence for pick in ready.picks}) == len(ready.picks)
+        assert len({pick.frame.sequence for pick in ready.frames}) == len(ready.frames)
     assert max(map(abs, errors_ns(rig, burst))) < 500_000
     assert sum(len(node.bursts[burst.number].gaps) for node in rig.nodes.values()) > 0
 
@@ -178,7 +178,7 @@ def test_one_late_stamp_is_not_a_late_picture() -> None:
     rig = ready_rig(camera_specs, seed=5, limit_s=60)
     burst = rig.trigger(frames=30)
     rig.run_for(5 * S)
-    picks = [pick for node in rig.nodes.values() for pick in node.bursts[burst.number].picks]
+    picks = [pick for node in rig.nodes.values() for pick in node.bursts[burst.number].frames]
     assert all(abs(pick.leader_ns - pick.frame.start_true_ns) < 40_000 for pick in picks)
     stamps_off = [pick.frame.timestamp_true_ns - pick.frame.start_true_ns for pick in picks]
     assert any(off > 100_000 for off in stamps_off)

@@ -8,8 +8,8 @@ from capture_app.clock import SimulatedClock
 from capture_app.node.burst.instant_choice import CameraInstants, choose_instants
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.rig.events import BurstCancelled, BurstPicked
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.events import BurstCancelled, FramesSelected
+from capture_app.sync.rig.frame_selection import Burst
 from tests.simulation.rig.rigs import LAN, S, ready_rig
 
 
@@ -25,7 +25,7 @@ def shares_of(node: VirtualNode, burst: Burst) -> CameraInstants | None:
     if picked is None:
         return None
     return CameraInstants(
-        frozenset(pick.instant for pick in picked.picks), frozenset(gap.instant for gap in picked.gaps)
+        frozenset(pick.instant for pick in picked.frames), frozenset(gap.instant for gap in picked.gaps)
     )
 
 
@@ -77,7 +77,7 @@ def test_a_burst_ends_when_it_is_complete() -> None:
     assert rig.now_true_ns < burst.instants_ns[6]
     rig.run_for(S)
     for node in rig.nodes.values():
-        assert max(pick.instant for pick in node.bursts[burst.number].picks) < 7
+        assert max(pick.instant for pick in node.bursts[burst.number].frames) < 7
 
 
 def test_spare_instants_are_told_one_by_one_in_the_time_of_the_first() -> None:
@@ -85,8 +85,8 @@ def test_spare_instants_are_told_one_by_one_in_the_time_of_the_first() -> None:
     burst = rig.trigger(frames=10, spare=4)
     rig.run_for(3 * S)
     node = rig.nodes["cam0"]
-    told = [event for event in node.events if isinstance(event, BurstPicked)]
-    assert [len(event.picks) + len(event.gaps) for event in told] == [10, 1, 1, 1, 1]
+    told = [event for event in node.events if isinstance(event, FramesSelected)]
+    assert [len(event.frames) + len(event.gaps) for event in told] == [10, 1, 1, 1, 1]
     assert [event.further for event in told] == [False, True, True, True, True]
     assert len({event.time_map for event in told}) == 1
     share = shares_of(node, burst)
@@ -100,8 +100,8 @@ def test_a_burst_may_be_longer_than_the_ring_buffer() -> None:
     burst = rig.trigger(frames=5, spacing=30)
     rig.run_for(8 * S)
     picked = rig.nodes["cam0"].bursts[burst.number]
-    assert [pick.instant for pick in picked.picks] == [0, 1, 2, 3, 4]
-    for pick in picked.picks:
+    assert [pick.instant for pick in picked.frames] == [0, 1, 2, 3, 4]
+    for pick in picked.frames:
         assert abs(pick.frame.start_true_ns - burst.instants_ns[pick.instant]) < 150_000
 
 

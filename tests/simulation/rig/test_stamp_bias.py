@@ -8,12 +8,12 @@ from capture_app.clock import SimulatedClock
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.simulation.sensor import SensorFrame
-from capture_app.sync.rig.frame_picks import Pick
+from capture_app.sync.rig.frame_selection import SelectedFrame
 from tests.simulation.rig.rigs import LAN, MS, ready_rig
 
 
-def picks(rig: VirtualRig, name: str) -> tuple[Pick[SensorFrame], ...]:
-    return next(iter(rig.nodes[name].bursts.values())).picks
+def picks(rig: VirtualRig, name: str) -> tuple[SelectedFrame[SensorFrame], ...]:
+    return next(iter(rig.nodes[name].bursts.values())).frames
 
 
 def shot(bias_ns: int | None) -> VirtualRig:

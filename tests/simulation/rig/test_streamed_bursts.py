@@ -5,8 +5,8 @@ from dataclasses import replace
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
-from capture_app.sync.rig.events import BurstPicked
-from capture_app.sync.rig.frame_picks import DROPPED
+from capture_app.sync.rig.events import FramesSelected
+from capture_app.sync.rig.frame_selection import DROPPED
 from tests.simulation.rig.rigs import LAN, S, ready_rig
 
 FRAMES = 300
@@ -32,10 +32,10 @@ def test_every_frame_of_a_long_burst_is_told_as_it_comes() -> None:
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)
     for node in rig.nodes.values():
         picked = node.bursts[burst.number]
-        assert [pick.instant for pick in picked.picks] == [*range(FRAMES)]
-        assert all(abs(p.frame.start_true_ns - burst.instants_ns[p.instant]) < 150_000 for p in picked.picks)
-        events = [event for event in node.events if isinstance(event, BurstPicked)]
-        assert max(len(event.picks) for event in events) <= 2
+        assert [pick.instant for pick in picked.frames] == [*range(FRAMES)]
+        assert all(abs(p.frame.start_true_ns - burst.instants_ns[p.instant]) < 150_000 for p in picked.frames)
+        events = [event for event in node.events if isinstance(event, FramesSelected)]
+        assert max(len(event.frames) for event in events) <= 2
         assert len(node.client.ring) <= 61
 
 
@@ -45,7 +45,7 @@ def test_what_a_camera_drops_is_told_with_the_rest() -> None:
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)
     for node in rig.nodes.values():
         picked = node.bursts[burst.number]
-        instants = sorted([p.instant for p in picked.picks] + [gap.instant for gap in picked.gaps])
+        instants = sorted([p.instant for p in picked.frames] + [gap.instant for gap in picked.gaps])
         assert instants == [*range(FRAMES)]
         assert picked.gaps
         assert {gap.reason for gap in picked.gaps} == {DROPPED}
@@ -59,7 +59,7 @@ def test_a_long_burst_can_be_ended_early() -> None:
     assert rig.end(burst, 70).frames == 70
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=10 * S)
     for node in rig.nodes.values():
-        assert [pick.instant for pick in node.bursts[burst.number].picks] == [*range(70)]
+        assert [pick.instant for pick in node.bursts[burst.number].frames] == [*range(70)]
         assert not node.client.has_burst_pending
 
 
@@ -71,7 +71,7 @@ def test_a_burst_ends_with_its_leader() -> None:
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=60 * S)
     for node in rig.nodes.values():
         picked = node.bursts[burst.number]
-        assert picked.over == len(picked.picks) > 50
+        assert picked.over == len(picked.frames) > 50
 
 
 def test_a_time_lapse_is_aligned_between_its_instants() -> None:
@@ -81,5 +81,5 @@ def test_a_time_lapse_is_aligned_between_its_instants() -> None:
     burst = rig.trigger(frames=4, spacing=450, streamed=True)
     before = node.client.aligner.corrections
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=150 * S)
-    assert [pick.instant for pick in node.bursts[burst.number].picks] == [0, 1, 2, 3]
+    assert [pick.instant for pick in node.bursts[burst.number].frames] == [0, 1, 2, 3]
     assert node.client.aligner.corrections > before

@@ -10,9 +10,9 @@ from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstAccepted, BurstPicked, LeaderEvent
+from capture_app.sync.rig.events import BurstAccepted, FramesSelected, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
-from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
@@ -61,8 +61,8 @@ class Camera:
             self.events.append(event)
 
     @property
-    def ready(self) -> list[BurstPicked[int]]:
-        return [event for event in self.events if isinstance(event, BurstPicked)]
+    def ready(self) -> list[FramesSelected[int]]:
+        return [event for event in self.events if isinstance(event, FramesSelected)]
 
 
 class RelayRig:
@@ -138,8 +138,8 @@ class RelayRig:
             assert len(camera.ready) == had[name] + 1, name
             ready = camera.ready[-1]
             assert (ready.leader, ready.burst) == (self.tree.root.config.instance, burst.number)
-            assert [pick.instant for pick in ready.picks] == list(range(frames))
-            for pick in ready.picks:
+            assert [pick.instant for pick in ready.frames] == list(range(frames))
+            for pick in ready.frames:
                 true_ns = camera.clock.true_from_local(pick.frame)
                 assert abs(pick.leader_ns - true_ns) <= pick.hard_bound_ns
                 assert abs(pick.leader_ns - true_ns) < 300_000

@@ -104,7 +104,7 @@ def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
     assert [event.name for event in rig.events if isinstance(event, BurstAccepted)] == ["cam"]
     (ready,) = camera.ready
     assert ready.burst == burst.number
-    assert len(ready.picks) == 2
+    assert len(ready.frames) == 2
     assert rig.views()["cam"].via is None
 
 
@@ -159,7 +159,7 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
     rig.run(7.0)
     assert rig.views()["cam"].via is None
     rig.run_until(lambda: rig.views()["cam"].via == "relay")
-    assert len(camera.ready[-1].picks) == 2
+    assert len(camera.ready[-1].frames) == 2
     rig.check_burst()
     assert not any(isinstance(event, NodeLost) and event.name == "cam" for event in rig.events[-4:])
 

@@ -5,7 +5,14 @@ from hypothesis import strategies as st
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.rig.frame_picks import FrameTiming, Gap, Pick, RingBuffer, burst_instants, pick_frame
+from capture_app.sync.rig.frame_selection import (
+    FrameTiming,
+    Gap,
+    RingBuffer,
+    SelectedFrame,
+    burst_instants,
+    select_frame,
+)
 
 PERIOD_NS = 33_333_333
 HOUR_NS = 3_600_000_000_000
@@ -48,9 +55,11 @@ def ring_of(timestamps: list[int], span_ns: int = HOUR_NS) -> RingBuffer[int]:
 
 def pick_frames(
     ring: RingBuffer[int], there: TimeMap, instants_ns: tuple[int, ...], period_ns: int
-) -> tuple[list[Pick[int]], list[Gap]]:
-    found = [pick_frame(ring, FrameTiming(there), n, at_ns, period_ns) for n, at_ns in enumerate(instants_ns)]
-    return [f for f in found if isinstance(f, Pick)], [f for f in found if isinstance(f, Gap)]
+) -> tuple[list[SelectedFrame[int]], list[Gap]]:
+    found = [
+        select_frame(ring, FrameTiming(there), n, at_ns, period_ns) for n, at_ns in enumerate(instants_ns)
+    ]
+    return [f for f in found if isinstance(f, SelectedFrame)], [f for f in found if isinstance(f, Gap)]
 
 
 def test_the_nearest_frames_are_picked_with_their_error_bars() -> None:

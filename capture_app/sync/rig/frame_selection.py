@@ -92,7 +92,7 @@ class Burst:
 
 
 @dataclass(frozen=True, slots=True)
-class Pick(Generic[F]):
+class SelectedFrame(Generic[F]):
     """The frame picked for an instant; times in ns, the error bars those of its leader time.
 
     They are the clock's and, on top, those of the stamp: of its bias, its scatter, and the steps that it
@@ -156,14 +156,14 @@ class FrameTiming:
     aligner: Aligner | None = None
     """Knows how far a timestamp is off its stream's line: a stamp may be late though the frame is not."""
 
-    def pick(self, frame: F, stamp_ns: int, instant: int, instant_ns: int) -> Pick[F]:
+    def pick(self, frame: F, stamp_ns: int, instant: int, instant_ns: int) -> SelectedFrame[F]:
         """Return the pick of a frame for an instant; `stamp_ns` is as the driver told it."""
         error = StampError() if self.aligner is None else self.aligner.stamp_error(stamp_ns)
         time_map, accuracy = self.time_map, self.accuracy
         local_ns = stamp_ns - error.outlier_ns + self.offset_ns
         leader_ns = time_map.leader_from_local(local_ns)
         bound_ns = round(time_map.hard_bound_at(local_ns) + error.hard_bound_ns)
-        return Pick(
+        return SelectedFrame(
             instant,
             local_ns,
             leader_ns,
@@ -178,9 +178,9 @@ class FrameTiming:
         )
 
 
-def pick_frame(
+def select_frame(
     ring: RingBuffer[F], timing: FrameTiming, instant: int, instant_ns: int, period_ns: int
-) -> Pick[F] | Gap:
+) -> SelectedFrame[F] | Gap:
     """Return the frame nearest to an instant, or why there is none within half a period."""
     wanted_ns = timing.time_map.local_from_leader(instant_ns) - timing.offset_ns
     nearest = ring.nearest(wanted_ns)

@@ -14,7 +14,7 @@ from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.timekeeping.rates import LEADER, HostAtRate, HostOffRate, RateJury
+from capture_app.sync.timekeeping.rates import LEADER, HostAtRate, HostOffRate, RateVote
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration, megabytes
 
@@ -165,7 +165,7 @@ class RateReview:
     """Looks now and then at which clocks run oddly, the leader's host among them."""
 
     def __init__(self) -> None:
-        self._host_rate, self._jury = HostRate(), RateJury()
+        self._host_rate, self._jury = HostRate(), RateVote()
         self._due_ns: int | None = None
 
     @property
@@ -182,9 +182,9 @@ class RateReview:
 
 
 def review_rates(
-    jury: RateJury, views: Sequence[ClientView], leader_slewing_ppm: float | None
+    vote: RateVote, views: Sequence[ClientView], leader_slewing_ppm: float | None
 ) -> list[HostOffRate | HostAtRate]:
-    """Let the jury judge all clocks by what their nodes report; return what is news."""
+    """Let the vote judge all clocks by what their nodes report; return what is news."""
     known = [view for view in views if view.report.state in _CLOCK_IS_KNOWN]
     # A skew is that of the leader's clock against the node's.
     rates_ppm = {view.name: -view.report.skew_ppm for view in known if view.report.skew_ppm is not None}
@@ -193,7 +193,7 @@ def review_rates(
     }
     if leader_slewing_ppm:
         slewing_ppm[LEADER] = leader_slewing_ppm
-    return jury.review(rates_ppm, slewing_ppm)
+    return vote.review(rates_ppm, slewing_ppm)
 
 
 def rig_advice(

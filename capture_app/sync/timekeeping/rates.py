@@ -79,7 +79,7 @@ class HostAtRate:
     name: str | None
 
 
-class RateJury:
+class RateVote:
     """Keeps who is off rate; rates are relative to the leader's clock, in ppm, positive where faster."""
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
-from capture_app.sync.timekeeping.rates import RateJury
+from capture_app.sync.timekeeping.rates import RateVote
 from tests.simulation.rig.rigs import LAN, S, checked_error_ns, ready_rig
 
 SKEWS_PPM = (-35.0, 12.0, 40.0, 130.0, 200.0)
@@ -64,9 +64,9 @@ class SlewedClock:
 
 
 def advice(rig: VirtualRig) -> str:
-    jury, views = RateJury(), rig.leader.clients(rig.now_true_ns)
-    review_rates(jury, views, None)
-    return rig_advice(views, "10.0.0.1:47010", jury.off)
+    vote, views = RateVote(), rig.leader.clients(rig.now_true_ns)
+    review_rates(vote, views, None)
+    return rig_advice(views, "10.0.0.1:47010", vote.off)
 
 
 def lan_rig(*skews_ppm: float) -> VirtualRig:

@@ -108,8 +108,8 @@ def run_trial(case: Case, seed: int) -> CaseTrial:
     ppm = None if case.skew_ppm is None else case.skew_ppm * (1.0 if seed % 2 else -1.0)
     bench = Bench(case.profile(seed), seed, case.tolerance_ns, ppm=ppm)
     aligner = bench.aligner
-    first = bench.run(SEARCH_S * S, until=lambda _: aligner.within_reach)[-1]
-    reached = aligner.within_reach and abs(first.error_ns) <= _claimed_ns(bench)
+    first = bench.run(SEARCH_S * S, until=lambda _: aligner.within_window)[-1]
+    reached = aligner.within_window and abs(first.error_ns) <= _claimed_ns(bench)
     injections, stuck = aligner.corrections, bool(aligner.problem)
     called = false = within = watched = worst_ns = 0
     end_ns = bench.due_ns + case.watched_s * S
@@ -119,19 +119,19 @@ def run_trial(case: Case, seed: int) -> CaseTrial:
             continue
         watched += 1
         error_ns = abs(look.error_ns)
-        within += error_ns <= aligner.reach.tolerance_ns
+        within += error_ns <= aligner.window.tolerance_ns
         stuck = stuck or bool(aligner.problem)
-        if aligner.within_reach:
+        if aligner.within_window:
             called += 1
             false += error_ns > _claimed_ns(bench)
             worst_ns = max(worst_ns, error_ns)
-    tolerance_ns = aligner.reach.tolerance_ns
+    tolerance_ns = aligner.window.tolerance_ns
     return CaseTrial(reached, injections, stuck, tolerance_ns, called, false, within, watched, worst_ns)
 
 
 def _claimed_ns(bench: Bench) -> float:
     """How far off a frame that is called aligned may be: noise is allowed for, a step says it itself."""
-    reach = bench.aligner.reach
+    reach = bench.aligner.window
     return reach.reachable_ns if reach.reachable_ns > reach.asked_ns else NOISE_ALLOWED * reach.asked_ns
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile, Move, MoveEffect, PhaseActuator, ResetActuator
-from capture_app.sync.phase.alignment import SHORT_STAY_NS, Alignment, Reach, inner_of
+from capture_app.sync.phase.alignment import SHORT_STAY_NS, Alignment, AlignmentWindow, inner_of
 from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, PhaseEstimator
 from capture_app.sync.phase.frame_line import QUANTIZED_FRAMES
 from capture_app.sync.phase.goal import Drift, Goal, Setpoint
@@ -141,7 +141,7 @@ class Aligner:
         profile: InjectionProfile | None = None,
         aimed: bool = True,
     ) -> None:
-        self.reach = Reach(tolerance_ns)
+        self.window = AlignmentWindow(tolerance_ns)
         """How near to its goal the stream can be brought, and for how long."""
         self._hold_ns = HOLD_NS[camera.phase_control]
         self._phase = PhaseEstimator(period_ns=camera.period_ns)
@@ -158,9 +158,9 @@ class Aligner:
         return self._alignment.aligned
 
     @property
-    def within_reach(self) -> bool:
+    def within_window(self) -> bool:
         """Whether they were within the tolerance in force, which the step of their stamps may widen."""
-        return self._alignment.within_reach
+        return self._alignment.within_window
 
     @property
     def settled(self) -> bool:
@@ -170,14 +170,14 @@ class Aligner:
             return False
         if phase.frames < WARM_FRAMES[1]:
             blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
-            if phase.frames < WARM_FRAMES[0] or blur_ns > self.reach.tolerance_ns / 4:
+            if phase.frames < WARM_FRAMES[0] or blur_ns > self.window.tolerance_ns / 4:
                 return False
         return self._run_settled
 
     @property
     def meets_bursts(self) -> bool:
         """Whether a stream that drifts too fast to be held is brought to its goal for each burst."""
-        return not self._commands.under_way and self.reach.drifts_fast and self._actuator.meets_bursts
+        return not self._commands.under_way and self.window.drifts_fast and self._actuator.meets_bursts
 
     @property
     def corrections(self) -> int:
@@ -220,7 +220,7 @@ class Aligner:
         self._commands.add_frame(stamp)
         if self._actuator.restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
             # Nine of ten restarts miss: if a start's first frame is as good as five, do not wait for five.
-            steady = phase.first_off_ns() < self.reach.tolerance_ns / 4
+            steady = phase.first_off_ns() < self.window.tolerance_ns / 4
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
@@ -279,7 +279,7 @@ class Aligner:
         now = self._judge(time_map, goal, now_local_ns)
         if now is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
             return None
-        inner_ns = inner_of(self.reach.tolerance_ns, now.quantum_error_ns)
+        inner_ns = inner_of(self.window.tolerance_ns, now.quantum_error_ns)
         is_open = self._alignment.is_open(now.error_ns, 2.0 * now.sigma_ns, now.frames, inner_ns)
         if is_open and burst_leader_ns is None:
             return None
@@ -294,7 +294,7 @@ class Aligner:
         else:
             meeting_ns = max(0, (meeting_leader_ns or now.at_leader_ns) - now.at_leader_ns)
             setpoint = self._actuator.setpoint(
-                drift, hold_ns=self._hold_ns, aligned=self.within_reach, meeting_ns=meeting_ns
+                drift, hold_ns=self._hold_ns, aligned=self.within_window, meeting_ns=meeting_ns
             )
         if setpoint is None:
             return None
@@ -308,18 +308,18 @@ class Aligner:
             if self._phase.unmoved and self._phase.known:
                 frame_ns = self._phase.nearest_frame_ns(now_local_ns)
                 error_ns = goal.phase_error(time_map.leader_from_local(frame_ns))
-                self._alignment.judge_unmoved(error_ns, self.reach.tolerances_ns, hidden_ns)
+                self._alignment.judge_unmoved(error_ns, self.window.tolerances_ns, hidden_ns)
             else:
                 self._alignment.clear()
             return None
         self.problem = self._find_problem(now, goal)
-        self.reach.update(self._phase, now.drift_ppm)
+        self.window.update(self._phase, now.drift_ppm)
         if self.problem:
             self._alignment.clear()
             return None
         doubt_ns = 2.0 * now.sigma_ns
-        self._alignment.hurried = self.reach.stay_ns < SHORT_STAY_NS or hidden_ns > doubt_ns
-        self._alignment.judge(now.error_ns, doubt_ns, now.frames, self.reach.tolerances_ns, hidden_ns)
+        self._alignment.hurried = self.window.stay_ns < SHORT_STAY_NS or hidden_ns > doubt_ns
+        self._alignment.judge(now.error_ns, doubt_ns, now.frames, self.window.tolerances_ns, hidden_ns)
         return now
 
     def _drift(self, now: PhaseEstimate, inner_ns: int, now_local_ns: int) -> Drift:
@@ -331,10 +331,10 @@ class Aligner:
             now.drift_ppm * 1e-6,
             self._phase.period_ns,
             inner_ns,
-            min(doubt_ns, self.reach.tolerance_ns / 2) if self.within_reach else 0.0,
+            min(doubt_ns, self.window.tolerance_ns / 2) if self.within_window else 0.0,
             self._phase.shifts.latency_frames,
             landing_ns,
-            inner_ns if self.within_reach or still_coarse else landing_ns - doubt_ns,
+            inner_ns if self.within_window or still_coarse else landing_ns - doubt_ns,
         )
 
     def _command_towards(
@@ -343,7 +343,7 @@ class Aligner:
         """Return the command that moves the stream; None where none comes nearer, or one has to wait."""
         leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
         instant_local_ns = time_map.local_from_leader(goal.instant(goal.index_of(leader_ns)))
-        inner_ns = inner_of(self.reach.tolerance_ns, now.quantum_error_ns)
+        inner_ns = inner_of(self.window.tolerance_ns, now.quantum_error_ns)
         move = Move(
             now_local_ns=now_local_ns,
             wanted_local_ns=instant_local_ns + round(setpoint.wanted_ns),
@@ -378,7 +378,7 @@ class Aligner:
         if frames < self._frames_needed:
             return False
         sigma_ns = self._phase.sigma_at(self._phase.last_ns)
-        return frames >= SETTLED_FRAMES[1] or sigma_ns < self.reach.tolerance_ns / 4
+        return frames >= SETTLED_FRAMES[1] or sigma_ns < self.window.tolerance_ns / 4
 
     def _find_problem(self, now: PhaseEstimate, goal: Goal) -> str:
         doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns

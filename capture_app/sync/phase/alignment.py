@@ -26,7 +26,7 @@ class Alignment:
         """None where a stream lands by chance: where it seems to be must do then."""
         self.aligned = False
         """Whether the frames were within the tolerance asked for at the last step."""
-        self.within_reach = False
+        self.within_window = False
         """Whether they were within the tolerance in force, which the step of their stamps may widen."""
         self.hurried = False
         """Whether all of its tolerance is enough: it drifts out again before it could be moved twice, or its
@@ -37,13 +37,13 @@ class Alignment:
 
     def clear(self) -> None:
         """Call the stream aligned no more until it is judged again."""
-        self.aligned = self.within_reach = False
+        self.aligned = self.within_window = False
 
     def note_move(self, error_ns: float) -> None:
         """Note that the stream is moved from where it has that error."""
         self._nearest = False
-        self._moved_from_ns = None if self.within_reach else error_ns
-        self._landings += not self.within_reach
+        self._moved_from_ns = None if self.within_window else error_ns
+        self._landings += not self.within_window
 
     def note_no_better(self) -> None:
         """Note that no move would bring the stream nearer to its goal."""
@@ -56,8 +56,8 @@ class Alignment:
         return round(self._share * inner_ns)
 
     def is_open(self, error_ns: float, doubt_ns: float, frames: int, inner_ns: int) -> bool:
-        """Whether more frames may show that a stream which is not within reach is."""
-        if self._share is None or self.within_reach or frames >= PHASE_FRAMES:
+        """Whether more frames may show that a stream which is not within its window is."""
+        if self._share is None or self.within_window or frames >= PHASE_FRAMES:
             return False
         return abs(error_ns) < self.landing_ns(inner_ns) + doubt_ns
 
@@ -72,19 +72,19 @@ class Alignment:
             # Where rows are coarse, the same move only leads to the same place.
             self._nearest = abs(error_ns - self._moved_from_ns) < doubt_ns
             self._moved_from_ns = None
-        aligned, within_reach = (
+        aligned, within_window = (
             abs(error_ns) <= self._limit_ns(before, tolerance_ns, doubt_ns, frames, hidden_ns)
-            for before, tolerance_ns in zip((self.aligned, self.within_reach), tolerances_ns, strict=True)
+            for before, tolerance_ns in zip((self.aligned, self.within_window), tolerances_ns, strict=True)
         )
-        self.aligned, self.within_reach = aligned, within_reach
-        if within_reach:
+        self.aligned, self.within_window = aligned, within_window
+        if within_window:
             self._landings = 0
 
     def judge_unmoved(self, error_ns: float, tolerances_ns: tuple[int, int], hidden_ns: float) -> None:
         """Judge a stream that is about to move and has not yet: it may only be called aligned no more."""
         asked_ns, in_force_ns = (inner_of(tolerance_ns, hidden_ns) for tolerance_ns in tolerances_ns)
         self.aligned = self.aligned and abs(error_ns) <= asked_ns
-        self.within_reach = self.within_reach and abs(error_ns) <= in_force_ns
+        self.within_window = self.within_window and abs(error_ns) <= in_force_ns
 
     def _limit_ns(
         self, before: bool, tolerance_ns: int, doubt_ns: float, frames: int, hidden_ns: float
@@ -110,14 +110,14 @@ STEADY_FRAMES = 60
 SIGMAS = 4.0
 """Of noise that averaging leaves: two where the stream is, two where it is moved to."""
 EASED = 0.7
-"""A reach is made smaller only if it is by this factor: no limit that comes and goes."""
+"""A window is made smaller only if it is by this factor: no limit that comes and goes."""
 LONG_STAY_NS = 2_000_000_000
 """A stream that stays within its tolerance for longer is held by a correction now and then."""
 SHORT_STAY_NS = 1_500_000_000
 """One that stays for less is out again before it could be moved twice."""
 
 
-class Reach:
+class AlignmentWindow:
     """The tolerance in force for one stream: the one asked for, or what its timestamps allow; in ns."""
 
     def __init__(self, asked_ns: int) -> None:

@@ -100,17 +100,17 @@ class PhaseLoop:
     def ready(self) -> bool:
         """Whether the stream is aligned as nearly as it can be, or will be by the time of a burst."""
         aligner = self.aligner
-        return aligner.within_reach or aligner.meets_bursts or (aligner.settled and not self.can_move)
+        return aligner.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
 
     @property
     def coarseness(self) -> str:
         """Why a ready stream does not meet the tolerance asked for, in plain words; empty if it does."""
-        return self.aligner.reach.coarseness
+        return self.aligner.window.coarseness
 
     @property
     def fleetingness(self) -> str:
         """For how long the stream stays aligned where that is short, in plain words; empty if it is held."""
-        return self.aligner.reach.fleetingness if self.can_move else ""
+        return self.aligner.window.fleetingness if self.can_move else ""
 
     def waits_for_others(self, grid: CameraGrid) -> bool:
         """Whether this client may not move its stream yet: a restart waits for a time that suits all."""
@@ -128,7 +128,7 @@ class PhaseLoop:
             corrections=self.aligner.corrections,
             frames=self.aligner.frames,
             drops=self.aligner.drops,
-            tolerance_ns=self.aligner.reach.tolerance_ns,
+            tolerance_ns=self.aligner.window.tolerance_ns,
             stamp_quantum_ns=round(self.aligner.stamp_quantum_ns),
         )
         if phase is None or grid is None:

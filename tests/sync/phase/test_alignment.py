@@ -8,7 +8,7 @@ TOLERANCES_NS = 20_000, 20_000
 
 def judged(alignment: Alignment, error_ns: float, doubt_ns: float = 2_000.0, frames: int = 10) -> bool:
     alignment.judge(error_ns, doubt_ns, frames, TOLERANCES_NS, 0.0)
-    assert alignment.aligned is alignment.within_reach
+    assert alignment.aligned is alignment.within_window
     return alignment.aligned
 
 

@@ -86,21 +86,21 @@ def coarse_bench(seed: int, step_ns: float, tolerance_ns: int, *, cut: bool) -> 
     ("step_ns", "tolerance_ns"), [(1e6, 100_000), (1e6, 1_000_000), (1e9 / 90_000, 20_000)]
 )
 def test_no_frame_is_off_by_more_than_is_said(step_ns: float, tolerance_ns: int, cut: bool) -> None:
-    said = off_aligned = off_reach = off_uncertainty = 0
+    said = off_aligned = off_window = off_uncertainty = 0
     for seed in range(3):
         bench = coarse_bench(seed, step_ns, tolerance_ns, cut=cut)
         aligner = bench.aligner
-        bench.run(20 * S, until=lambda _, aligner=aligner: aligner.within_reach)  # type: ignore[misc]
+        bench.run(20 * S, until=lambda _, aligner=aligner: aligner.within_window)  # type: ignore[misc]
         for _ in range(300):
             look, now = bench.deliver(), bench.aligner.estimate(EXACT, bench.goal, bench.now_ns)
-            if look is None or now is None or not aligner.within_reach:
+            if look is None or now is None or not aligner.within_window:
                 continue
             said += 1
             off_aligned += look.aligned and abs(look.error_ns) > 1.1 * tolerance_ns
-            off_reach += abs(look.error_ns) > aligner.reach.tolerance_ns
+            off_window += abs(look.error_ns) > aligner.window.tolerance_ns
             off_uncertainty += abs(look.error_ns - now.error_ns) > now.uncertainty_ns
     assert said > 250
-    assert off_aligned + off_reach <= 0.01 * said
+    assert off_aligned + off_window <= 0.01 * said
     assert off_uncertainty <= 0.05 * said
 
 
@@ -108,14 +108,14 @@ def test_steps_that_are_coarser_than_the_tolerance_are_told() -> None:
     bench = coarse_bench(1, 1e6, 100_000, cut=True)
     looks = bench.run(20 * S)
     assert not any(look.aligned for look in looks)
-    assert bench.aligner.within_reach
+    assert bench.aligner.within_window
     assert bench.aligner.stamp_quantum_ns == pytest.approx(1e6)
-    assert 400_000 < bench.aligner.reach.tolerance_ns < 1_100_000
-    assert "steps of 1.0 ms" in bench.aligner.reach.coarseness
+    assert 400_000 < bench.aligner.window.tolerance_ns < 1_100_000
+    assert "steps of 1.0 ms" in bench.aligner.window.coarseness
     fine = coarse_bench(1, 1e3, 20_000, cut=True)
     fine.run(20 * S)
-    assert fine.aligner.reach.tolerance_ns == 20_000
-    assert not fine.aligner.reach.coarseness
+    assert fine.aligner.window.tolerance_ns == 20_000
+    assert not fine.aligner.window.coarseness
 
 
 def test_a_drift_that_injections_cannot_hold_is_told_and_met_at_a_burst() -> None:
@@ -126,8 +126,8 @@ def test_a_drift_that_injections_cannot_hold_is_told_and_met_at_a_burst() -> Non
     shares = [sum(look.aligned for look in bench.run(10 * S)) / 300 for bench in (held, slow)]
     assert shares[0] > 0.4
     assert shares[1] > 0.85
-    assert not slow.aligner.reach.fleetingness
-    assert "a second" in held.aligner.reach.fleetingness
+    assert not slow.aligner.window.fleetingness
+    assert "a second" in held.aligner.window.fleetingness
     commands = len(fleeting.commands)
     fleeting.run(5 * S)
     assert len(fleeting.commands) == commands, "no long frame that would do nothing"

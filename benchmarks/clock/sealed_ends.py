@@ -26,7 +26,7 @@ from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import ClientKeys, Grant
 from capture_app.trust.sealed_engines import SealedClient, SealedLeader
 
@@ -48,7 +48,7 @@ FACTS = CameraFacts(
 def granted(trials: int) -> tuple[ClientKeys, list[Grant]]:
     """Return the keys of the client of each trial, at the leader's end and at the clients'."""
     keys = ClientKeys(random.Random(SECRET).randbytes)
-    return keys, [keys.grant(Speaker(name_of(trial), trial)) for trial in range(trials)]
+    return keys, [keys.grant(Principal(name_of(trial), trial)) for trial in range(trials)]
 
 
 def name_of(trial: int) -> str:

@@ -97,7 +97,7 @@ class Joined:
 
     name: str
     instance: int = 1
-    speaker: None = None
+    principal: None = None
 
 
 async def lead(root: Path, cameras: int, instants: int) -> None:

@@ -12,7 +12,7 @@ from capture_app.node.news import NewsLog
 from capture_app.node.pairing import ask_to_enrol
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedLeader
@@ -43,8 +43,8 @@ class KeyIssuer:
         machine, role = self._trust.known.find(who.pin), Role.RELAY if request.is_relay else Role.CAMERA
         if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
             raise UnknownMachineError(f"this machine is not known here as {role} any more")
-        speaker = Speaker(request.name, request.instance, who.pin, request.is_relay)
-        return KeyAnswer(grant=self._sealed.keys.grant(speaker))
+        principal = Principal(request.name, request.instance, who.pin, request.is_relay)
+        return KeyAnswer(grant=self._sealed.keys.grant(principal))
 
     def look(self, now_ns: int) -> None:
         """Do now and then what is due; `now_ns` is the node's own clock."""

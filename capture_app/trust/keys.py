@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from msgspec import Struct
 
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, Side, key_of, unknown_key_of
 
 Address = tuple[str, int]
@@ -28,7 +28,7 @@ class Grant(Struct, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class _Client:
-    speaker: Speaker
+    principal: Principal
     seal: Seal
     address: Address | None = None
     """Where its newest datagram came from."""
@@ -52,12 +52,12 @@ class ClientKeys:
     def __len__(self) -> int:
         return len(self._clients)
 
-    def grant(self, speaker: Speaker) -> Grant:
+    def grant(self, principal: Principal) -> Grant:
         """Give out a key; those that were given to that run before are good until they are forgotten."""
         key_id, key = self._new_id(), self._random_bytes(KEY_BYTES)
         seal = Seal(key_id, key, seals=Side.LEADER, opens=Side.CLIENT)
-        self._clients[key_id] = _Client(speaker, seal)
-        given = self._given.setdefault(speaker.pin, {})
+        self._clients[key_id] = _Client(principal, seal)
+        given = self._given.setdefault(principal.pin, {})
         given[key_id] = None
         if len(given) > MOST_OF_ONE:
             self._forget(next(iter(given)))
@@ -67,13 +67,13 @@ class ClientKeys:
 
     def revoke_all_but(self, pins: Collection[str]) -> None:
         """Take the keys of all but these machines back; those ask for new ones: all share one for beacons."""
-        if any(client.speaker.pin not in pins for client in self._clients.values()):
+        if any(client.principal.pin not in pins for client in self._clients.values()):
             self._clients.clear()
             self._given.clear()
             self._at.clear()
             self._make_group()
 
-    def open(self, data: bytes, address: Address) -> tuple[bytes, Speaker]:
+    def open(self, data: bytes, address: Address) -> tuple[bytes, Principal]:
         """Return the message of a datagram, and who sent it. Raises SealError where it is refused."""
         key_id = key_of(data)
         client = self._clients.get(key_id)
@@ -84,7 +84,7 @@ class ClientKeys:
             self._move(client, address)
         # The last one used is forgotten last.
         self._clients[key_id] = self._clients.pop(key_id)
-        return message, client.speaker
+        return message, client.principal
 
     def seal(self, message: bytes, address: Address) -> bytes | None:
         """Return the datagram of a message for whoever is there; None where nobody with a key is."""
@@ -112,7 +112,7 @@ class ClientKeys:
 
     def _forget(self, key_id: int) -> None:
         client = self._clients.pop(key_id)
-        pin = client.speaker.pin
+        pin = client.principal.pin
         del self._given[pin][key_id]
         if not self._given[pin]:
             del self._given[pin]

@@ -18,7 +18,7 @@ from capture_app.sync.wire.codec import (
     version_answer,
 )
 from capture_app.sync.wire.messages import Hello, JoinRefusal
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import Address, ClientKeys, LeaderKeys
 from capture_app.trust.sealing import Refusals, Refused, SealError, unknown_key, unknown_key_of
 
@@ -101,7 +101,7 @@ class SealedLeader:
         notices, self._notices = self._notices, []
         yield from notices
 
-    def _open(self, data: bytes, address: Address) -> tuple[bytes, Speaker | None] | None:
+    def _open(self, data: bytes, address: Address) -> tuple[bytes, Principal | None] | None:
         try:
             return self.keys.open(data, address)
         except SealError as error:
@@ -127,7 +127,7 @@ class SealedRelay(SealedLeader):
         yield from _sealed(self._relay.datagrams_to_parents(now_ns), self.parent_keys)
         yield from self.parent_keys.take_kept()
 
-    def _open(self, data: bytes, address: Address) -> tuple[bytes, Speaker | None] | None:
+    def _open(self, data: bytes, address: Address) -> tuple[bytes, Principal | None] | None:
         if not self.parent_keys.is_key_of(data, address):
             return super()._open(data, address)
         message = _opened_by_client(data, address, self.parent_keys, self.refusals)

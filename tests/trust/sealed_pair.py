@@ -9,7 +9,7 @@ from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.messages import NodeState
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import Address, ClientKeys
 from capture_app.trust.sealed_engines import SealedClient, SealedLeader
 from tests.facts import make_facts
@@ -28,7 +28,7 @@ class Node:
     address: Address
     client: Client[int]
     sealed: SealedClient
-    speaker: Speaker
+    principal: Principal
 
 
 class SealedRig:
@@ -46,9 +46,9 @@ class SealedRig:
         config = ClientConfig(name, 100 + number, make_facts(), 100_000)
         client: Client[int] = Client(config, random.Random(number))
         sealed = SealedClient(Failover(client, (LEADER,)))
-        speaker = Speaker(name, 100 + number, pin=f"pin of {name}")
-        sealed.keys.hold(LEADER, self.leader.keys.grant(speaker))
-        return Node(name, (name, 2), client, sealed, speaker)
+        principal = Principal(name, 100 + number, pin=f"pin of {name}")
+        sealed.keys.hold(LEADER, self.leader.keys.grant(principal))
+        return Node(name, (name, 2), client, sealed, principal)
 
     def run(self, ms: int) -> None:
         """Let that much time pass; datagrams take a millisecond."""

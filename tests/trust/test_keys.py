@@ -2,7 +2,7 @@
 
 import random
 
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import MOST_OF_ONE, ClientKeys, LeaderKeys
 
 
@@ -10,14 +10,14 @@ def test_a_machine_takes_no_room_of_others_by_asking_for_keys() -> None:
     keys = ClientKeys(random.Random(1).randbytes)
     node, leader = ("192.0.2.7", 5), ("192.0.2.1", 1)
     own = LeaderKeys()
-    own.hold(leader, keys.grant(Speaker("left", 1, pin="honest")))
+    own.hold(leader, keys.grant(Principal("left", 1, pin="honest")))
     for run in range(2 * MOST_OF_ONE):
-        keys.grant(Speaker("greedy", run, pin="greedy"))
+        keys.grant(Principal("greedy", run, pin="greedy"))
     assert len(keys) == MOST_OF_ONE + 1
     sealed = own.seal(b"hello", leader)
     assert sealed is not None
     assert keys.open(sealed, node)[0] == b"hello"
     keys.revoke_all_but(["honest"])
     assert len(keys) == 0
-    keys.grant(Speaker("left", 2, pin="honest"))
+    keys.grant(Principal("left", 2, pin="honest"))
     assert len(keys) == 1

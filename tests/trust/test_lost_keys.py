@@ -15,7 +15,7 @@ def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back
     rig.leader.keys.revoke_all_but([])
     rig.run(600)
     assert node.sealed.keys.wanted == {LEADER}
-    node.sealed.keys.hold(LEADER, rig.leader.keys.grant(node.speaker))
+    node.sealed.keys.hold(LEADER, rig.leader.keys.grant(node.principal))
     assert not node.sealed.keys.wanted
     rig.run(600)
     assert rig.joined == ["a"]
@@ -26,15 +26,15 @@ def test_with_a_machine_all_keys_go_and_the_others_ask_for_new_ones() -> None:
     rig = running("a", "b")
     one, other = rig.nodes.values()
     keys = rig.leader.keys
-    keys.revoke_all_but({one.speaker.pin, other.speaker.pin})
+    keys.revoke_all_but({one.principal.pin, other.principal.pin})
     rig.run(100)
     assert len(keys) == 2
     assert not one.sealed.keys.wanted
-    keys.revoke_all_but({one.speaker.pin})
+    keys.revoke_all_but({one.principal.pin})
     assert other.sealed.open_broadcast(keys.seal_for_all(encode(Beacon(5, 1)))) is None
     rig.run(100)
     assert one.sealed.keys.wanted == {LEADER}
-    one.sealed.keys.hold(LEADER, keys.grant(one.speaker))
+    one.sealed.keys.hold(LEADER, keys.grant(one.principal))
     number = one.client.time.number
     rig.run(3000)
     assert rig.joined == ["a"]

@@ -28,7 +28,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import Address
 from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refusals, Refused
 from tests.facts import make_facts
@@ -154,8 +154,8 @@ def test_another_machine_cannot_take_the_name_of_a_lost_camera() -> None:
     rig.run(3000)
     assert rig.joined == ["b"]
     thief = rig.nodes["b"]
-    speaker = Speaker("a", 777, pin="pin of b")
-    thief.sealed.keys.hold(LEADER, rig.leader.keys.grant(speaker))
+    principal = Principal("a", 777, pin="pin of b")
+    thief.sealed.keys.hold(LEADER, rig.leader.keys.grant(principal))
     data = thief.sealed.keys.seal(encode(Hello("a", 777, make_facts())), LEADER)
     assert data is not None
     rig.deliver(data, thief.address, LEADER)
@@ -272,9 +272,9 @@ def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None
     number, _, _ = numbers(rig, "a")
     list(iter(rig.engine.next_event, None))
     node = rig.nodes["a"]
-    rig.engine.receive_datagram(encode(TriggerAck(number, 6, 1)), node.address, rig.now_ns, node.speaker)
+    rig.engine.receive_datagram(encode(TriggerAck(number, 6, 1)), node.address, rig.now_ns, node.principal)
     assert rig.engine.next_event() is None
-    rig.engine.receive_datagram(encode(TriggerAck(number, 5, 1)), node.address, rig.now_ns, node.speaker)
+    rig.engine.receive_datagram(encode(TriggerAck(number, 5, 1)), node.address, rig.now_ns, node.principal)
     assert rig.engine.next_event() == BurstAccepted("a", 1)
 
 

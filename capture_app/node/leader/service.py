@@ -49,20 +49,20 @@ class LeaderService:
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
         working_on: WorkingOn = {}
-        speaker = ""
+        principal = ""
         answers = ImageAnswers(channel)
         try:
             while (message := await channel.receive_header()) is not None:
                 try:
                     check_allowed(channel.who, message)
-                    self._check_speaker(channel, message, speaker)
+                    self._check_speaker(channel, message, principal)
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message))
                         continue
                     if isinstance(message, messages.NodeStream):
-                        self._end_speech(speaker, channel)
-                        speaker = message.camera
-                        self._begin_speech(speaker, channel)
+                        self._end_speech(principal, channel)
+                        principal = message.camera
+                        self._begin_speech(principal, channel)
                     await answers.drain()
                     await self._answer(channel, message, working_on)
                 except (SimulshotError, OSError) as error:
@@ -75,7 +75,7 @@ class LeaderService:
                 if channel.who.is_stranger:
                     return  # it has had its answer, and takes no room
         finally:
-            self._end_speech(speaker, channel)
+            self._end_speech(principal, channel)
             await answers.close()
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._bursts.now_ns())
@@ -91,7 +91,7 @@ class LeaderService:
             del self._speaking[camera]
 
     def _check_speaker(
-        self, channel: Channel[messages.ToLeader], message: messages.ToLeader, speaker: str
+        self, channel: Channel[messages.ToLeader], message: messages.ToLeader, principal: str
     ) -> None:
         """Check that a camera's messages come from the node that joined by its name.
 
@@ -105,11 +105,11 @@ class LeaderService:
                 ):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
-            case messages.CameraReport(plan=plan) if plan.camera.name != speaker:
+            case messages.CameraReport(plan=plan) if plan.camera.name != principal:
                 raise BadInputError(f"this stream does not speak for camera {plan.camera.name!r}")
-            case messages.ImageUpload(record=record) if record.camera != speaker:
+            case messages.ImageUpload(record=record) if record.camera != principal:
                 raise BadInputError(f"this stream does not speak for camera {record.camera!r}")
-            case messages.SpoolSpace() if message.camera != speaker:
+            case messages.SpoolSpace() if message.camera != principal:
                 raise BadInputError(f"this stream does not speak for camera {message.camera!r}")
 
     async def _take_image(

@@ -48,7 +48,7 @@ from capture_app.sync.wire.messages import (
     UpstreamMap,
     Welcome,
 )
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 
 SLOWEST_VIDEO_NS = 1_000_000_000
 """A camera with longer frames lays the grid only where no other is here."""
@@ -276,11 +276,11 @@ class Leader:
     # In
 
     def receive_datagram(
-        self, data: bytes, address: Address, now_ns: int, speaker: Speaker | None = None
+        self, data: bytes, address: Address, now_ns: int, principal: Principal | None = None
     ) -> None:
         """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be.
 
-        `speaker` is who sealed it; None in a rig without seals.
+        `principal` is who sealed it; None in a rig without seals.
         """
         try:
             message = decode(data)
@@ -289,21 +289,21 @@ class Leader:
             self.outbox.tell_version(data, address)
             return
         if isinstance(message, FromClient):
-            self.receive_message(message, address, now_ns, speaker)
+            self.receive_message(message, address, now_ns, principal)
 
     def receive_message(
-        self, message: FromClient, address: Address, now_ns: int, speaker: Speaker | None = None
+        self, message: FromClient, address: Address, now_ns: int, principal: Principal | None = None
     ) -> None:
-        """Take in a message that arrived at `now_ns`, sealed by `speaker` where the rig has seals."""
+        """Take in a message that arrived at `now_ns`, sealed by `principal` where the rig has seals."""
         if isinstance(message, Hello):
-            self._receive_hello(message, address, now_ns, speaker)
+            self._receive_hello(message, address, now_ns, principal)
             return
         member = self._roster.member_by_number(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
                 self.outbox.send(UnknownMember(message.client), address)
             return
-        if member.speaker != speaker:
+        if member.principal != principal:
             self.impostures += 1
             return
         member.address = address
@@ -439,11 +439,13 @@ class Leader:
         self._events.append(event)
         self._grid.is_due = True
 
-    def _receive_hello(self, hello: Hello, address: Address, now_ns: int, speaker: Speaker | None) -> None:
-        if speaker is not None and not speaker.may_introduce(hello):
+    def _receive_hello(
+        self, hello: Hello, address: Address, now_ns: int, principal: Principal | None
+    ) -> None:
+        if principal is not None and not principal.may_introduce(hello):
             self.impostures += 1
             return
-        refusal = self._roster.refusal(hello, speaker)
+        refusal = self._roster.refusal(hello, principal)
         refusal = refusal or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
             self.refuse(hello, refusal, address)
@@ -452,7 +454,7 @@ class Leader:
         if self._uplink is None and self.current.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
         self._events.extend(self._roster.make_room(hello))
-        member, event = self._roster.admit(hello, address, now_ns, speaker)
+        member, event = self._roster.admit(hello, address, now_ns, principal)
         if event is not None:
             self._events.append(event)
         config, current = self.config, self.current.message(self.pace_ns)

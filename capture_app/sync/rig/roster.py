@@ -11,7 +11,7 @@ from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeMoved, NodeReturned
 from capture_app.sync.wire.messages import CLOCK_ONLY, PROBE_NUMBER, WITHOUT_CAMERA, Hello, NodeState, Report
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 
 Address = tuple[str, int]
 
@@ -55,13 +55,13 @@ class Member:
     """Why it is counted as lost; empty while it is here."""
     is_confirmed: bool = False
     """Whether it has said more than hello, by the number that it was told: it is where it says it is."""
-    speaker: Speaker | None = None
+    principal: Principal | None = None
     """Who seals its messages; None in a rig without seals."""
 
-    def is_of_another_machine(self, speaker: Speaker | None) -> bool:
-        """Whether this member came without a relay, and from another machine than this speaker's."""
-        own = self.speaker
-        return self.via is None and own is not None and speaker is not None and own.pin != speaker.pin
+    def is_of_another_machine(self, principal: Principal | None) -> bool:
+        """Whether this member came without a relay, and from another machine than this principal's."""
+        own = self.principal
+        return self.via is None and own is not None and principal is not None and own.pin != principal.pin
 
 
 def van_der_corput(index: int) -> float:
@@ -104,12 +104,12 @@ class Roster:
         member = self._by_number.get(number)
         return None if member is None or member.lost else member
 
-    def refusal(self, hello: Hello, speaker: Speaker | None = None) -> str:
+    def refusal(self, hello: Hello, principal: Principal | None = None) -> str:
         """Return why a client cannot be taken in, empty where it can."""
         known = self.members.get(hello.name)
         if known is not None and not known.lost and known.instance != hello.instance:
             return f"another camera named {hello.name} is here: give this one another --name"
-        if known is not None and hello.via is None and known.is_of_another_machine(speaker):
+        if known is not None and hello.via is None and known.is_of_another_machine(principal):
             return f"{hello.name} is the name of another machine's camera: choose another, or forget that one"
         if not is_name(hello.name):
             return "its name is not a valid name"
@@ -140,14 +140,14 @@ class Roster:
         return min(lost, key=lambda member: member.last_heard_ns, default=None)
 
     def admit(
-        self, hello: Hello, address: Address, now_ns: int, speaker: Speaker | None = None
+        self, hello: Hello, address: Address, now_ns: int, principal: Principal | None = None
     ) -> tuple[Member, NodeJoined | NodeReturned | NodeMoved | None]:
         """Add a client that is not refused; no event where it is here already and merely asks again."""
         known = self.members.get(hello.name)
         moved = known is not None and not known.lost
         if known is not None:
             if not known.lost and known.via == hello.via:
-                known.last_heard_ns, known.speaker = now_ns, speaker
+                known.last_heard_ns, known.principal = now_ns, principal
                 # It may expose otherwise now, and have learnt more of its stamps.
                 known.camera = structs.replace(
                     known.camera, stamp=hello.camera.stamp, exposure_ns=hello.camera.exposure_ns
@@ -161,7 +161,7 @@ class Roster:
         member = Member(
             hello.name, hello.instance, number, address, hello.camera, report, now_ns, slot, hello.via
         )
-        member.speaker = speaker
+        member.principal = principal
         self._joins += 1
         self._count(member, 1)
         self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)

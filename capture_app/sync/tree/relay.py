@@ -29,7 +29,7 @@ from capture_app.sync.wire.messages import (
     Welcome,
     upstream_map,
 )
-from capture_app.sync.wire.principal import Speaker
+from capture_app.sync.wire.principal import Principal
 
 HEARTBEAT_EVERY_NS = 500_000_000
 OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")
@@ -51,11 +51,11 @@ class Relay:
         self._number: int | None = None
 
     def receive_datagram(
-        self, data: bytes, address: Address, now_ns: int, speaker: Speaker | None = None
+        self, data: bytes, address: Address, now_ns: int, principal: Principal | None = None
     ) -> None:
         """Take in a datagram that arrived at `now_ns`, of a parent or of a client.
 
-        `speaker` is the client that sealed it; None in a rig without seals, and where a parent did.
+        `principal` is the client that sealed it; None in a rig without seals, and where a parent did.
         """
         try:
             message = decode(data)
@@ -68,7 +68,7 @@ class Relay:
             return
         # An address may be that of a parent and of a client: the kind of message tells which is meant.
         if not isinstance(message, FromClient):
-            if speaker is not None:
+            if principal is not None:
                 self.leader.impostures += 1
             elif address == self.follower.parent:
                 self._receive_from_parent(message, address, now_ns)
@@ -82,7 +82,7 @@ class Relay:
         ):
             pass  # A client probes for a leader that is better than its own: this one is not.
         elif self.leader.current.upstream is not None:
-            self.leader.receive_message(message, address, now_ns, speaker)
+            self.leader.receive_message(message, address, now_ns, principal)
         elif isinstance(message, Hello) and self.follower.time.is_member:
             self.leader.refuse(message, "the relay does not know the time yet", address, retry_here=True)
 

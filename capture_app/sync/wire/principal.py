@@ -6,7 +6,7 @@ from capture_app.sync.wire.messages import Hello
 
 
 @dataclass(frozen=True, slots=True)
-class Speaker:
+class Principal:
     """A node by the key that it was given, for one run of it under one name."""
 
     name: str

@@ -49,7 +49,7 @@ class ClientArrivals:
 
 
 @dataclass(frozen=True, slots=True)
-class Lateness:
+class ArrivalOffset:
     """How much later than the consensus a client heard its newest beacon, and the 95 % error; in ns."""
 
     late_ns: float
@@ -65,7 +65,7 @@ class Cell:
     uncertainty_ns: float
     """95 % error of the consensus against the leader: that of the middle one of the clients."""
 
-    def lateness_of(self, own: ClientArrivals) -> Lateness | None:
+    def offset_of(self, own: ClientArrivals) -> ArrivalOffset | None:
         """Compare a client of this cell with the consensus; None where too few beacons are common."""
         common = [n for n in own.arrivals if n in self.consensus_ns]
         if len(common) < LEAST_COMMON:
@@ -80,7 +80,7 @@ class Cell:
         # The mean of many is far better than each, but nobody can see by how much two receivers differ
         # always: it is taken to be as much as each of them differs by chance.
         off_ns = sorted(abs(value - middle_ns) for value in late_now_ns)
-        return Lateness(middle_ns, off_ns[int(0.95 * len(off_ns))])
+        return ArrivalOffset(middle_ns, off_ns[int(0.95 * len(off_ns))])
 
 
 def theil_slope(xs: Sequence[float], ys: Sequence[float]) -> float:
@@ -133,7 +133,7 @@ def group_into_cells(arrivals_by_client: Mapping[int, ClientArrivals]) -> list[C
 
 
 def _find_consensus(group: Sequence[int], arrivals_by_client: Mapping[int, ClientArrivals]) -> Cell:
-    """Find each beacon's time and each client's lateness by median polish (Tukey 1977).
+    """Find each beacon's time and each client's offset by median polish (Tukey 1977).
 
     Medians over clients and over beacons in turn: a minority with false times, or missing arrivals, change
     little.
@@ -206,16 +206,16 @@ class Broadcaster:
         if self._regroup_due_ns is None or now_ns >= self._regroup_due_ns:
             self._regroup(now_ns)
         cell = self._cells.get(report.client)
-        lateness = None if cell is None else cell.lateness_of(own)
-        if cell is None or lateness is None:
+        offset = None if cell is None else cell.offset_of(own)
+        if cell is None or offset is None:
             return None
         newest = max(arrivals)
         return AgreedArrival(
             report.client,
             newest,
-            arrivals[newest] - round(lateness.late_ns),
-            round(cell.uncertainty_ns + lateness.relative_uncertainty_ns),
-            round(lateness.relative_uncertainty_ns),
+            arrivals[newest] - round(offset.late_ns),
+            round(cell.uncertainty_ns + offset.relative_uncertainty_ns),
+            round(offset.relative_uncertainty_ns),
         )
 
     def handle_timer(self, now_ns: int, listeners: int) -> None:

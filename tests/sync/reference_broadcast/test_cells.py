@@ -32,7 +32,7 @@ def arrivals_by_client(
 def corrected(cell: Cell, heard: dict[int, ClientArrivals], wrong_ns: list[int]) -> dict[int, float]:
     errors = {}
     for client in cell.clients:
-        place = cell.lateness_of(heard[client])
+        place = cell.offset_of(heard[client])
         assert place is not None
         errors[client] = wrong_ns[client] - place.late_ns
     return errors
@@ -58,7 +58,7 @@ def test_a_clock_that_drifts_is_placed_where_it_is_now() -> None:
     (cell,) = group_into_cells(heard)
     newest = {n: at_ns for n, at_ns in cell.consensus_ns.items() if n <= 20}
     for known in (cell, replace(cell, consensus_ns=newest)):
-        place = known.lateness_of(heard[2])
+        place = known.offset_of(heard[2])
         assert place is not None
         assert place.late_ns == pytest.approx(23 * 2500, abs=1500), "10 us a second, 5.75 s long"
         assert place.relative_uncertainty_ns < 3000
@@ -128,7 +128,7 @@ anything = st.builds(ClientArrivals, arrivals, errors_ns, errors_ns)
 def test_nothing_that_is_told_raises(told: dict[int, ClientArrivals]) -> None:
     for cell in group_into_cells(told):
         for client in cell.clients:
-            cell.lateness_of(told[client])
+            cell.offset_of(told[client])
 
 
 @settings(max_examples=30, deadline=None)

@@ -14,7 +14,7 @@ from capture_app.simulation.links import DelayLaw, GammaDelay, Link, TroubleSpel
 from capture_app.simulation.paper_link import PACE_NS, PAPER_LINK
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
-from capture_app.sync.tree.follower import WINDOW_NS
+from capture_app.sync.tree.member import WINDOW_NS
 
 FIRST = 300
 """K of the paper, and of our engine."""

@@ -18,7 +18,7 @@ from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.paper_link import PAPER_LINK
 from capture_app.simulation.rig import Timer, VirtualTime
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
-from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
+from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
 from capture_app.sync.tree.relay import Relay
 
 _S = 1_000_000_000
@@ -82,7 +82,7 @@ class _Node:
     rng: random.Random
     channel: Channel
     """To its parents."""
-    follower: Follower | None = None
+    member: TreeMember | None = None
     parents: frozenset[Address] = frozenset()
     timer: Timer = field(init=False)
     due_ns: int | None = None
@@ -174,12 +174,12 @@ class Tree:
         engine: Engine,
         rng: random.Random,
         parents: tuple[Address, ...],
-        follower: Follower | None = None,
+        member: TreeMember | None = None,
     ) -> WanderingClock:
         """Add a node below the parents; its clock and all its randomness are drawn from `rng`."""
         clock = draw_wandering_clock(rng, wander_ppm=self.spec.wander_ppm)
         channel = Channel(self.spec.link)
-        node = _Node((name, 0), engine, clock, rng, channel, follower, frozenset(parents))
+        node = _Node((name, 0), engine, clock, rng, channel, member, frozenset(parents))
         self._start(node, round(rng.uniform(0.0, self.spec.join_within_s) * _S))
         return clock
 
@@ -189,16 +189,16 @@ class Tree:
     def _add_relay(self, number: int, clients: float) -> None:
         name = f"relay{number}"
         rng = self._rng(name)
-        config = FollowerConfig(name, rng.getrandbits(32), (ROOT,))
+        config = TreeMemberConfig(name, rng.getrandbits(32), (ROOT,))
         limits = LeaderConfig(0, 0, RIG, exchanges_per_s=clients / self.spec.client_pace_s)
         relay = Relay(config, limits, rng)
-        self.add(name, relay, rng, config.parents, relay.follower)
+        self.add(name, relay, rng, config.parents, relay.member)
 
     def _add_client(self, number: int, parents: tuple[Address, ...]) -> None:
         name = f"client{number}"
         rng = self._rng(name)
-        follower = Follower(FollowerConfig(name, rng.getrandbits(32), parents), rng)
-        self.add(name, follower, rng, parents, follower)
+        member = TreeMember(TreeMemberConfig(name, rng.getrandbits(32), parents), rng)
+        self.add(name, member, rng, parents, member)
 
     def _start(self, node: _Node, start_true_ns: int) -> None:
         self.nodes[node.address] = node
@@ -273,12 +273,14 @@ class TreeResult:
 def measure(tree: Tree) -> TreeResult:
     """Run a tree, and compare every client's time with the truth at each sampling instant."""
     result = TreeResult()
-    clients = [(node.engine, node.clock) for node in tree.nodes.values() if isinstance(node.engine, Follower)]
+    clients = [
+        (node.engine, node.clock) for node in tree.nodes.values() if isinstance(node.engine, TreeMember)
+    ]
 
     def sample() -> None:
         now_true_ns, errors = tree.now_true_ns, []
-        for follower, clock in clients:
-            time_map = follower.time_map
+        for member, clock in clients:
+            time_map = member.time_map
             if time_map is None:
                 errors.append(nan)
                 continue

@@ -39,7 +39,7 @@ from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
-from capture_app.sync.tree.follower import FollowerConfig
+from capture_app.sync.tree.member import TreeMemberConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
@@ -93,7 +93,7 @@ class RelayNode:
         if self._sealed is not None:
             request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)
             self._requester = KeyRequester(
-                self._sealed.parent_keys, request, engine.follower.time, options.trust, self._pump
+                self._sealed.parent_keys, request, engine.member.time, options.trust, self._pump
             )
         self._upstream: Address | None = None
         self._upstream_channels: set[Channel[Any]] = set()
@@ -123,7 +123,7 @@ class RelayNode:
             instance = secrets.randbits(32)
             group = None if options.beacons is None else options.beacons.group
             engine = Relay(
-                FollowerConfig(options.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS),
+                TreeMemberConfig(options.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS),
                 LeaderConfig(instance, transfer_port=listening.getsockname()[1], beacons=group),
                 random.Random(secrets.randbits(64)),
             )
@@ -137,7 +137,7 @@ class RelayNode:
             raise
         relay._pump.start(datagrams)
         watch = JoinWatch(options.parents, options.news)
-        relay._tasks.append(asyncio.create_task(watch.run(engine.follower.time)))
+        relay._tasks.append(asyncio.create_task(watch.run(engine.member.time)))
         if relay._requester is not None:
             relay._tasks.append(asyncio.create_task(relay._requester.run()))
         return relay
@@ -171,8 +171,8 @@ class RelayNode:
     def status(self) -> RigStatus:
         """What this relay knows by itself: its own nodes, and how its time stands."""
         now_ns = self._clock.now_ns()
-        follower, leader = self._engine.follower, self._engine.leader
-        time_map, views = follower.time_map, leader.clients(now_ns)
+        member, leader = self._engine.member, self._engine.leader
+        time_map, views = member.time_map, leader.clients(now_ns)
         message = self._holdover_message(now_ns)
         return RigStatus(
             leader=str(self.address),
@@ -187,7 +187,7 @@ class RelayNode:
 
     def shared_grid(self) -> SharedGrid | None:
         """Return the root's grid, as well as this relay knows the root's time."""
-        goal, time_map = self._engine.leader.goal, self._engine.follower.time_map
+        goal, time_map = self._engine.leader.goal, self._engine.member.time_map
         return None if goal is None or time_map is None else SharedGrid(goal, time_map)
 
     def note_follower(self, news: FollowerNews) -> None:
@@ -251,7 +251,7 @@ class RelayNode:
     # Events
 
     def _drain(self) -> None:
-        rate = self._engine.follower.time.timekeeper.rate
+        rate = self._engine.member.time.timekeeper.rate
         rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         now_ns = self._clock.now_ns()
         send_due_beacon(self.options.beacons, self._engine.leader, now_ns, self._sealed)
@@ -263,13 +263,13 @@ class RelayNode:
                 self._change_upstream(event)
             if not isinstance(event, TimeClientEvent):
                 self.options.news.note(event)
-            elif line := follower_line(event, Address(*self._engine.follower.parent)):
+            elif line := follower_line(event, Address(*self._engine.member.parent)):
                 self.options.news.say(line)
 
     def _change_upstream(self, event: Joined | LeaderLost) -> None:
         """Another parent, or none: break streams to the one before off, for nodes to take up again."""
         if isinstance(event, Joined):
-            self._upstream = Address(self._engine.follower.parent[0], event.transfer_port)
+            self._upstream = Address(self._engine.member.parent[0], event.transfer_port)
             self._lost_ns = None
         else:
             self._upstream = None
@@ -279,9 +279,9 @@ class RelayNode:
 
     def _holdover_message(self, now_ns: int) -> str:
         """Say how this relay stands without a leader; empty while it has one."""
-        if self._engine.follower.time.is_member:
+        if self._engine.member.time.is_member:
             return ""
-        time_map = self._engine.follower.time_map
+        time_map = self._engine.member.time_map
         if time_map is None or self._lost_ns is None:
             return f"relay {self.options.name} has not found a leader yet"
         seconds = (now_ns - self._lost_ns) / 1e9

@@ -100,7 +100,7 @@ class TimeClient:
 
     Feed it datagrams and time (`now_ns`, the node's own clock); take datagrams and events out. It never
     raises on what the network brings. By itself it is a node without a camera; `Client` adds a camera to it,
-    `Follower` further leaders.
+    `TreeMember` further leaders.
     """
 
     def __init__(

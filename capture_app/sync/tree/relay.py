@@ -1,4 +1,4 @@
-"""A relay: a follower of its parent and a leader of its own clients, which keep the root's time through it.
+"""A relay: its parent's member and a leader of its own clients, which keep the root's time through it.
 
 Its time replies carry its own clock, which never jumps, however its estimate moves. Its configuration has
 the map from that clock to the root's with its uncertainty, and each client chains the two.
@@ -14,7 +14,7 @@ from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
-from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
+from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
 from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
 from capture_app.sync.wire.messages import (
     CLOCK,
@@ -37,14 +37,14 @@ OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")
 
 
 class Relay:
-    """Follower and leader behind one socket; `now_ns` is the relay's own clock.
+    """Member and leader behind one socket; `now_ns` is the relay's own clock.
 
     Clients can join as soon as the root's time is known. A relay that loses its parent goes into holdover,
     also for new clients; bursts come again with a parent.
     """
 
-    def __init__(self, config: FollowerConfig, leader: LeaderConfig, rng: random.Random) -> None:
-        self.follower = Follower(config, rng)
+    def __init__(self, config: TreeMemberConfig, leader: LeaderConfig, rng: random.Random) -> None:
+        self.member = TreeMember(config, rng)
         self.uplink = Uplink(config.name)
         self.leader = Leader(replace(leader, instance=config.instance), rng, self.uplink)
         self.malformed = 0
@@ -61,8 +61,8 @@ class Relay:
             message = decode(data)
         except WireError as error:
             self.malformed += 1
-            if address in self.follower.config.parents:
-                self.follower.note_unreadable(error, address)
+            if address in self.member.config.parents:
+                self.member.note_unreadable(error, address)
             else:
                 self.leader.outbox.tell_version(data, address)
             return
@@ -70,10 +70,10 @@ class Relay:
         if not isinstance(message, FromClient):
             if principal is not None:
                 self.leader.impostures += 1
-            elif address == self.follower.parent:
+            elif address == self.member.parent:
                 self._receive_from_parent(message, address, now_ns)
-            elif address in self.follower.config.parents:
-                self.follower.receive_message(message, address, now_ns)
+            elif address in self.member.config.parents:
+                self.member.receive_message(message, address, now_ns)
             self._update_terms()
         elif (
             isinstance(message, Heartbeat)
@@ -83,18 +83,18 @@ class Relay:
             pass  # A client probes for a leader that is better than its own: this one is not.
         elif self.leader.current.upstream is not None:
             self.leader.receive_message(message, address, now_ns, principal)
-        elif isinstance(message, Hello) and self.follower.time.is_member:
+        elif isinstance(message, Hello) and self.member.time.is_member:
             self.leader.refuse(message, "the relay does not know the time yet", address, retry_here=True)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
-        self.follower.handle_timer(now_ns)
+        self.member.handle_timer(now_ns)
         self._update_terms()
         self.leader.handle_timer(now_ns)
 
     def leave(self) -> None:
         """Say goodbye to the parent, and send the clients on: this relay is about to stop."""
-        self.follower.leave()
+        self.member.leave()
         for member in self.leader.members.values():
             if not member.lost:
                 self.leader.drop_member(member, "the relay stops")
@@ -103,7 +103,7 @@ class Relay:
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        follower_ns, leader_ns = self.follower.next_timer(), self.leader.next_timer()
+        follower_ns, leader_ns = self.member.next_timer(), self.leader.next_timer()
         return follower_ns if leader_ns is None else min(follower_ns, leader_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
@@ -112,12 +112,12 @@ class Relay:
 
     def datagrams_to_parents(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return those of `datagrams_to_send` that go up; the others are the leader's own."""
-        datagrams = self.follower.datagrams_to_send(now_ns)
-        return datagrams + [(data, self.follower.parent) for data in self.uplink.datagrams_to_send()]
+        datagrams = self.member.datagrams_to_send(now_ns)
+        return datagrams + [(data, self.member.parent) for data in self.uplink.datagrams_to_send()]
 
     def next_event(self) -> TimeClientEvent | LeaderEvent | None:
         """Return the next thing that happened on either side, None where there is none."""
-        return self.follower.next_event() or self.leader.next_event()
+        return self.member.next_event() or self.leader.next_event()
 
     # The parts
 
@@ -125,29 +125,29 @@ class Relay:
         """Take in a message for this relay itself, or for one of its members."""
         uplink, members = self.uplink, self.leader.members
         match message:
-            case Welcome() if message.instance != self.follower.config.instance:
+            case Welcome() if message.instance != self.member.config.instance:
                 uplink.note_welcome(message.instance, message.client, members)
-            case JoinRefusal() if message.instance != self.follower.config.instance:
+            case JoinRefusal() if message.instance != self.member.config.instance:
                 refused = uplink.note_refusal(message.instance, message.reason, members)
                 if refused is not None:
                     self.leader.drop_member(refused, message.reason)
-            case UnknownMember() if message.client != self.follower.time.number:
+            case UnknownMember() if message.client != self.member.time.number:
                 uplink.note_unknown(message.client)
             case HeartbeatAck() if member := uplink.member(message.client):
                 # Its configuration holds for all, and is newer than that of this relay's own heartbeats.
-                mine = msgspec.structs.replace(message, client=self.follower.time.number or 0)
-                self.follower.receive_message(mine, address, now_ns)
+                mine = msgspec.structs.replace(message, client=self.member.time.number or 0)
+                self.member.receive_message(mine, address, now_ns)
                 self._update_terms()
                 self.leader.acknowledge(member)
             case Trigger() if member := uplink.member(message.client):
                 self.leader.send(member, msgspec.structs.replace(message, client=member.number))
             case _:
-                self.follower.receive_message(message, address, now_ns)
+                self.member.receive_message(message, address, now_ns)
 
     def _update_terms(self) -> None:
         """Make the parent's configuration, and the map to the root's clock, this relay's own."""
-        follower, leader = self.follower, self.leader
-        current, above, number = leader.current, follower.time.followed, follower.time.number
+        member, leader = self.member, self.leader
+        current, above, number = leader.current, member.time.followed, member.time.number
         if number != self._number:
             self._number = number
             self.uplink.restart(has_parent=number is not None)
@@ -156,15 +156,15 @@ class Relay:
             current.in_holdover = in_holdover
             if current.shared_goal is not None:
                 leader.acknowledge_all()
-        if follower.time_map is None:
+        if member.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
             current.upstream = None
             return
-        if above is None or above.path[0] != follower.path[0]:
+        if above is None or above.path[0] != member.path[0]:
             # Another root's grid means nothing before its time is known.
             return
-        if current.upstream is None or current.upstream.epoch_local_ns != follower.time_map.epoch_local_ns:
-            current.upstream = upstream_map(follower.path, follower.time_map)
+        if current.upstream is None or current.upstream.epoch_local_ns != member.time_map.epoch_local_ns:
+            current.upstream = upstream_map(member.path, member.time_map)
         moved = (leader.goal, current.config.align_row) != (above.goal, above.align_row)
         if current.shared_goal is None or moved:
             current.shared_goal = SharedGoal(above.goal)

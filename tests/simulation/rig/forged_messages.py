@@ -1,11 +1,11 @@
-"""What liars might send a follower or a relay, as hypothesis strategies."""
+"""What liars might send a member or a relay, as hypothesis strategies."""
 
 import math
 
 from hypothesis import strategies as st
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.sync.tree.follower import Address
+from capture_app.sync.tree.member import Address
 from capture_app.sync.wire.codec import Message
 from capture_app.sync.wire.messages import (
     Goodbye,

@@ -1,4 +1,4 @@
-"""Whatever a follower or a relay was told, and whenever: with an honest leader it soon knows the time."""
+"""Whatever a member or a relay was told, and whenever: with an honest leader it soon knows the time."""
 
 import random
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from msgspec import structs
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
-from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
+from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
@@ -49,10 +49,10 @@ from tests.simulation.rig.forged_messages import (
 
 
 class FollowerAmongLiars(RuleBasedStateMachine):
-    """A follower among liars; after each sequence an honest leader takes the place of one of its parents."""
+    """A member among liars; after each sequence an honest leader takes the place of one of its parents."""
 
-    node: Follower | Relay
-    follower: Follower
+    node: TreeMember | Relay
+    member: TreeMember
 
     @initialize(start_ns=st.integers(-(2**60), 2**60), seed=u32)
     def start(self, start_ns: int, seed: int) -> None:
@@ -61,7 +61,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
         self.build(random.Random(seed))
 
     def build(self, rng: random.Random) -> None:
-        self.node = self.follower = Follower(FollowerConfig("me", INSTANCE, PARENTS), rng)
+        self.node = self.member = TreeMember(TreeMemberConfig("me", INSTANCE, PARENTS), rng)
 
     @rule(data=st.binary(max_size=80), at=addresses)
     def noise(self, data: bytes, at: Address) -> None:
@@ -69,9 +69,9 @@ class FollowerAmongLiars(RuleBasedStateMachine):
 
     @rule(message=from_parents, at=addresses, mine=st.booleans())
     def forged(self, message: Message, at: Address, mine: bool) -> None:
-        number = self.follower.time.number
+        number = self.member.time.number
         if mine:
-            at = self.follower.parent
+            at = self.member.parent
             if number is not None and isinstance(message, TimeReply | HeartbeatAck | UnknownMember | Trigger):
                 message = structs.replace(message, client=number)
         self.hear(encode(message), at)
@@ -86,19 +86,19 @@ class FollowerAmongLiars(RuleBasedStateMachine):
         client, sequence, t0_ns = self.asked.pop()
         self.now_ns = max(self.now_ns, min(t0_ns + delay_ns, 2**61))
         t2_ns = min(t1_ns + takes_ns, 2**63 - 1)
-        self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)), self.follower.parent)
+        self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)), self.member.parent)
 
     @rule(offset_ns=st.sampled_from([2**63 - 1, -(2**62), 0, OFFSET_NS]) | i64, turns=st.integers(290, 320))
     def lie_for_long(self, offset_ns: int, turns: int) -> None:
         """A parent whose clock is what it likes, and which is followed."""
-        if self.follower.time.number is None:
-            self.hear(encode(welcome(HONEST, 3)), self.follower.parent)
+        if self.member.time.number is None:
+            self.hear(encode(welcome(HONEST, 3)), self.member.parent)
         for _ in range(turns):
             self.follow_its_timers(1)
             for client, sequence, t0_ns in self.asked:
                 t1_ns = max(-(2**63), min(t0_ns + offset_ns, 2**63 - 1))
                 self.now_ns += 1_000_000
-                self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t1_ns)), self.follower.parent)
+                self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t1_ns)), self.member.parent)
             self.asked = []
 
     @rule(wait_ns=st.integers(0, 100_000_000) | st.integers(0, 200 * S) | st.integers(0, 2**58))
@@ -126,7 +126,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
     def send(self) -> None:
         for data, _ in self.node.datagrams_to_send(self.now_ns):
             self.note(data)
-        assert self.follower.time.timekeeper.outstanding <= OUTSTANDING
+        assert self.member.time.timekeeper.outstanding <= OUTSTANDING
         assert not self.node.datagrams_to_send(self.now_ns), "all that was to be said has been"
         assert len(self.asked) <= 1000
 
@@ -139,21 +139,21 @@ class FollowerAmongLiars(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         if hasattr(self, "node"):
-            events = list(iter(self.follower.next_event, None))
+            events = list(iter(self.member.next_event, None))
             assert len(events) <= MOST_EVENTS
             honest = PARENTS[self.seed % len(PARENTS)]
-            peers: dict[Address, Follower | Relay | Leader] = {("me", 1): self.node}
+            peers: dict[Address, TreeMember | Relay | Leader] = {("me", 1): self.node}
             peers[honest] = Leader(
                 LeaderConfig(HONEST, 0, RigConfig(period_ns=33_333_333)), random.Random(self.seed)
             )
             self.recover(peers, honest)
 
-    def recover(self, peers: dict[Address, Follower | Relay | Leader], honest: Address) -> None:
-        run(peers, honest, self.now_ns, lambda: self.knows(self.follower))
+    def recover(self, peers: dict[Address, TreeMember | Relay | Leader], honest: Address) -> None:
+        run(peers, honest, self.now_ns, lambda: self.knows(self.member))
 
-    def knows(self, follower: Follower) -> bool:
-        time_map = follower.time_map
-        if follower.state is not NodeState.READY or time_map is None or follower.path[0] != HONEST:
+    def knows(self, member: TreeMember) -> bool:
+        time_map = member.time_map
+        if member.state is not NodeState.READY or time_map is None or member.path[0] != HONEST:
             return False
         error_ns = abs(time_map.offset_ns - OFFSET_NS)
         return error_ns <= min(2 * ONE_WAY_NS, time_map.hard_bound_ns)
@@ -163,19 +163,19 @@ class RelayAmongLiars(FollowerAmongLiars):
     """A relay among liars above it and below it; in the end a client of its own has the time, too."""
 
     def build(self, rng: random.Random) -> None:
-        config = FollowerConfig("me", INSTANCE, PARENTS, OF_CAMERAS, HEARTBEAT_EVERY_NS)
+        config = TreeMemberConfig("me", INSTANCE, PARENTS, OF_CAMERAS, HEARTBEAT_EVERY_NS)
         self.node = Relay(config, LeaderConfig(0, 0), rng)
-        self.follower = self.node.follower
+        self.member = self.node.member
 
-    def recover(self, peers: dict[Address, Follower | Relay | Leader], honest: Address) -> None:
-        client = Follower(FollowerConfig("client", 5, (("me", 1),)), random.Random(self.seed))
+    def recover(self, peers: dict[Address, TreeMember | Relay | Leader], honest: Address) -> None:
+        client = TreeMember(TreeMemberConfig("client", 5, (("me", 1),)), random.Random(self.seed))
         peers["client", 1] = client
-        run(peers, honest, self.now_ns, lambda: self.knows(client) and self.knows(self.follower))
+        run(peers, honest, self.now_ns, lambda: self.knows(client) and self.knows(self.member))
         assert client.path == (HONEST, INSTANCE)
 
 
 def run(
-    peers: dict[Address, Follower | Relay | Leader], honest: Address, now_ns: int, done: Callable[[], bool]
+    peers: dict[Address, TreeMember | Relay | Leader], honest: Address, now_ns: int, done: Callable[[], bool]
 ) -> None:
     """Let all talk until it is done; all clocks but the honest leader's are one."""
     end_ns = now_ns + RECOVERED_NS
@@ -221,16 +221,16 @@ def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int
     machine = FollowerAmongLiars()
     machine.start(-(2**60), 1)
     machine.turn()
-    machine.hear(encode(welcome(2, 3, onward)), machine.follower.parent)
+    machine.hear(encode(welcome(2, 3, onward)), machine.member.parent)
     machine.lie_for_long(offset_ns, 420)
-    assert machine.follower.time.timekeeper.clock.samples > 100
+    assert machine.member.time.timekeeper.clock.samples > 100
 
 
 @pytest.mark.parametrize("number", [-1, 2**32])
 def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
-    follower = Follower(FollowerConfig("me", INSTANCE, PARENTS), random.Random(1))
-    follower.receive_datagram(encode(welcome(2, number)), follower.parent, 0)
-    assert (follower.time.number, follower.time.malformed) == (None, 1)
+    member = TreeMember(TreeMemberConfig("me", INSTANCE, PARENTS), random.Random(1))
+    member.receive_datagram(encode(welcome(2, number)), member.parent, 0)
+    assert (member.time.number, member.time.malformed) == (None, 1)
 
 
 def test_a_follower_recovers() -> None:

@@ -17,7 +17,7 @@ from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.tree.follower import Address, FollowerConfig
+from capture_app.sync.tree.member import Address, TreeMemberConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import NodeState
 from tests.facts import make_facts
@@ -78,9 +78,9 @@ class RelayRig:
 
     def relay(self, name: str, *parents: Address) -> Address:
         rng = random.Random(name)
-        config = FollowerConfig(name, rng.getrandbits(32), parents, OF_CAMERAS, HEARTBEAT_EVERY_NS)
+        config = TreeMemberConfig(name, rng.getrandbits(32), parents, OF_CAMERAS, HEARTBEAT_EVERY_NS)
         relay = self.relays[name] = Relay(config, LeaderConfig(0, 0), rng)
-        self.tree.add(name, relay, rng, parents, relay.follower)
+        self.tree.add(name, relay, rng, parents, relay.member)
         return name, 0
 
     def camera(self, name: str, *leaders: Address, at: str = "", control: str = "none") -> Camera:

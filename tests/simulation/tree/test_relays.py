@@ -115,7 +115,7 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
     rig.run_until(rig.all_ready)
     rig.kill("root")
     rig.run(10.0)
-    assert rig.relays["relay"].follower.time.number is None
+    assert rig.relays["relay"].member.time.number is None
     new = rig.camera("new", relay)
     # The longer the holdover, the coarser.
     rig.run_until(lambda: new.client.state in (NodeState.READY, NodeState.COARSE))
@@ -177,7 +177,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -
     assert rig.views()["cam"].via == "relay"
     rig.kill("gate")
     rig.run_until(lambda: rig.relays["relay"].leader.current.in_holdover)
-    assert rig.relays["relay"].follower.time.is_member, "its own parent is there, and alone"
+    assert rig.relays["relay"].member.time.is_member, "its own parent is there, and alone"
     rig.run_until(lambda: rig.views()["cam"].via == "other")
     assert stays.client.state is NodeState.READY
     assert stays.client.leader_in_holdover
@@ -202,6 +202,6 @@ def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
     relay_node = rig.relays["relay"]
     rig.kill("root")
     rig.run(4.0)
-    relay_node.follower.handle_timer(relay_node.next_timer() + S)
-    hellos = [decode(data) for data, _ in relay_node.follower.datagrams_to_send(0)]
+    relay_node.member.handle_timer(relay_node.next_timer() + S)
+    hellos = [decode(data) for data, _ in relay_node.member.datagrams_to_send(0)]
     assert [hello.camera.period_ns for hello in hellos if isinstance(hello, Hello)] == [20_000_000]

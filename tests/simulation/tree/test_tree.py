@@ -19,7 +19,7 @@ from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import CLIENT_SILENT_NS, CLOCK_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.rig.time_client import HELLOS
-from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
+from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import (
@@ -94,13 +94,13 @@ def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> N
     assert result.within_bound == result.judged
     assert max(abs(error) for errors in result.errors_us[5:] for error in errors) < 400.0
     for number in range(spec.clients):
-        follower = tree.nodes[f"client{number}", 0].follower
-        assert follower is not None
-        assert follower.state is NodeState.READY
-        assert follower.parent != ("relay0", 0)
-        relay = tree.nodes[follower.parent].follower
+        member = tree.nodes[f"client{number}", 0].member
+        assert member is not None
+        assert member.state is NodeState.READY
+        assert member.parent != ("relay0", 0)
+        relay = tree.nodes[member.parent].member
         assert relay is not None
-        assert follower.path == (1, relay.config.instance)
+        assert member.path == (1, relay.config.instance)
 
 
 def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while() -> None:
@@ -118,12 +118,12 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
     parents: list[list[str]] = []
 
     def look() -> None:
-        followers = [node.follower for node in nodes if node.follower is not None]
-        parents.append([follower.parent[0] for follower in followers])
-        for node, follower in zip(nodes, followers, strict=True):
+        followers = [node.member for node in nodes if node.member is not None]
+        parents.append([member.parent[0] for member in followers])
+        for node, member in zip(nodes, followers, strict=True):
             # Whatever happens, they hold the time.
             if tree.now_true_ns > 5 * S:
-                assert abs(checked_error_ns(follower.time_map, node.clock, tree.now_true_ns)) <= 500e3
+                assert abs(checked_error_ns(member.time_map, node.clock, tree.now_true_ns)) <= 500e3
 
     tree.run(look)
     at_first = parents[9]
@@ -188,41 +188,41 @@ def test_a_camera_below_a_relay_holds_the_root_time() -> None:
     error_ns = checked_error_ns(client.time_map, clock, tree.now_true_ns)
     relay = tree.nodes[parent].engine
     assert isinstance(relay, Relay)
-    assert relay.follower.time_map is not None
+    assert relay.member.time_map is not None
     assert abs(error_ns) < 200_000
     assert client.time_map is not None
-    assert client.time_map.hard_bound_ns > relay.follower.time_map.hard_bound_ns
+    assert client.time_map.hard_bound_ns > relay.member.time_map.hard_bound_ns
     assert relay.leader.goal == tree.root.goal
 
 
 @pytest.mark.parametrize("path", [(1, 77), tuple(range(100, 100 + MAX_DEPTH))])
 def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None:
     parents = (("a", 0), ("b", 0))
-    follower = Follower(FollowerConfig("me", 77, parents), random.Random(1))
-    follower.handle_timer(0)
-    assert [address for _, address in follower.datagrams_to_send(0)] == [("a", 0)]
+    member = TreeMember(TreeMemberConfig("me", 77, parents), random.Random(1))
+    member.handle_timer(0)
+    assert [address for _, address in member.datagrams_to_send(0)] == [("a", 0)]
     told = upstream_map(path, time_map(0, 0.0, 0, 1.0, 2.0))
     welcome = Welcome(
         77, 6, 0, RigConfigMessage(leader=5, anchor_leader_ns=0, period_ns=33_333_333, upstream=told)
     )
-    follower.receive_datagram(encode(welcome), ("a", 0), 1000)
-    assert follower.state is NodeState.JOINING
-    follower.handle_timer(S)
-    assert [address for _, address in follower.datagrams_to_send(S)] == [("b", 0)]
+    member.receive_datagram(encode(welcome), ("a", 0), 1000)
+    assert member.state is NodeState.JOINING
+    member.handle_timer(S)
+    assert [address for _, address in member.datagrams_to_send(S)] == [("b", 0)]
 
 
 def test_the_next_parent_is_asked_after_some_silence() -> None:
-    follower = Follower(FollowerConfig("me", 77, (("a", 0), ("b", 0))), random.Random(1))
+    member = TreeMember(TreeMemberConfig("me", 77, (("a", 0), ("b", 0))), random.Random(1))
     asked = []
     for _ in range(2 * HELLOS + 1):
-        now_ns = max(0, follower.next_timer())
-        follower.handle_timer(now_ns)
-        asked += [address[0] for _, address in follower.datagrams_to_send(now_ns)]
+        now_ns = max(0, member.next_timer())
+        member.handle_timer(now_ns)
+        asked += [address[0] for _, address in member.datagrams_to_send(now_ns)]
     assert "".join(asked) == "a" * HELLOS + "b" * HELLOS + "a"
 
 
 def test_a_relay_takes_nobody_in_before_it_has_the_time() -> None:
-    relay = Relay(FollowerConfig("r", 3, (ROOT,)), LeaderConfig(0, 0), random.Random(1))
+    relay = Relay(TreeMemberConfig("r", 3, (ROOT,)), LeaderConfig(0, 0), random.Random(1))
     relay.receive_datagram(encode(Hello("cam", 5, CAMERA)), ("cam", 0), 0)
     assert relay.datagrams_to_send(0) == []
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.tree.follower import WINDOW_NS
+from capture_app.sync.tree.member import WINDOW_NS
 
 MS = 1_000_000
 S = 1_000_000_000

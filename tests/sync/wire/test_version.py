@@ -10,7 +10,7 @@ from capture_app.sync.rig.events import JoinRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
-from capture_app.sync.tree.follower import FollowerConfig
+from capture_app.sync.tree.member import TreeMemberConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import (
     TOKEN_BYTES,
@@ -54,7 +54,7 @@ def test_a_leader_tells_its_version_to_whoever_asks() -> None:
 
 
 def test_a_relay_tells_its_version_too() -> None:
-    relay = Relay(FollowerConfig("gate", 3, (PARENT,)), LeaderConfig(3, transfer_port=1), random.Random(1))
+    relay = Relay(TreeMemberConfig("gate", 3, (PARENT,)), LeaderConfig(3, transfer_port=1), random.Random(1))
     (answer,) = answers(relay, version_question(TOKEN))
     assert answered_version(answer, TOKEN) == VERSION
 
@@ -77,7 +77,7 @@ def test_the_older_end_is_the_one_to_renew() -> None:
 
 
 def test_a_member_of_a_relay_hears_of_another_version_too() -> None:
-    relay = Relay(FollowerConfig("gate", 3, (PARENT,)), LeaderConfig(3, transfer_port=1), random.Random(1))
+    relay = Relay(TreeMemberConfig("gate", 3, (PARENT,)), LeaderConfig(3, transfer_port=1), random.Random(1))
     relay.handle_timer(0)
     relay.receive_datagram(of_version(VERSION + 1, version_answer(version_question(TOKEN)) or b""), PARENT, 1)
     event = relay.next_event()

@@ -32,8 +32,8 @@ WINDOW_NS = 300_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class FollowerConfig:
-    """What a follower is; `parents` are asked in turn, the best one first."""
+class TreeMemberConfig:
+    """What a member is; `parents` are asked in turn, the best one first."""
 
     name: str
     instance: int
@@ -44,13 +44,13 @@ class FollowerConfig:
     """None to report once a round only, and to notice only then that the parent is silent."""
 
 
-class Follower:
+class TreeMember:
     """Keeps the time of a tree's root; `now_ns` is always the node's own clock.
 
     When its parent falls silent it asks the next one (failover), and keeps its time map meanwhile (holdover).
     """
 
-    def __init__(self, config: FollowerConfig, rng: random.Random) -> None:
+    def __init__(self, config: TreeMemberConfig, rng: random.Random) -> None:
         self.config = config
         every_ns = config.heartbeat_every_ns
         clock = ClockFilter(window_ns=WINDOW_NS)

@@ -10,8 +10,8 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
-from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
+from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.grid_choice import CameraPhase, GridChoice
 
 S = 1_000_000_000
 PAPERS_SLEEP_NS = S
@@ -170,7 +170,7 @@ def restart_together(
     count from the moment that all cameras know their phase. `starts_known` start latencies were seen before.
     """
     rng = random.Random(seed)
-    shared_goal = SharedGoal(Goal(0, profile.period_ns))
+    grid_choice = GridChoice(FrameGrid(0, profile.period_ns))
     benches = [
         Bench(
             profile,
@@ -178,7 +178,7 @@ def restart_together(
             tolerance_ns,
             ppm=uniform_ppm(rng),
             aimed=aimed,
-            goal=shared_goal.goal,
+            goal=grid_choice.goal,
             start_latencies_ns=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],
         )
         for _ in range(count)
@@ -198,17 +198,17 @@ def restart_together(
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             elif camera_phases[number].frame_leader_ns is None or now_ns - told_ns[number] >= REPORT_NS:
                 told_ns[number] = now_ns
-                camera_phases[number] = _camera_phase(number, bench, shared_goal.goal, tolerance_ns)
-                shared_goal.update(camera_phases, now_ns)
+                camera_phases[number] = _camera_phase(number, bench, grid_choice.goal, tolerance_ns)
+                grid_choice.update(camera_phases, now_ns)
             if began_ns is None and all(s.frame_leader_ns is not None for s in camera_phases):
                 began_ns = now_ns
-            bench.goal, bench.meeting_leader_ns = shared_goal.goal, shared_goal.meeting_leader_ns
+            bench.goal, bench.meeting_leader_ns = grid_choice.goal, grid_choice.meeting_leader_ns
             before = len(bench.commands)
             bench.step_aligner(frame, hold=bench.meeting_leader_ns is None)
             if len(bench.commands) > before:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             if began_ns is not None and all(
-                b.aligner.aligned and b.goal == shared_goal.goal for b in benches
+                b.aligner.aligned and b.goal == grid_choice.goal for b in benches
             ):
                 return Attempt(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
         heapq.heappush(heap, (bench.due_ns, number))
@@ -219,7 +219,7 @@ def _unknown_phase(number: int, tolerance_ns: int) -> CameraPhase:
     return CameraPhase(str(number), PhaseControl.RESET, None, 0.0, tolerance_ns)
 
 
-def _camera_phase(number: int, bench: Bench, goal: Goal, tolerance_ns: int) -> CameraPhase:
+def _camera_phase(number: int, bench: Bench, goal: FrameGrid, tolerance_ns: int) -> CameraPhase:
     estimate = bench.aligner.estimate(EXACT, goal, bench.now_ns) if bench.aligner.settled else None
     if estimate is None:
         return _unknown_phase(number, tolerance_ns)

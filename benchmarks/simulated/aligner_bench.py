@@ -15,7 +15,7 @@ from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
@@ -46,7 +46,7 @@ class Bench:
         row_known: bool = True,
         aimed: bool = True,
         known: InjectionProfile | None = None,
-        goal: Goal | None = None,
+        goal: FrameGrid | None = None,
         clock_noise_ns: int = 0,
         start_latencies_ns: Sequence[int] = (),
     ) -> None:
@@ -57,7 +57,7 @@ class Bench:
         facts = facts_of(profile, width=profile.image_width, height=profile.image_rows)
         camera = facts if row_known else msgspec.structs.replace(facts, row_time_ns=None)
         self.aligner = Aligner(camera, tolerance_ns=tolerance_ns, rng=rng, aimed=aimed, profile=known)
-        self.goal = goal or Goal(rng.randrange(START_NS), profile.period_ns)
+        self.goal = goal or FrameGrid(rng.randrange(START_NS), profile.period_ns)
         self.meeting_leader_ns: int | None = None
         self.now_ns = 0
         self.commands: list[CameraCommand] = []

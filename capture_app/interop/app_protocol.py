@@ -18,7 +18,7 @@ from enum import IntEnum
 
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES, AccuracyGoal, Progress, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES, AccuracyTarget, Progress, SteadySchedule
 
 CALL_PORT, TIME_PORT = 8244, 9428
 HEARTBEAT_EVERY_NS = 1_000_000_000
@@ -102,7 +102,7 @@ class AppPhone:
         self.tell_due_ns: int | None = None
         """When it is next told its offset; None before the first time."""
         self.align_due_ns = now_ns
-        self._clock, self._goal = ClockFilter(), AccuracyGoal(ACCURATE_NS)
+        self._clock, self._target = ClockFilter(), AccuracyTarget(ACCURATE_NS)
         self._schedule = SteadySchedule()
         self._schedule.begin(now_ns)
         self._knock_due_ns: int | None = now_ns
@@ -124,7 +124,7 @@ class AppPhone:
             self._schedule.estimated(now_ns)
             self.time_map = self._clock.time_map(now_ns)
             if self.time_map is not None and self.samples >= FIRST_SAMPLES:
-                self.synced = self._goal.judge(self.time_map, now_ns) or self.synced
+                self.synced = self._target.judge(self.time_map, now_ns) or self.synced
         if now_ns >= self._request_due_ns:
             self._prepare_request(now_ns)
 
@@ -151,7 +151,7 @@ class AppPhone:
             self._prepare_request(t3_ns)
         if not self._clock.add(sample):
             self.synced, self.time_map, self.tell_due_ns = False, None, None
-            self._goal.restart()
+            self._target.restart()
             self._schedule.begin(t3_ns)
 
     def pace(self, pace_ns: int) -> None:
@@ -164,7 +164,7 @@ class AppPhone:
 
     @property
     def _progress(self) -> Progress:
-        return Progress(self.synced, self.samples, self.time_map, self._goal.met)
+        return Progress(self.synced, self.samples, self.time_map, self._target.met)
 
     def _prepare_request(self, now_ns: int) -> None:
         self._is_request_due = True

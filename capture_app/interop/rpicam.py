@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from capture_app.clock import NodeClock
 from capture_app.net.interfaces import own_hosts
 from capture_app.node.leader.followers import FollowedRig, RigFollower, SharedGrid
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 
 GROUP, PORT = "239.255.255.250", 10_000
 PACKET = struct.Struct("<I4xQQQQ")
@@ -31,7 +31,7 @@ READY_EVERY_NS = 10_000_000_000
 
 
 def sync_packet(
-    goal: Goal, leader_ns: int, wall_from_leader: Callable[[int], int], *, shutter_ns: int = 0
+    goal: FrameGrid, leader_ns: int, wall_from_leader: Callable[[int], int], *, shutter_ns: int = 0
 ) -> bytes:
     """Return the packet of the latest instant of a grid; `wall_from_leader` is for the receiver's wall clock.
 

@@ -23,7 +23,7 @@ from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.timekeeping.poll_schedule import AccuracyGoal, PollSchedule, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.wire.messages import Group, NodeState
 
@@ -168,7 +168,7 @@ class VirtualRig:
         )
         client: Client[SensorFrame] = Client(config, rng, spec.schedule(), samples=spec.samples)
         if spec.any_clock:
-            client.time.timekeeper.goal = AccuracyGoal()
+            client.time.timekeeper.target = AccuracyTarget()
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
         node.timer = Timer(self._time, self._pump, node)
         self.nodes[spec.name] = node

@@ -12,7 +12,7 @@ from capture_app.node.news import FollowerNews
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.frame_selection import Burst
 
 
@@ -20,7 +20,7 @@ from capture_app.sync.rig.frame_selection import Burst
 class SharedGrid:
     """A rig's grid, as this machine knows it; without a map its clock is the rig's time."""
 
-    goal: Goal
+    goal: FrameGrid
     time_map: TimeMap | None = None
 
 

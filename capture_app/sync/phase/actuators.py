@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import ceil, exp, log, pi, sqrt
 from typing import ClassVar
 
-from capture_app.sync.phase.goal import Drift, Setpoint, setpoint_to_meet, setpoint_to_stay
+from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_to_meet, setpoint_to_stay
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 

@@ -8,8 +8,8 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile, Move, MoveEffect, PhaseActuator, ResetActuator
 from capture_app.sync.phase.alignment import SHORT_STAY_NS, Alignment, AlignmentWindow, inner_of
 from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, PhaseEstimator
+from capture_app.sync.phase.frame_grid import Drift, FrameGrid, Setpoint
 from capture_app.sync.phase.frame_line import QUANTIZED_FRAMES
-from capture_app.sync.phase.goal import Drift, Goal, Setpoint
 from capture_app.sync.phase.injection import FrameDurationActuator, InjectionActuator
 from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate, StampError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -241,7 +241,7 @@ class Aligner:
         """End the command under way once its effect shows or is overdue, and learn from the effect."""
         self._commands.update(now_local_ns, run_settled=self._run_settled)
 
-    def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
+    def estimate(self, time_map: TimeMap, goal: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
         """The stream's error at an instant of leader time; None while it is not known."""
         phase = self._phase
         if phase.run_frames < self._frames_needed or not phase.known:
@@ -261,7 +261,7 @@ class Aligner:
     def next_command(
         self,
         time_map: TimeMap,
-        goal: Goal,
+        goal: FrameGrid,
         now_local_ns: int,
         *,
         hold: bool = False,
@@ -300,7 +300,7 @@ class Aligner:
             return None
         return self._command_towards(setpoint, time_map, goal, now, now_local_ns)
 
-    def _judge(self, time_map: TimeMap, goal: Goal, now_local_ns: int) -> PhaseEstimate | None:
+    def _judge(self, time_map: TimeMap, goal: FrameGrid, now_local_ns: int) -> PhaseEstimate | None:
         """Judge the stream as it is now; return its error where it may be acted on."""
         now = self.estimate(time_map, goal, time_map.leader_from_local(now_local_ns))
         hidden_ns = self._phase.quantum_error_ns
@@ -338,7 +338,7 @@ class Aligner:
         )
 
     def _command_towards(
-        self, setpoint: Setpoint, time_map: TimeMap, goal: Goal, now: PhaseEstimate, now_local_ns: int
+        self, setpoint: Setpoint, time_map: TimeMap, goal: FrameGrid, now: PhaseEstimate, now_local_ns: int
     ) -> CameraCommand | None:
         """Return the command that moves the stream; None where none comes nearer, or one has to wait."""
         leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
@@ -380,7 +380,7 @@ class Aligner:
         sigma_ns = self._phase.sigma_at(self._phase.last_ns)
         return frames >= SETTLED_FRAMES[1] or sigma_ns < self.window.tolerance_ns / 4
 
-    def _find_problem(self, now: PhaseEstimate, goal: Goal) -> str:
+    def _find_problem(self, now: PhaseEstimate, goal: FrameGrid) -> str:
         doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns
         if abs(now.drift_ppm) - doubt_ppm > HOPELESS_PPM:
             return (

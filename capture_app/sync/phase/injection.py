@@ -13,8 +13,8 @@ from statistics import median
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.phase.actuators import InjectionProfile, Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_for_burst, setpoint_to_stay
 from capture_app.sync.phase.frame_line import SIGMA_FROM_MAD
-from capture_app.sync.phase.goal import Drift, Setpoint, setpoint_for_burst, setpoint_to_stay
 from capture_app.sync.wire.camera_commands import InjectFrame, SetFrameDuration
 
 GAINS = (1.0, 2.0, 3.0)

@@ -17,7 +17,7 @@ from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.timekeeping.poll_schedule import AccuracyGoal, PollSchedule
+from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule
 from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
@@ -57,7 +57,7 @@ class Client(Generic[F]):
                 rng.getrandbits(32),
                 schedule,
                 samples=samples,
-                goal=AccuracyGoal.for_tolerance(config.tolerance_ns),
+                target=AccuracyTarget.for_tolerance(config.tolerance_ns),
             ),
             config.camera,
             report=self._report_to_leader,
@@ -90,7 +90,7 @@ class Client(Generic[F]):
             return state
         if not self._phase_loop.ready:
             return NodeState.ALIGNING
-        fine = self.time.timekeeper.goal.met and not self._phase_loop.coarseness
+        fine = self.time.timekeeper.target.met and not self._phase_loop.coarseness
         return state if fine else NodeState.COARSE
 
     @property

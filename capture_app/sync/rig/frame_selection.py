@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import StampError
 
 F = TypeVar("F")
@@ -138,7 +138,7 @@ def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> b
     return 0 < frames <= most and step_ns > 0 and (frames - 1) * step_ns <= most_ns
 
 
-def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> range:
+def burst_instants(goal: FrameGrid, at_leader_ns: int, frames: int, spacing: int) -> range:
     """Snap a moment to the rig's grid and return the burst's instants from there, in leader ns."""
     first_ns, step_ns = goal.instant(goal.index_of(at_leader_ns)), spacing * goal.period_ns
     return range(first_ns, first_ns + frames * step_ns, step_ns)

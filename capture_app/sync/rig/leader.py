@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError
 from capture_app.sync.phase.aligner import HOPELESS_PPM
-from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.shared_goal import SharedGoal
+from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.grid_choice import GridChoice
 from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeLost
 from capture_app.sync.rig.frame_selection import Burst
@@ -77,7 +77,7 @@ class CurrentConfig:
     leader: int
     """Its run."""
     config: RigConfig
-    shared_goal: SharedGoal | None = None
+    grid_choice: GridChoice | None = None
     upstream: UpstreamMap | None = None
     """Of a relay: from its clock to the root's; clients chain it to their estimates."""
     in_holdover: bool = False
@@ -86,22 +86,22 @@ class CurrentConfig:
     """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
 
     @property
-    def goal(self) -> Goal | None:
+    def goal(self) -> FrameGrid | None:
         """The grid of instants that all cameras are moved onto; None before the first client."""
-        return None if self.shared_goal is None else self.shared_goal.goal
+        return None if self.grid_choice is None else self.grid_choice.goal
 
     def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
         """Lay the grid at the rate of the first camera; whether it has changed."""
         is_camera = camera.kind not in WITHOUT_CAMERA
-        if self.shared_goal is not None and (self.grid_is_of_cameras or not is_camera):
+        if self.grid_choice is not None and (self.grid_is_of_cameras or not is_camera):
             return False
         self.grid_is_of_cameras = is_camera or self.config.period_ns is not None
         period_ns, phase_ns = self.config.period_ns or camera.period_ns, self.config.grid_phase_ns
         phase_ns = now_ns if phase_ns is None else phase_ns
-        goal = Goal(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
-        if self.shared_goal is not None and goal.period_ns == self.shared_goal.goal.period_ns:
+        goal = FrameGrid(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
+        if self.grid_choice is not None and goal.period_ns == self.grid_choice.goal.period_ns:
             return False
-        self.shared_goal = SharedGoal(goal)
+        self.grid_choice = GridChoice(goal)
         return True
 
     def is_held(self, camera: CameraFacts) -> bool:
@@ -131,19 +131,19 @@ class CurrentConfig:
         best_ns = max(dict.fromkeys(camera.period_ns for camera in cameras), key=support)
         if support(best_ns) <= support(goal.period_ns):
             return False
-        self.shared_goal = SharedGoal(Goal(now_ns, best_ns))
+        self.grid_choice = GridChoice(FrameGrid(now_ns, best_ns))
         return True
 
     def message(self, pace_ns: int) -> RigConfigMessage:
         """Return what is told; `pace_ns` is the mean time between two requests that the leader bears."""
-        assert self.shared_goal is not None, "the first hello sets the goal"
-        goal = self.shared_goal.goal
+        assert self.grid_choice is not None, "the first hello sets the goal"
+        goal = self.grid_choice.goal
         return RigConfigMessage(
             leader=self.leader,
             anchor_leader_ns=goal.anchor_leader_ns,
             period_ns=goal.period_ns,
             align_row=self.config.align_row,
-            meeting_leader_ns=self.shared_goal.meeting_leader_ns,
+            meeting_leader_ns=self.grid_choice.meeting_leader_ns,
             pace_ns=pace_ns,
             upstream=self.upstream,
             in_holdover=self.in_holdover,
@@ -172,7 +172,7 @@ class GridReview:
 
     def update_goal(self, now_ns: int) -> bool:
         """Move the goal to suit the cameras that cannot follow it; whether it has changed."""
-        shared, immovable = self._current.shared_goal, len(self._roster.immovable)
+        shared, immovable = self._current.grid_choice, len(self._roster.immovable)
         if (
             shared is None
             or self._current.upstream is not None
@@ -263,7 +263,7 @@ class Leader:
         self._events: deque[LeaderEvent] = deque()
 
     @property
-    def goal(self) -> Goal | None:
+    def goal(self) -> FrameGrid | None:
         """The grid of instants that all cameras are moved onto; None before the first camera."""
         return self.current.goal
 

@@ -29,8 +29,8 @@ def of_state(
     now_ns: int,
 ) -> str:
     """Say what a client in that state is about; empty where there is nothing to say."""
-    wanted_ns, time_map, aligner = keeper.goal.wanted_ns, keeper.time_map, loop.aligner
-    error_ns = keeper.goal.error_ns
+    wanted_ns, time_map, aligner = keeper.target.wanted_ns, keeper.time_map, loop.aligner
+    error_ns = keeper.target.error_ns
     match state:
         case NodeState.JOINING:
             return "asks to join"
@@ -38,10 +38,10 @@ def of_state(
             return syncing(keeper.clock.samples, keeper.schedule.synced_samples, error_ns, wanted_ns)
         case NodeState.ALIGNING | NodeState.COARSE | NodeState.READY if odd := rate(keeper.rate, now_ns):
             return odd
-        case NodeState.ALIGNING if keeper.goal.met or time_map is None:
+        case NodeState.ALIGNING if keeper.target.met or time_map is None:
             waits = grid is not None and loop.waits_for_others(grid)
             return aligning(phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits)
-        case NodeState.COARSE if keeper.goal.met:
+        case NodeState.COARSE if keeper.target.met:
             return loop.coarseness
         case NodeState.ALIGNING | NodeState.COARSE if (
             time_map is not None and error_ns is not None and wanted_ns is not None

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, NoCameraHereError
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
@@ -31,7 +31,7 @@ class Forecast:
     drift_ppm: float
 
 
-def spread_ns(goal: Goal, forecasts: Sequence[Forecast], at_leader_ns: int) -> float:
+def spread_ns(goal: FrameGrid, forecasts: Sequence[Forecast], at_leader_ns: int) -> float:
     """Predicted time in ns from the earliest frame to the latest of those nearest to a leader time."""
     errors = [
         goal.phase_error(f.frame_leader_ns) + f.drift_ppm * 1e-6 * (at_leader_ns - f.frame_leader_ns)
@@ -42,7 +42,7 @@ def spread_ns(goal: Goal, forecasts: Sequence[Forecast], at_leader_ns: int) -> f
 
 
 def instant_of_least_spread(
-    goal: Goal, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int
+    goal: FrameGrid, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int
 ) -> int:
     """The instant of the grid with the least predicted spread, from a leader time to `within_ns` after it.
 
@@ -86,7 +86,7 @@ class BurstOrder:
     """They go into a video for each camera."""
 
 
-def check_burst(cameras: Sequence[Member], goal: Goal | None, order: BurstOrder) -> Goal:
+def check_burst(cameras: Sequence[Member], goal: FrameGrid | None, order: BurstOrder) -> FrameGrid:
     """Return the grid of a burst of these cameras.
 
     Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
@@ -127,7 +127,7 @@ class Orders:
     def place(
         self,
         cameras: Sequence[Member],
-        goal: Goal | None,
+        goal: FrameGrid | None,
         leader: int,
         now_ns: int,
         order: BurstOrder,

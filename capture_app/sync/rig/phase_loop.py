@@ -10,7 +10,7 @@ from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS, FrameTiming
@@ -23,7 +23,7 @@ from capture_app.sync.wire.messages import Report
 class CameraGrid:
     """The rig's grid of instants as one camera's timestamps see it; times in ns."""
 
-    goal: Goal
+    goal: FrameGrid
     offset_ns: int
     """From a frame's timestamp to its aligned moment, as well as that is known."""
     stamp: StampAccuracy
@@ -52,9 +52,9 @@ class CameraGrid:
         return FrameTiming(time_map, self.offset_ns, self.stamp, loop.aligner)
 
     @property
-    def goal_of_stamps(self) -> Goal:
+    def goal_of_stamps(self) -> FrameGrid:
         """The grid that the frames' timestamps should lie on."""
-        return Goal(self.goal.anchor_leader_ns - self.offset_ns, self.goal.period_ns)
+        return FrameGrid(self.goal.anchor_leader_ns - self.offset_ns, self.goal.period_ns)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.names import is_name
-from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
-from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
+from capture_app.sync.phase.frame_grid import MAX_PERIOD_NS, MIN_PERIOD_NS
+from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeMoved, NodeReturned
 from capture_app.sync.wire.messages import CLOCK_ONLY, PROBE_NUMBER, WITHOUT_CAMERA, Hello, NodeState, Report
 from capture_app.sync.wire.principal import Principal

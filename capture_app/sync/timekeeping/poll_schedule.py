@@ -234,7 +234,7 @@ LONGEST_TRY_NS = 15_000_000_000
 """No node asks its leader in quick succession for longer."""
 
 
-class AccuracyGoal:
+class AccuracyTarget:
     """Compares the 95 % error of a clock with what was asked for; times in ns, `now_ns` the node's own."""
 
     def __init__(self, wanted_ns: float | None = None) -> None:
@@ -248,8 +248,8 @@ class AccuracyGoal:
         self._began_ns = self._gained_ns = 0
 
     @classmethod
-    def for_tolerance(cls, tolerance_ns: int) -> "AccuracyGoal":
-        """Return the goal of a node whose frames are to be within a tolerance."""
+    def for_tolerance(cls, tolerance_ns: int) -> "AccuracyTarget":
+        """Return the target of a node whose frames are to be within a tolerance."""
         return cls(CLOCK_SHARE * tolerance_ns)
 
     def restart(self) -> None:

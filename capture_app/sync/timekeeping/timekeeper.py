@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
+from capture_app.sync.phase.frame_grid import MAX_PERIOD_NS, MIN_PERIOD_NS, FrameGrid
 from capture_app.sync.reference_broadcast import Listener
 from capture_app.sync.timekeeping.clock_events import (
     ClockEvent,
@@ -23,7 +23,7 @@ from capture_app.sync.timekeeping.clock_events import (
 )
 from capture_app.sync.timekeeping.poll_schedule import (
     AT_ONCE_NS,
-    AccuracyGoal,
+    AccuracyTarget,
     PollSchedule,
     Progress,
     SteadySchedule,
@@ -40,7 +40,7 @@ class FollowedConfig:
     leader: int
     path: tuple[int, ...]
     """Instances from the root to this leader."""
-    goal: Goal
+    goal: FrameGrid
     align_row: float | None
     meeting_leader_ns: int | None
     pace_ns: int
@@ -58,7 +58,7 @@ class FollowedConfig:
         return cls(
             leader=message.leader,
             path=(message.leader,) if told is None else (*told.path, message.leader),
-            goal=Goal(message.anchor_leader_ns, message.period_ns),
+            goal=FrameGrid(message.anchor_leader_ns, message.period_ns),
             align_row=message.align_row,
             meeting_leader_ns=message.meeting_leader_ns,
             pace_ns=message.pace_ns,
@@ -90,12 +90,12 @@ class Timekeeper:
         schedule: PollSchedule | None = None,
         *,
         clock: ClockFilter | None = None,
-        goal: AccuracyGoal | None = None,
+        target: AccuracyTarget | None = None,
         samples: MutableSequence[ClockSample] | None = None,
     ) -> None:
-        """`goal` says how well to know the clock; every answered exchange is added to `samples`."""
+        """`target` says how well to know the clock; every answered exchange is added to `samples`."""
         self.clock = clock or ClockFilter()
-        self.goal = goal or AccuracyGoal()
+        self.target = target or AccuracyTarget()
         self.rate = RateWatch()
         self.schedule = schedule or SteadySchedule()
         self.listener = Listener()
@@ -138,7 +138,7 @@ class Timekeeper:
         if not self.time_is_known or config.path[0] != self.path[0]:
             self.time_map, self.time_is_known = None, False
         self.synced = False
-        self.goal.restart()
+        self.target.restart()
         self.rate.restart()
         self._number = number
         self._outstanding = {}
@@ -172,7 +172,7 @@ class Timekeeper:
             self._prepare_request(now_ns)
         if not self.clock.add(sample):
             self.synced = self.time_is_known = False
-            self.goal.restart()
+            self.target.restart()
             self.rate.restart()
             self.listener.reset()
             self.time_map = self.uncorrected_map = None
@@ -254,7 +254,7 @@ class Timekeeper:
 
     @property
     def _progress(self) -> Progress:
-        return Progress(self.synced, self.clock.samples, self.time_map, self.goal.met)
+        return Progress(self.synced, self.clock.samples, self.time_map, self.target.met)
 
     def _prepare_request(self, now_ns: int) -> None:
         self._report_due = self.schedule.request_sent(now_ns, self._progress)
@@ -282,7 +282,7 @@ class Timekeeper:
         self.time_is_known = True
         if news := self.rate.judge(time_map, self.clock.rate_change):
             self._events.append(news)
-        if self.goal.judge(time_map, now_ns) and not self.synced:
+        if self.target.judge(time_map, now_ns) and not self.synced:
             self.synced = True
             self._events.append(ClockSynced(time_map))
 

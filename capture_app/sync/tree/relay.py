@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import msgspec
 
-from capture_app.sync.phase.shared_goal import SharedGoal
+from capture_app.sync.phase.grid_choice import GridChoice
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
@@ -154,7 +154,7 @@ class Relay:
         in_holdover = number is None or above is None or above.in_holdover
         if current.in_holdover is not in_holdover:
             current.in_holdover = in_holdover
-            if current.shared_goal is not None:
+            if current.grid_choice is not None:
                 leader.acknowledge_all()
         if member.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
@@ -166,10 +166,10 @@ class Relay:
         if current.upstream is None or current.upstream.epoch_local_ns != member.time_map.epoch_local_ns:
             current.upstream = upstream_map(member.path, member.time_map)
         moved = (leader.goal, current.config.align_row) != (above.goal, above.align_row)
-        if current.shared_goal is None or moved:
-            current.shared_goal = SharedGoal(above.goal)
+        if current.grid_choice is None or moved:
+            current.grid_choice = GridChoice(above.goal)
         # Without a parent no stream is restarted: what suits the other cameras is not known.
-        current.shared_goal.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
+        current.grid_choice.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
         current.config = replace(current.config, align_row=above.align_row)
         if moved:
             leader.acknowledge_all()

@@ -15,7 +15,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.news import FollowerNews
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.leader import RigConfig
 from tests.node.joining import joined
 from tests.waiting import PATIENCE_S, patience
@@ -75,12 +75,12 @@ async def test_a_leader_sends_its_grid_in_the_wall_clock(
         duration_ns, frame_ns = await heard(pi)
         leader_ns = frame_ns - wall_ns(0)
         assert duration_ns == 33_328_000
-        assert abs(Goal(5, 33_328_000).phase_error(leader_ns)) < 100_000
+        assert abs(FrameGrid(5, 33_328_000).phase_error(leader_ns)) < 100_000
         assert abs(leader_ns - time.monotonic_ns()) < PATIENCE_S * S
 
 
 async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.socket) -> None:
-    goal = Goal(90_000 * S, 33_328_000)
+    goal = FrameGrid(90_000 * S, 33_328_000)
     clock = SimulatedClock(7200 * S, 20.0)
     now_ns = clock.now_ns()
     # The root is 50,000 s ahead of this node's clock.

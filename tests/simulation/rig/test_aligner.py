@@ -13,7 +13,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.phase_loop import ClientConfig, PhaseLoop
 from capture_app.sync.wire.camera_commands import CameraCommand
@@ -113,7 +113,7 @@ def test_a_webcam_is_held_within_2_ms_even_in_a_virtual_machine(noise_ns: int, p
 
 @pytest.mark.parametrize("name", ["phone-a", "webcam"])
 def test_rates_that_differ_are_a_problem_in_plain_words(name: str) -> None:
-    bench = Bench(PROFILES[name], 3, 2_000_000, goal=Goal(5, 40_000_000))
+    bench = Bench(PROFILES[name], 3, 2_000_000, goal=FrameGrid(5, 40_000_000))
     bench.run(20 * S)
     assert "30.000 frames/s and the rig at 25.000" in bench.aligner.problem
     assert bench.commands == []
@@ -144,7 +144,7 @@ def test_a_command_that_was_lost_is_given_again() -> None:
 
 def test_without_a_way_to_move_it_a_camera_still_tells_its_phase() -> None:
     aligner = Aligner(make_facts(phase_control=PhaseControl.NONE), tolerance_ns=50_000, rng=random.Random(1))
-    goal = Goal(0, 33_333_333)
+    goal = FrameGrid(0, 33_333_333)
     for n in range(100):
         local_ns = n * 33_333_333 + 9_000_000
         aligner.add_frame(FrameStamp(n, 0, local_ns))
@@ -178,7 +178,7 @@ def test_no_stream_whatsoever_raises(
         if started:
             aligner.note_stream_start(now_ns)
         aligner.add_frame(FrameStamp(sequence, stream, now_ns))
-        aligner.next_command(SAME_CLOCK, Goal(0, goal_period_ns), now_ns)
+        aligner.next_command(SAME_CLOCK, FrameGrid(0, goal_period_ns), now_ns)
 
 
 def test_start_latencies_of_one_use_save_restarts_on_the_next() -> None:

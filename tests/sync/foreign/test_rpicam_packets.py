@@ -3,12 +3,12 @@ import struct
 import pytest
 
 from capture_app.interop.rpicam import PACKET, READY_EVERY_NS, SEND_EVERY_NS, sync_packet
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from tests.sync.foreign.rpicam_client import RpicamClient
 
 S = 1_000_000_000
 WALL_NS = 1_790_000_000 * S
-GOAL = Goal(123_456_789, 33_333_000)
+GOAL = FrameGrid(123_456_789, 33_333_000)
 
 
 def wall(leader_ns: int) -> int:

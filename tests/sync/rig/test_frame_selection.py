@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.frame_selection import (
     FrameTiming,
     Gap,
@@ -34,14 +34,14 @@ def test_time_maps_invert(epoch: int, offset: int, skew: float, since: int) -> N
     anchor=st.integers(-HOUR_NS, HOUR_NS), period=st.integers(1, 10**9), leader=st.integers(-HOUR_NS, HOUR_NS)
 )
 def test_phase_error_is_within_half_a_period(anchor: int, period: int, leader: int) -> None:
-    goal = Goal(anchor, period)
+    goal = FrameGrid(anchor, period)
     error_ns = goal.phase_error(leader)
     assert -period <= 2 * error_ns <= period
     assert (leader - error_ns - anchor) % period == 0
 
 
 def test_a_burst_is_snapped_to_the_grid() -> None:
-    goal = Goal(1_000, PERIOD_NS)
+    goal = FrameGrid(1_000, PERIOD_NS)
     instants = burst_instants(goal, 1_000 + 10 * PERIOD_NS + 5_000_000, 3, 2)
     assert tuple(instants) == tuple(1_000 + n * PERIOD_NS for n in (10, 12, 14))
 

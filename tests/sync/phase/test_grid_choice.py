@@ -5,11 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.camera_facts import PhaseControl
-from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.shared_goal import (
+from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.grid_choice import (
     PATIENCE_NS,
     CameraPhase,
-    SharedGoal,
+    GridChoice,
     WeightedDrift,
     best_shift,
 )
@@ -21,55 +21,55 @@ S = 1_000_000_000
 
 
 @pytest.fixture
-def shared_goal() -> SharedGoal:
-    return SharedGoal(Goal(0, PERIOD))
+def grid_choice() -> GridChoice:
+    return GridChoice(FrameGrid(0, PERIOD))
 
 
 def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> CameraPhase:
     return CameraPhase(name, PhaseControl(control), at_ns, ppm, MS)
 
 
-def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(shared_goal: SharedGoal) -> None:
+def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(grid_choice: GridChoice) -> None:
     cameras = [webcam("a", 10 * MS), webcam("b", PERIOD + 11 * MS), webcam("c", 25 * MS)]
-    assert shared_goal.update(cameras, 0)
-    assert shared_goal.goal == Goal(10 * MS + MS // 2, PERIOD)
-    assert shared_goal.meeting_leader_ns is not None, "one of them is to be restarted"
+    assert grid_choice.update(cameras, 0)
+    assert grid_choice.goal == FrameGrid(10 * MS + MS // 2, PERIOD)
+    assert grid_choice.meeting_leader_ns is not None, "one of them is to be restarted"
 
 
-def test_a_camera_alone_is_never_restarted(shared_goal: SharedGoal) -> None:
-    assert shared_goal.update([webcam("a", 14 * MS)], 0)
-    assert shared_goal.goal.anchor_leader_ns == 14 * MS
-    assert not shared_goal.update([webcam("a", 14 * MS)], S)
-    assert shared_goal.meeting_leader_ns is None
+def test_a_camera_alone_is_never_restarted(grid_choice: GridChoice) -> None:
+    assert grid_choice.update([webcam("a", 14 * MS)], 0)
+    assert grid_choice.goal.anchor_leader_ns == 14 * MS
+    assert not grid_choice.update([webcam("a", 14 * MS)], S)
+    assert grid_choice.meeting_leader_ns is None
 
 
-def test_a_camera_that_cannot_move_at_all_outweighs_all_others(shared_goal: SharedGoal) -> None:
+def test_a_camera_that_cannot_move_at_all_outweighs_all_others(grid_choice: GridChoice) -> None:
     others = [webcam(str(n), 5 * MS) for n in range(20)]
-    shared_goal.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
-    assert abs(shared_goal.goal.phase_error(20 * MS)) <= MS
+    grid_choice.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
+    assert abs(grid_choice.goal.phase_error(20 * MS)) <= MS
 
 
-def test_cameras_that_inject_do_not_move_the_goal(shared_goal: SharedGoal) -> None:
-    assert not shared_goal.update([webcam("a", 9 * MS, control="injection")], 0)
-    assert shared_goal.goal == Goal(0, PERIOD)
+def test_cameras_that_inject_do_not_move_the_goal(grid_choice: GridChoice) -> None:
+    assert not grid_choice.update([webcam("a", 9 * MS, control="injection")], 0)
+    assert grid_choice.goal == FrameGrid(0, PERIOD)
 
 
-def test_nobody_is_restarted_before_all_have_told_their_phase(shared_goal: SharedGoal) -> None:
+def test_nobody_is_restarted_before_all_have_told_their_phase(grid_choice: GridChoice) -> None:
     cameras = [webcam("a", 5 * MS), webcam("b", 20 * MS), webcam("c", None)]
-    assert not shared_goal.update(cameras, 0)
-    assert shared_goal.meeting_leader_ns is None
-    shared_goal.update(cameras, PATIENCE_NS + 1)
-    assert shared_goal.meeting_leader_ns is not None, "but not for ever"
+    assert not grid_choice.update(cameras, 0)
+    assert grid_choice.meeting_leader_ns is None
+    grid_choice.update(cameras, PATIENCE_NS + 1)
+    assert grid_choice.meeting_leader_ns is not None, "but not for ever"
 
 
-def test_cameras_that_will_meet_are_not_restarted(shared_goal: SharedGoal) -> None:
+def test_cameras_that_will_meet_are_not_restarted(grid_choice: GridChoice) -> None:
     cameras = [webcam("a", 0, ppm=100.0), webcam("b", 2500_000, ppm=-100.0)]
-    shared_goal.update(cameras, 0)
-    assert shared_goal.meeting_leader_ns is not None
+    grid_choice.update(cameras, 0)
+    assert grid_choice.meeting_leader_ns is not None
     for camera in cameras:
         assert camera.frame_leader_ns is not None
-        later_ns = camera.drift_ppm * 1e-6 * shared_goal.meeting_leader_ns
-        assert abs(shared_goal.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
+        later_ns = camera.drift_ppm * 1e-6 * grid_choice.meeting_leader_ns
+        assert abs(grid_choice.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
 
 
 controls = st.sampled_from([PhaseControl.RESET, PhaseControl.NONE, PhaseControl.INJECTION])
@@ -81,10 +81,10 @@ phases = st.tuples(controls, frames_ns, st.floats(), st.integers(1, 2**40))
 def test_whatever_cameras_say_a_goal_comes_of_it(
     said: list[tuple[PhaseControl, int | None, float, int]], now_ns: int
 ) -> None:
-    shared_goal = SharedGoal(Goal(0, PERIOD))
+    grid_choice = GridChoice(FrameGrid(0, PERIOD))
     for again in range(3):
-        shared_goal.update([CameraPhase(str(n), *s) for n, s in enumerate(said)], now_ns + again)
-        assert shared_goal.goal.period_ns == PERIOD
+        grid_choice.update([CameraPhase(str(n), *s) for n, s in enumerate(said)], now_ns + again)
+        assert grid_choice.goal.period_ns == PERIOD
 
 
 @given(st.lists(st.floats(0, 33e6, exclude_max=True), min_size=1, max_size=12))
@@ -100,7 +100,7 @@ def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) ->
 
 
 def test_a_burst_is_put_where_the_frames_meet() -> None:
-    goal = Goal(0, PERIOD)
+    goal = FrameGrid(0, PERIOD)
     forecasts = [Forecast(0, 20.0), Forecast(40_000, -20.0)]
     at_ns = instant_of_least_spread(goal, forecasts, 0, 3 * S)
     assert at_ns == pytest.approx(S, abs=PERIOD)

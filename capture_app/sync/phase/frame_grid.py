@@ -11,7 +11,7 @@ MAX_PERIOD_NS = 60_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
+class FrameGrid:
     """The grid of instants all cameras are moved onto: anchor + k * period, in leader time."""
 
     anchor_leader_ns: int

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import ceil
 
 from capture_app.camera_facts import PhaseControl
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.frame_grid import FrameGrid
 
 WEIGHTS = {PhaseControl.NONE: 1000, PhaseControl.RESET: 1}
 """Weight of a camera in the choice of the goal, by its phase control; others can move to any goal."""
@@ -100,10 +100,10 @@ def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int)
     return round((shift + period_ns / 2) % period_ns - period_ns / 2), best
 
 
-class SharedGoal:
+class GridChoice:
     """The rig's goal, moved to suit the cameras that can only be restarted, and when they are to meet it."""
 
-    def __init__(self, goal: Goal) -> None:
+    def __init__(self, goal: FrameGrid) -> None:
         self.goal = goal
         self.meeting_leader_ns: int | None = None
         """Cameras are restarted unless they will be at the goal at this instant; None: none is restarted."""
@@ -146,7 +146,7 @@ class SharedGoal:
                 least, best_ahead_ns, best_move_ns = cost, ahead_ns, shift_ns
         self.meeting_leader_ns = now_leader_ns + round(best_ahead_ns)
         if best_move_ns:
-            self.goal = Goal(self.goal.anchor_leader_ns + best_move_ns, period_ns)
+            self.goal = FrameGrid(self.goal.anchor_leader_ns + best_move_ns, period_ns)
         return best_move_ns != 0
 
     def _is_early(self, unknown: int, known: int, now_leader_ns: int) -> bool:

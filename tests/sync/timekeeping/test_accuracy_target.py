@@ -1,0 +1,87 @@
+"""When a clock is known well enough, and when asking on in quick succession is over."""
+
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.timekeeping.poll_schedule import AHEAD_NS, CLOCK_SHARE, LEAVE_AT, AccuracyTarget
+
+MS, S = 1_000_000, 1_000_000_000
+TOLERANCE_NS = 100_000
+WANTED_NS = CLOCK_SHARE * TOLERANCE_NS
+
+
+def known_to(error_ns: float) -> TimeMap:
+    """A clock that is known so well, now and for the next while."""
+    return TimeMap(0, 0, 0.0, error_ns, 1e9 * error_ns, 0.0, 0.0, 300, 1000)
+
+
+def seconds_until_settled(target: AccuracyTarget, errors_ns: list[float]) -> float | None:
+    """Judge an error every 100 ms; return when asking quickly is over."""
+    for tenth, error_ns in enumerate(errors_ns):
+        if target.judge(known_to(error_ns), tenth * 100 * MS):
+            return tenth / 10
+    return None
+
+
+def test_a_clock_that_is_good_enough_is_settled_at_once() -> None:
+    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    assert not target.met
+    assert target.judge(known_to(WANTED_NS), 0)
+    assert target.met
+
+
+def test_a_clock_that_becomes_better_is_asked_on() -> None:
+    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    shrinking = [WANTED_NS * 10 * 0.95**n for n in range(100)]
+    took_s = seconds_until_settled(target, shrinking)
+    assert took_s is not None
+    assert 4.0 < took_s < 5.0, "until it is good enough"
+    assert target.met
+
+
+def test_a_clock_that_does_not_become_better_is_settled_after_three_seconds_and_not_good_enough() -> None:
+    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    errors_ns = [WANTED_NS * (20.0 if n < 10 else 17.0 + n % 2) for n in range(200)]
+    assert seconds_until_settled(target, errors_ns) == 4.0
+    assert not target.met
+
+
+def test_no_clock_is_asked_quickly_for_ever() -> None:
+    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    took_s = seconds_until_settled(target, [WANTED_NS * 1e6 * 0.98**n for n in range(400)])
+    assert took_s == 15.0
+    assert not target.met
+
+
+def test_an_error_at_the_edge_does_not_flicker_and_a_large_one_is_told() -> None:
+    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target.judge(known_to(0.9 * WANTED_NS), 0)
+    target.judge(known_to(LEAVE_AT * WANTED_NS), S)
+    assert target.met
+    target.judge(known_to(1.01 * LEAVE_AT * WANTED_NS), 2 * S)
+    assert not target.met
+    target.judge(known_to(1.01 * WANTED_NS), 3 * S)
+    assert not target.met
+    target.judge(known_to(WANTED_NS), 4 * S)
+    assert target.met
+
+
+def test_without_a_tolerance_any_clock_will_do() -> None:
+    target = AccuracyTarget()
+    assert target.met
+    assert target.judge(known_to(1e12), 0)
+
+
+def test_another_leader_is_judged_anew() -> None:
+    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target.judge(known_to(WANTED_NS / 2), 0)
+    target.restart()
+    assert not target.met
+    assert not target.judge(known_to(WANTED_NS * 2), 30 * S), "its three seconds begin now"
+
+
+def test_a_rate_that_is_not_known_yet_counts_as_it_will_when_pictures_are_taken() -> None:
+    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    now, later = 0.9 * WANTED_NS, 0.6 * WANTED_NS
+    sure = TimeMap(0, 0, 0.0, now, 1e9, later / AHEAD_NS, 1.0, 300, 1000)
+    assert sure.uncertainty_at(0) < WANTED_NS < sure.uncertainty_at(AHEAD_NS)
+    assert not target.judge(sure, 0)
+    assert target.error_ns == sure.uncertainty_at(AHEAD_NS)

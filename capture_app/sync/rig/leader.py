@@ -19,11 +19,12 @@ from capture_app.sync.phase.grid_choice import GridChoice
 from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeLost
 from capture_app.sync.rig.frame_selection import Burst
-from capture_app.sync.rig.orders import BurstOrder, Orders, check_burst
+from capture_app.sync.rig.orders import BurstOrder, Orders
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.codec import (
     FromClient,
+    FromMember,
     WireError,
     decode,
     encode,
@@ -256,7 +257,7 @@ class Leader:
         """Messages in the name of another than who sealed them."""
         self._uplink = uplink
         self._roster = Roster(rng)
-        self._orders = Orders()
+        self._orders = Orders(config.instance, self._roster)
         self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._grid = GridReview(self.current, self._roster, self._orders)
         self.outbox = Outbox()
@@ -298,39 +299,25 @@ class Leader:
         if isinstance(message, Hello):
             self._receive_hello(message, address, now_ns, principal)
             return
-        member = self._roster.member_by_number(message.client)
+        member = self._sender(message, address, now_ns, principal)
         if member is None:
-            if isinstance(message, Heartbeat):
-                self.outbox.send(UnknownMember(message.client), address)
             return
-        if member.principal != principal:
-            self.impostures += 1
-            return
-        member.address = address
-        member.last_heard_ns = now_ns
-        if self._roster.confirm(member) and not self.current.is_held(member.camera):
-            self._grid.is_due = True
-        if isinstance(message, TimeRequest):
-            self.outbox.reply(message, address, now_ns)
-            return
-        if isinstance(message, ArrivalReport):
-            arrival = self._broadcaster.answer(message, now_ns)
-            if arrival is not None:
-                self.outbox.send(arrival, address)
-            return
-        passed_on = self._uplink is not None and self._uplink.pass_up(member, message)
         match message:
+            case TimeRequest():
+                self.outbox.reply(message, address, now_ns)
+            case ArrivalReport():
+                arrival = self._broadcaster.answer(message, now_ns)
+                if arrival is not None:
+                    self.outbox.send(arrival, address)
             case Heartbeat():
-                member.report = message.report
-                if member.name in self._roster.immovable and self._grid.update_goal(now_ns):
-                    self.acknowledge_all()
-                if not passed_on:
-                    self.acknowledge(member)
+                self._receive_heartbeat(member, message, now_ns)
             case TriggerAck():
+                self._pass_up(member, message)
                 answer = self._orders.take_ack(member, message)
                 if answer is not None:
                     self._events.append(answer)
             case Goodbye():
+                self._pass_up(member, message)
                 self._note_lost(self._roster.mark_lost(member, "it left"))
 
     def forget(self, name: str) -> None:
@@ -384,26 +371,19 @@ class Leader:
 
     def check_burst(self, order: BurstOrder) -> None:
         """Raise BadInputError for an impossible burst, NoCameraHereError where no client could take it."""
-        check_burst(self._roster.cameras(), self.goal, order)
+        self._orders.check(self.goal, order)
 
     def trigger(self, now_ns: int, order: BurstOrder) -> Burst:
         """Order a burst on the rig's grid. Raises what `check_burst` does."""
-        return self._orders.place(
-            self._roster.cameras(),
-            self.goal,
-            self.config.instance,
-            now_ns,
-            order,
-            max_delay_ns=self.config.rig.max_delay_ns,
-        )
+        return self._orders.place(self.goal, now_ns, order, self.config.rig.max_delay_ns)
 
     def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
         """Let a streamed burst end after so many frames, and return it so."""
-        return self._orders.end(burst, frames, self._roster.cameras(), self.config.instance, now_ns)
+        return self._orders.end(burst, frames, now_ns)
 
     def cancel(self, burst: Burst, now_ns: int) -> None:
         """Take a burst back: clients forget it, whether they have picked its frames or not."""
-        self._orders.cancel(burst, self._roster.cameras(), self.config.instance, now_ns)
+        self._orders.cancel(burst, now_ns)
 
     @property
     def members(self) -> dict[str, Member]:
@@ -435,6 +415,35 @@ class Leader:
 
     # The parts
 
+    def _sender(
+        self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
+    ) -> Member | None:
+        """Return the member that sent a message, and note that it is here; None where there is none."""
+        member = self._roster.member_by_number(message.client)
+        if member is None:
+            if isinstance(message, Heartbeat):
+                self.outbox.send(UnknownMember(message.client), address)
+            return None
+        if member.principal != principal:
+            self.impostures += 1
+            return None
+        member.address = address
+        member.last_heard_ns = now_ns
+        if self._roster.confirm(member) and not self.current.is_held(member.camera):
+            self._grid.is_due = True
+        return member
+
+    def _pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
+        return self._uplink is not None and self._uplink.pass_up(member, message)
+
+    def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
+        passed_on = self._pass_up(member, message)
+        member.report = message.report
+        if member.name in self._roster.immovable and self._grid.update_goal(now_ns):
+            self.acknowledge_all()
+        if not passed_on:
+            self.acknowledge(member)
+
     def _note_lost(self, event: NodeLost) -> None:
         self._events.append(event)
         self._grid.is_due = True
@@ -462,5 +471,4 @@ class Leader:
             hello.instance, member.number, config.transfer_port, current, member.slot, config.beacons
         )
         self.outbox.send(welcome, address)
-        if self._uplink is not None:
-            self._uplink.pass_up(member, hello)
+        self._pass_up(member, hello)

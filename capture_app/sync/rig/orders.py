@@ -16,7 +16,7 @@ from capture_app.sync.rig.frame_selection import (
     burst_instants,
     is_possible_burst,
 )
-from capture_app.sync.rig.roster import Member
+from capture_app.sync.rig.roster import Member, Roster
 from capture_app.sync.wire.messages import Trigger, TriggerAck
 
 MOST_CANDIDATES = 200
@@ -86,24 +86,6 @@ class BurstOrder:
     """They go into a video for each camera."""
 
 
-def check_burst(cameras: Sequence[Member], goal: FrameGrid | None, order: BurstOrder) -> FrameGrid:
-    """Return the grid of a burst of these cameras.
-
-    Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
-    """
-    if not cameras or goal is None:
-        raise NoCameraHereError("no camera is here")
-    if not is_possible_burst(order.frames, order.spacing * goal.period_ns, streamed=order.streamed):
-        most, most_ns = MAX_FRAMES, MAX_BURST_NS
-        if order.streamed:
-            most, most_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
-        raise BadInputError(
-            f"a burst of {order.frames} frames, every {order.spacing} periods, is not possible",
-            hint=f"1 to {most} frames, spacing 1 or more, {most_ns // 10**9} s at most",
-        )
-    return goal
-
-
 @dataclass(slots=True)
 class _OpenOrder:
     """A trigger that a client has not answered yet."""
@@ -119,33 +101,42 @@ class _OpenOrder:
 class Orders:
     """The triggers that are not answered yet; `now_ns` is leader time."""
 
-    def __init__(self) -> None:
+    def __init__(self, leader: int, roster: Roster) -> None:
+        """`leader` is the run of the leader that orders, `roster` has the cameras that take bursts."""
+        self._leader, self._roster = leader, roster
         self._orders: list[_OpenOrder] = []
         self._bursts = 0
         self._busy_until_ns: dict[int, int] = {}
 
-    def place(
-        self,
-        cameras: Sequence[Member],
-        goal: FrameGrid | None,
-        leader: int,
-        now_ns: int,
-        order: BurstOrder,
-        *,
-        max_delay_ns: int = 0,
-    ) -> Burst:
-        """Order a burst of these cameras, on the rig's grid, for the leader of that run.
+    def check(self, goal: FrameGrid | None, order: BurstOrder) -> FrameGrid:
+        """Return the grid of a burst.
+
+        Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
+        """
+        if goal is None or not self._roster.cameras():
+            raise NoCameraHereError("no camera is here")
+        if not is_possible_burst(order.frames, order.spacing * goal.period_ns, streamed=order.streamed):
+            most, most_ns = MAX_FRAMES, MAX_BURST_NS
+            if order.streamed:
+                most, most_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
+            raise BadInputError(
+                f"a burst of {order.frames} frames, every {order.spacing} periods, is not possible",
+                hint=f"1 to {most} frames, spacing 1 or more, {most_ns // 10**9} s at most",
+            )
+        return goal
+
+    def place(self, goal: FrameGrid | None, now_ns: int, order: BurstOrder, max_delay_ns: int = 0) -> Burst:
+        """Order a burst of all cameras on the rig's grid.
 
         One that may begin as soon as all can know of it may be delayed by `max_delay_ns` to reach the best
-        predicted alignment. Raises what `check_burst` does.
+        predicted alignment. Raises what `check` does.
         """
-        goal = check_burst(cameras, goal, order)
-        at_leader_ns = first_ns = (
-            now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
-        )
-        if abs(at_leader_ns - now_ns) > MOST_AWAY_NS:
+        goal, cameras = self.check(goal, order), self._roster.cameras()
+        asked_ns = now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
+        first_ns = asked_ns
+        if abs(asked_ns - now_ns) > MOST_AWAY_NS:
             raise BadInputError(
-                f"a burst at {at_leader_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
+                f"a burst at {asked_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
                 hint=f"at most {MOST_AWAY_NS // 3_600_000_000_000} hours away; for later ones, start it then",
             )
         if max_delay_ns > 0 and order.at_leader_ns is None:
@@ -155,46 +146,36 @@ class Orders:
             spare = max(0, min(order.spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
         instants_ns = burst_instants(goal, first_ns, frames + spare, order.spacing)
         number = self._bursts = self._bursts + 1 if order.number is None else order.number
-        for member in cameras:
-            trigger = Trigger(
-                member.number,
-                leader,
-                number,
-                instants_ns[0],
-                step_ns,
-                len(instants_ns),
-                spare,
-                order.streamed,
-                order.video,
-            )
-            self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
-        self._busy_until_ns[number] = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
         names = tuple(member.name for member in cameras)
-        return Burst(
-            number, instants_ns, goal.period_ns, at_leader_ns, names, spare, order.streamed, order.video
+        burst = Burst(
+            number, instants_ns, goal.period_ns, asked_ns, names, spare, order.streamed, order.video
         )
+        self._open(burst, now_ns, step_ns, len(instants_ns))
+        return burst
 
-    def end(self, burst: Burst, frames: int, cameras: Sequence[Member], leader: int, now_ns: int) -> Burst:
+    def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
         """Let a burst that is streamed end after so many frames, and return it as it is then."""
-        instants_ns = burst.instants_ns[:frames]
-        self._orders = [order for order in self._orders if order.trigger.burst != burst.number]
-        for member in (member for member in cameras if member.name in burst.clients):
-            step_ns = burst.instants_ns[1] - burst.instants_ns[0] if len(burst.instants_ns) > 1 else 1
-            first_ns, number = burst.instants_ns[0], burst.number
-            trigger = Trigger(
-                member.number, leader, number, first_ns, step_ns, len(instants_ns), 0, True, burst.video
-            )
-            self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS, again=True))
-        self._busy_until_ns[burst.number] = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
-        return replace(burst, instants_ns=instants_ns)
+        step_ns = burst.instants_ns[1] - burst.instants_ns[0] if len(burst.instants_ns) > 1 else 1
+        ended = replace(burst, instants_ns=burst.instants_ns[:frames])
+        self._open(ended, now_ns, step_ns, len(ended.instants_ns), again=True)
+        return ended
 
-    def cancel(self, burst: Burst, cameras: Sequence[Member], leader: int, now_ns: int) -> None:
-        """Take a burst back from those of these cameras that were to take it."""
-        self._busy_until_ns.pop(burst.number, None)
+    def cancel(self, burst: Burst, now_ns: int) -> None:
+        """Take a burst back from those that were to take it."""
+        self._open(burst, now_ns, 0, 0)
+        del self._busy_until_ns[burst.number]
+
+    def _open(self, burst: Burst, now_ns: int, step_ns: int, count: int, *, again: bool = False) -> None:
+        """Begin to send the burst's cameras that are here its triggers, in the place of earlier ones."""
         self._orders = [order for order in self._orders if order.trigger.burst != burst.number]
-        for member in (member for member in cameras if member.name in burst.clients):
-            trigger = Trigger(member.number, leader, burst.number, burst.instants_ns[0], 0, 0)
-            self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+        first_ns, number = burst.instants_ns[0], burst.number
+        kind = (burst.spare, burst.streamed, burst.video) if count else (0, False, False)
+        for member in self._roster.cameras():
+            if member.name in burst.clients:
+                trigger = Trigger(member.number, self._leader, number, first_ns, step_ns, count, *kind)
+                give_up_ns = now_ns + TRIGGER_GIVE_UP_NS
+                self._orders.append(_OpenOrder(member, trigger, give_up_ns, again=again))
+        self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
         """Whether clients are taking a burst, or will."""

@@ -95,7 +95,8 @@ _T0 = struct.Struct(">q16x")
 _T2 = struct.Struct(">q")
 
 Message = TimeRequest | TimeReply | ControlMessage
-FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye | ArrivalReport
+FromMember = TimeRequest | Heartbeat | TriggerAck | Goodbye | ArrivalReport
+FromClient = FromMember | Hello
 
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(ControlMessage)

@@ -70,8 +70,7 @@ class PhoneOnSockets:
             leader_host,
             clock.now_ns(),
             random.Random(seed),
-            local_from_true=clock.local_from_true,
-            true_from_local=clock.true_from_local,
+            clock,
             sensor_ppm=-clock.skew_ppm,
         )
         self._pumps: list[Pump] = []

@@ -5,10 +5,10 @@ phase alignment of five tries at most by the app's constants, nothing acknowledg
 """
 
 import random
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from capture_app.camera_facts import PhaseControl
+from capture_app.clock import NodeClock
 from capture_app.interop.app_protocol import (
     ALIGNED_NS,
     CALL_PORT,
@@ -51,7 +51,7 @@ class AppPicture:
 
 
 class StandInPhone:
-    """A phone; `now_ns` is its own clock, `local_from_true` turns its sensor's true times into that.
+    """A phone; `now_ns` is by its own clock, which turns its sensor's true times into those.
 
     It has two ports, as the app: `receive_call` and `receive_time` take what comes to them.
     """
@@ -63,9 +63,8 @@ class StandInPhone:
         leader_host: str,
         now_ns: int,
         rng: random.Random,
+        clock: NodeClock,
         *,
-        local_from_true: Callable[[int], int],
-        true_from_local: Callable[[int], int],
         sensor_ppm: float = 0.0,
     ) -> None:
         """`host` is the address that it tells, its own; `leader_host` that of its DHCP server.
@@ -73,7 +72,7 @@ class StandInPhone:
         `sensor_ppm` is by how much its frames are too far apart, in true time.
         """
         self.name, self._host, self._leader_host = name, host, leader_host
-        self._local_from_true, self._true_from_local = local_from_true, true_from_local
+        self._clock = clock
         self.offset_ns = 0
         """Leader time is its own time minus this."""
         self.offsets = 0
@@ -90,7 +89,7 @@ class StandInPhone:
         self._tries_left, self._try_due_ns = 0, now_ns
         self._out: list[tuple[bytes, Address]] = []
         self._sensor = Sensor(PIXEL, rng, period_error_ppm=sensor_ppm)
-        self._sensor.start(true_from_local(now_ns))
+        self._sensor.start(clock.true_from_local(now_ns))
         self._frame = self._sensor.next_frame()
         self._phase_ns: int | None = None
 
@@ -134,7 +133,7 @@ class StandInPhone:
 
     def next_timer(self) -> int:
         """When `handle_timer` wants to be called, by the phone's clock in ns."""
-        frame_ns = self._local_from_true(self._frame.readout_end_true_ns)
+        frame_ns = self._clock.local_from_true(self._frame.readout_end_true_ns)
         return min(self._beat_due_ns, frame_ns, self._try_due_ns if self._tries_left else frame_ns)
 
     def handle_timer(self, now_ns: int) -> None:
@@ -143,7 +142,7 @@ class StandInPhone:
             self._beat_due_ns = now_ns + HEARTBEAT_EVERY_NS
             text = f"{self.name},{self._host},{'true' if self.is_synced(now_ns) else 'false'}"
             self._out.append((encode_call(Method.HEARTBEAT, text), (self._leader_host, CALL_PORT)))
-        while self._local_from_true(self._frame.readout_end_true_ns) <= now_ns:
+        while self._clock.local_from_true(self._frame.readout_end_true_ns) <= now_ns:
             self._take_frame()
         if self._tries_left and now_ns >= self._try_due_ns and self._phase_ns is not None:
             self._try_to_align(now_ns, self._phase_ns)
@@ -155,7 +154,7 @@ class StandInPhone:
 
     def _take_frame(self) -> None:
         frame, self._frame = self._frame, self._sensor.next_frame()
-        local_ns = self._local_from_true(frame.timestamp_true_ns)
+        local_ns = self._clock.local_from_true(frame.timestamp_true_ns)
         leader_ns = self.leader_from_local(local_ns)
         self._phase_ns = leader_ns % PERIOD_NS
         if self._trigger_ns is not None and leader_ns >= self._trigger_ns:
@@ -169,6 +168,6 @@ class StandInPhone:
             return
         shift_ns = wanted_ns % PERIOD_NS
         exposure_ns = max(MIN_EXPOSURE_NS, PERIOD_NS + shift_ns // 2 - OVERHEAD_NS)
-        self._sensor.inject(exposure_ns, self._true_from_local(now_ns))
+        self._sensor.inject(exposure_ns, self._clock.true_from_local(now_ns))
         self._tries_left -= 1
         self._try_due_ns = now_ns + TRY_EVERY_NS

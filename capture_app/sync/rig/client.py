@@ -18,7 +18,7 @@ from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule
-from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
 
@@ -61,7 +61,6 @@ class Client(Generic[F]):
             ),
             config.camera,
             report=self._report_to_leader,
-            objection=self._objection,
         )
         """Its membership and its clock."""
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
@@ -226,14 +225,6 @@ class Client(Generic[F]):
         """By the configuration of the present leader, or of the last one, whose bursts are still picked."""
         config = self.time.followed
         return None if config is None else CameraGrid.of_camera(self.config.camera, config)
-
-    def _objection(self, config: FollowedConfig) -> str:
-        """Say why a member must join anew with this configuration: its period or its root have changed."""
-        if not self.time.is_member or self.time.followed is None:
-            return ""
-        if config.goal.period_ns != self.time.followed.goal.period_ns:
-            return "the leader has another grid of instants"
-        return "the relay follows another leader" if config.path[0] != self._root else ""
 
     def _report_to_leader(self, now_ns: int) -> Report:
         self._phase_loop.note_report()

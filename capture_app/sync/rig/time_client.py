@@ -1,7 +1,4 @@
-"""A node's side of the protocol but for its camera: join a leader, keep its time, notice that it is gone.
-
-When a node tells its leader that it is there, and since when it has heard nothing of that leader.
-"""
+"""A node's side of the protocol but for its camera: join a leader, keep its time, notice that it is gone."""
 
 from collections import deque
 from collections.abc import Callable
@@ -24,6 +21,7 @@ from capture_app.sync.wire.codec import (
 )
 from capture_app.sync.wire.messages import (
     CLOCK,
+    MAX_DEPTH,
     WITHOUT_CAMERA,
     AgreedArrival,
     Beacon,
@@ -44,45 +42,6 @@ from capture_app.sync.wire.messages import (
 _MS = 1_000_000
 HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
-
-
-class Heartbeats:
-    """Those of one node, from each time that a leader takes it in; local times in ns."""
-
-    def __init__(self, every_ns: int | None, silent_ns: int) -> None:
-        """Without `every_ns` none is sent by itself, and no silence is noticed."""
-        self.due_ns = NEVER_NS
-        """When the next one is to be sent."""
-        self._every_ns, self._silent_ns = every_ns, silent_ns
-        self._heard_ns = 0
-
-    @property
-    def are_regular(self) -> bool:
-        """Whether they are sent by themselves."""
-        return self._every_ns is not None
-
-    @property
-    def silent_from_ns(self) -> int:
-        """From when on the leader is gone if it is not heard until then."""
-        return NEVER_NS if self._every_ns is None else self._heard_ns + self._silent_ns
-
-    def begin(self, now_ns: int) -> None:
-        """A leader has taken the node in."""
-        self._heard_ns = now_ns
-        self.due_ns = NEVER_NS if self._every_ns is None else now_ns
-
-    def heard(self, now_ns: int) -> None:
-        """The leader has said something."""
-        self._heard_ns = now_ns
-
-    def send_at_once(self) -> None:
-        """Have the next one sent without waiting."""
-        self.due_ns = AT_ONCE_NS
-
-    def sent(self, now_ns: int) -> None:
-        """One was sent."""
-        if self._every_ns is not None:
-            self.due_ns = now_ns + self._every_ns
 
 
 HELLO_EVERY_NS = 500 * _MS
@@ -113,14 +72,12 @@ class TimeClient:
         heartbeat_every_ns: int | None = HEARTBEAT_EVERY_NS,
         silent_ns: int = LEADER_SILENT_NS,
         report: Callable[[int], Report] | None = None,
-        objection: Callable[[FollowedConfig], str] = lambda _: "",
     ) -> None:
         """A leader that has said nothing for `silent_ns` is gone.
 
         Without `heartbeat_every_ns` it reports only when its timekeeper's schedule says so, and notices only
         by unanswered requests that its leader is silent. `report` tells of this node at a local time in ns,
-        in the place of `self.report`; `objection` says why a leader of such a configuration cannot be
-        followed, if so.
+        in the place of `self.report`.
         """
         self.name, self.instance, self.camera = name, instance, camera
         self.timekeeper = timekeeper
@@ -130,13 +87,14 @@ class TimeClient:
         self.number: int | None = None
         """What the leader knows this node by; None while it is no member."""
         self.followed: FollowedConfig | None = None
-        """Those of the present leader, or of the last one."""
+        """Configuration of the present leader, or of the last one."""
         self.why_joining = ""
         """Why it is no member, where that is known."""
         self.unanswered = 0
         """How often it has asked to join since a leader said anything to that."""
-        self._beats = Heartbeats(heartbeat_every_ns, silent_ns)
-        self._report, self._objection = report or self.report, objection
+        self._report = report or self.report
+        self._heartbeat_every_ns, self._silent_ns = heartbeat_every_ns, silent_ns
+        self._heartbeat_due_ns, self._heard_ns = NEVER_NS, 0
         self._hello_due_ns = AT_ONCE_NS
         self._outbox: deque[ControlMessage] = deque()
         self._events: deque[TimeClientEvent] = deque(maxlen=MOST_EVENTS)
@@ -213,12 +171,12 @@ class TimeClient:
                 self.note_refusal(message.reason)
             case TimeReply() if self.is_addressed(message):
                 if self.timekeeper.take_reply(message, now_ns):
-                    self._beats.heard(now_ns)
+                    self._heard_ns = now_ns
                 self._note_clock(now_ns)
             case UnknownMember() if self.is_addressed(message):
                 self.lose("the leader was restarted", now_ns)
             case HeartbeatAck() | AgreedArrival() | Trigger() if self.is_addressed(message):
-                self._beats.heard(now_ns)
+                self._heard_ns = now_ns
                 if isinstance(message, HeartbeatAck):
                     self._take_answer(message, now_ns)
                 elif isinstance(message, AgreedArrival):
@@ -234,7 +192,8 @@ class TimeClient:
         self.followed, self.number = config, welcome.client
         self.timekeeper.follow(config, welcome.client, welcome.slot, now_ns)
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
-        self._beats.begin(now_ns)
+        self._heard_ns = now_ns
+        self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
         self._events.append(Joined(welcome.transfer_port, config.leader, welcome.beacons))
         return True
 
@@ -263,7 +222,7 @@ class TimeClient:
 
     def report_at_once(self) -> None:
         """Send the next heartbeat at once."""
-        self._beats.send_at_once()
+        self._heartbeat_due_ns = AT_ONCE_NS
 
     def send(self, message: ControlMessage) -> None:
         """Send the leader a message with the next datagrams."""
@@ -280,15 +239,16 @@ class TimeClient:
                 self._hello_due_ns = now_ns + HELLO_EVERY_NS
                 self._outbox.append(self.hello())
             return
-        if now_ns >= self._beats.silent_from_ns or self.timekeeper.schedule.is_unanswered(now_ns):
+        if now_ns >= self._silent_from_ns or self.timekeeper.schedule.is_unanswered(now_ns):
             self.lose("the leader is silent", now_ns)
             self.hellos = HELLOS
             return
         self.timekeeper.handle_timer(now_ns)
         self._note_clock(now_ns)
-        if self.timekeeper.take_report_due() or now_ns >= self._beats.due_ns:
+        if self.timekeeper.take_report_due() or now_ns >= self._heartbeat_due_ns:
             self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
-            self._beats.sent(now_ns)
+            if self._heartbeat_every_ns is not None:
+                self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
         arrivals = self.timekeeper.arrival_report(now_ns)
         if arrivals is not None:
             self._outbox.append(arrivals)
@@ -299,7 +259,7 @@ class TimeClient:
         """Local time in ns at which `handle_timer` wants to be called."""
         if self.number is None:
             return self._hello_due_ns
-        return min(self._beats.silent_from_ns, self.timekeeper.next_timer(), self._beats.due_ns)
+        return min(self._silent_from_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
         """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
@@ -329,6 +289,26 @@ class TimeClient:
 
     # The parts
 
+    @property
+    def _silent_from_ns(self) -> int:
+        """From when on the leader is gone if it is not heard until then."""
+        return NEVER_NS if self._heartbeat_every_ns is None else self._heard_ns + self._silent_ns
+
+    def _objection(self, config: FollowedConfig) -> str:
+        """Say why a leader of such a configuration cannot be followed; empty where it can.
+
+        A camera's member joins anew where the grid's period or the root has changed: its bursts are theirs.
+        """
+        if self.camera.kind in WITHOUT_CAMERA:
+            if self.instance in config.path:
+                return "the parent follows this node"
+            return "the parent is too far from the root" if len(config.path) > MAX_DEPTH else ""
+        if not self.is_member or self.followed is None:
+            return ""
+        if config.goal.period_ns != self.followed.goal.period_ns:
+            return "the leader has another grid of instants"
+        return "the relay follows another leader" if config.path[0] != self.followed.path[0] else ""
+
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
         config = FollowedConfig.of_message(answer.config)
         reason = "its answers cannot be right" if config is None else self._objection(config)
@@ -343,5 +323,5 @@ class TimeClient:
     def _note_clock(self, now_ns: int) -> None:
         while (event := self.timekeeper.next_event()) is not None:
             self._events.append(event)
-            if isinstance(event, ClockSynced) and self._beats.are_regular:
+            if isinstance(event, ClockSynced) and self._heartbeat_every_ns is not None:
                 self.report_at_once()

@@ -10,11 +10,10 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
-from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
 from capture_app.sync.wire.messages import (
     CLOCK,
-    MAX_DEPTH,
     PROBE_NUMBER,
     ControlMessage,
     Goodbye,
@@ -61,7 +60,6 @@ class TreeMember:
             config.camera,
             heartbeat_every_ns=every_ns,
             silent_ns=SILENT_HEARTBEATS * (every_ns or 0),
-            objection=self._objection,
         )
         """Its membership and its clock."""
         self._choice = LeaderChoice(config.parents, self.time)
@@ -153,11 +151,6 @@ class TreeMember:
         return self.time.next_event()
 
     # The parts
-
-    def _objection(self, config: FollowedConfig) -> str:
-        if self.config.instance in config.path:
-            return "the parent follows this node"
-        return "the parent is too far from the root" if len(config.path) > MAX_DEPTH else ""
 
     def _go_back(self, address: Address, welcome: Welcome, now_ns: int) -> None:
         """Follow a preferred parent that is there again; the time map is kept until that one's is better."""

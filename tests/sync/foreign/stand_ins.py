@@ -44,8 +44,7 @@ class PhoneRig:
             LEADER,
             clock.local_from_true(self.now_ns),
             random.Random(self._rng.getrandbits(64)),
-            local_from_true=clock.local_from_true,
-            true_from_local=clock.true_from_local,
+            clock,
             sensor_ppm=-skew_ppm,
         )
         number = len(self.phones)

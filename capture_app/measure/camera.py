@@ -38,7 +38,7 @@ class Moves(Struct, frozen=True, kw_only=True):
     step_ns: float | None = None
     """What all shifts are multiples of: a row, times the gain of an injection."""
     row_time_ns: float | None = None
-    """Of one row, by that step."""
+    """Time of one row, by that step."""
     injection: InjectionProfile | None = None
     overhead_ns: float | None = None
     """How much longer than its exposure a frame is, by the injections."""
@@ -109,7 +109,7 @@ class StreamWatch:
         self.deliveries_ns: list[int] = []
         """From each frame's stamp to its arrival here."""
         self.exposure_ns: int | None = None
-        """Of the newest frame."""
+        """Exposure of the newest frame."""
         self._clock = clock
         self._arrived = asyncio.Event()
         self._failure: Exception | None = None

@@ -98,7 +98,7 @@ class FrameLine:
         self.noise_ns = 0.0
         """Standard deviation of one timestamp."""
         self.height_ns = 0.0
-        """Of the run under way."""
+        """Height of the run under way."""
         self.quantum_ns = 0.0
         """Step that the timestamps come in, 0 where it does not count."""
         self._hidden_ns: float | None = None

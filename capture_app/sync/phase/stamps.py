@@ -47,7 +47,7 @@ class PhaseEstimate:
     error_ns: int
     """Signed distance of the nearest frame from the nearest goal instant, in [-period/2, period/2)."""
     period_ns: int
-    """Of the camera, in leader time; the drift says it more finely."""
+    """The camera's period, in leader time; the drift says it more finely."""
     drift_ppm: float
     """Change of the error, in us per second."""
     sigma_ns: float

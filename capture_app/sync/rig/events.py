@@ -87,13 +87,13 @@ class FramesSelected(Generic[F]):
     time_map: TimeMap
     """By which the frames were picked."""
     phase: PhaseEstimate | None
-    """Of the stream at the last instant; None where it was not known."""
+    """The stream's phase at the last instant; None where it was not known."""
     further: bool = False
     """They add to what was told of the burst before: spare instants, or the next of one that is streamed."""
     trigger: Trigger | None = None
-    """Of a burst that is streamed: what was ordered, as it stands now."""
+    """What was ordered of a burst that is streamed, as it stands now."""
     over: int = 0
-    """Of such a burst: how many of its instants have been told, these included."""
+    """How many instants of a burst that is streamed have been told, these included."""
 
     @property
     def ended(self) -> bool:

@@ -28,7 +28,7 @@ class Failback:
         self._leaders, self._probe_every_ns = leaders, probe_every_ns
         self._needed = dict.fromkeys(leaders, LEAST_ANSWERS)
         self._answers: dict[Address, int] = {}
-        """Of those that were probed last: how often each had answered in a row before."""
+        """How often each leader that was probed last had answered in a row before."""
         self._answered: set[Address] = set()
         self._probed: list[Address] = []
         self._back_since_ns: int | None = None

@@ -79,7 +79,7 @@ class Burst:
     requested_ns: int
     clients: tuple[str, ...]
     spare: int = 0
-    """So many of the last instants only make up for those that not every camera has."""
+    """How many of the last instants only make up for those that not every camera has."""
     streamed: bool = False
     """Its frames are sent as they come, and not after the last."""
     video: bool = False

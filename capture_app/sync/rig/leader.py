@@ -80,9 +80,9 @@ class CurrentConfig:
     config: RigConfig
     grid_choice: GridChoice | None = None
     upstream: UpstreamMap | None = None
-    """Of a relay: from its clock to the root's; clients chain it to their estimates."""
+    """A relay's map from its clock to the root's; clients chain it to their estimates."""
     in_holdover: bool = False
-    """Of a relay: it has no leader at present, or that one is in holdover."""
+    """Whether a relay has no leader at present, or that one is in holdover."""
     grid_is_of_cameras: bool = False
     """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
 

@@ -34,13 +34,13 @@ class _PendingBurst(Generic[F]):
 
     trigger: Trigger
     picked: list[SelectedFrame[F] | Gap] = field(default_factory=list)
-    """Those that are not told yet."""
+    """Selected frames and gaps that are not told yet."""
     told: int = 0
-    """How many instants are."""
+    """How many instants have been told."""
     time_map: TimeMap | None = None
-    """By which they were: one burst has one map, but for one that is streamed."""
+    """The map by which they were told: one burst has one map, but for one that is streamed."""
     last_stamp_ns: int | None = None
-    """Of the last frame that was picked."""
+    """Timestamp of the last frame that was selected."""
 
     @property
     def over(self) -> int:

@@ -83,11 +83,11 @@ class Roster:
         self.present_count = 0
         """How many are not lost."""
         self.pollers = 0
-        """How many of those ask this leader for the time, not a relay."""
+        """How many present members ask this leader for the time, not a relay."""
         self._rng = rng
         self._by_number: dict[int, Member] = {}
         self._unconfirmed: dict[str, Member] = {}
-        """Those that have said no more than hello, the oldest first."""
+        """Members that have said no more than hello, the oldest first."""
         self._joins = 0
         self._silence_ns = self._forget_ns = 0
         """No member can have been silent for too long, or lost for too long, before these times."""

@@ -120,7 +120,7 @@ class TimeClient:
 
     @property
     def uncorrected_map(self) -> TimeMap | None:
-        """The same before anything was agreed with other clients: what the leader's answers alone tell."""
+        """The newest estimate before anything was agreed with other clients: what the leader's answers alone tell."""
         return self.timekeeper.uncorrected_map
 
     def report(self, now_ns: int) -> Report:

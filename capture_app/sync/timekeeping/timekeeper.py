@@ -114,7 +114,7 @@ class Timekeeper:
         self._samples = samples
         self._number = 0
         self._asked: FollowedConfig | None = None
-        """Those of the leader that is asked, or was last: `clock` estimates its clock."""
+        """Configuration of the leader that is asked, or was last: `clock` estimates its clock."""
         self._sequence = first_sequence
         self._outstanding: dict[int, int] = {}
         self._request: bytes | None = None

@@ -190,7 +190,7 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     pace_ns: Pace = 0
     """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
     upstream: UpstreamMap | None = None
-    """Of a relay: from its clock to the root's."""
+    """A relay's map from its clock to the root's."""
     in_holdover: bool = False
     """This relay, or one above it, has lost its leader: it keeps the time, but brings no bursts."""
 
@@ -286,7 +286,7 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     step_ns: int
     count: int
     spare: int = 0
-    """So many of the last frames are wanted only while it is not known that the others will do."""
+    """How many of the last frames are wanted only while it is not known that the others will do."""
     streamed: bool = False
     """Send the frames as they come; the same burst again with a lower count ends it earlier."""
     video: bool = False

@@ -71,7 +71,7 @@ def restart_like_the_paper(
     *,
     crystal_ppm: Callable[[random.Random], float] = uniform_ppm,
 ) -> Attempt:
-    """The paper's way with restarts: each camera by itself, against one goal, until all are in at one moment.
+    """The paper's way with restarts: each camera by itself, against one grid, until all are in at one moment.
 
     A model of restarts and drift without frames: a camera that drifts out of the tolerance is restarted.
     """
@@ -164,9 +164,9 @@ def restart_together(
     aimed: bool,
     starts_known: int = 0,
 ) -> Attempt:
-    """Our way: cameras that can only restart get a shared goal and a meeting instant, until all are aligned.
+    """Our way: cameras that can only restart get a shared grid and a meeting instant, until all are aligned.
 
-    The engine's aligners and shared goal on simulated sensors, with perfect clocks and network. Seconds
+    The engine's aligners and shared grid on simulated sensors, with perfect clocks and network. Seconds
     count from the moment that all cameras know their phase. `starts_known` start latencies were seen before.
     """
     rng = random.Random(seed)
@@ -178,7 +178,7 @@ def restart_together(
             tolerance_ns,
             ppm=uniform_ppm(rng),
             aimed=aimed,
-            goal=grid_choice.goal,
+            grid=grid_choice.grid,
             start_latencies_ns=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],
         )
         for _ in range(count)
@@ -198,17 +198,17 @@ def restart_together(
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             elif camera_phases[number].frame_leader_ns is None or now_ns - told_ns[number] >= REPORT_NS:
                 told_ns[number] = now_ns
-                camera_phases[number] = _camera_phase(number, bench, grid_choice.goal, tolerance_ns)
+                camera_phases[number] = _camera_phase(number, bench, grid_choice.grid, tolerance_ns)
                 grid_choice.update(camera_phases, now_ns)
             if began_ns is None and all(s.frame_leader_ns is not None for s in camera_phases):
                 began_ns = now_ns
-            bench.goal, bench.meeting_leader_ns = grid_choice.goal, grid_choice.meeting_leader_ns
+            bench.grid, bench.meeting_leader_ns = grid_choice.grid, grid_choice.meeting_leader_ns
             before = len(bench.commands)
             bench.step_aligner(frame, hold=bench.meeting_leader_ns is None)
             if len(bench.commands) > before:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             if began_ns is not None and all(
-                b.aligner.aligned and b.goal == grid_choice.goal for b in benches
+                b.aligner.aligned and b.grid == grid_choice.grid for b in benches
             ):
                 return Attempt(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
         heapq.heappush(heap, (bench.due_ns, number))
@@ -219,9 +219,9 @@ def _unknown_phase(number: int, tolerance_ns: int) -> CameraPhase:
     return CameraPhase(str(number), PhaseControl.RESET, None, 0.0, tolerance_ns)
 
 
-def _camera_phase(number: int, bench: Bench, goal: FrameGrid, tolerance_ns: int) -> CameraPhase:
-    estimate = bench.aligner.estimate(EXACT, goal, bench.now_ns) if bench.aligner.settled else None
+def _camera_phase(number: int, bench: Bench, grid: FrameGrid, tolerance_ns: int) -> CameraPhase:
+    estimate = bench.aligner.estimate(EXACT, grid, bench.now_ns) if bench.aligner.settled else None
     if estimate is None:
         return _unknown_phase(number, tolerance_ns)
-    frame_ns = goal.instant(goal.index_of(bench.now_ns)) + estimate.error_ns
+    frame_ns = grid.instant(grid.index_of(bench.now_ns)) + estimate.error_ns
     return CameraPhase(str(number), PhaseControl.RESET, frame_ns, estimate.drift_ppm, tolerance_ns)

@@ -20,7 +20,7 @@ from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
 START_NS = 1_000_000_000
-"""Streams start, and goals lie, within this after zero."""
+"""Streams start, and grids lie, within this after zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,18 +46,18 @@ class Bench:
         row_known: bool = True,
         aimed: bool = True,
         known: InjectionProfile | None = None,
-        goal: FrameGrid | None = None,
+        grid: FrameGrid | None = None,
         clock_noise_ns: int = 0,
         start_latencies_ns: Sequence[int] = (),
     ) -> None:
-        """Without `ppm` a crystal is drawn, with a standard deviation of 15 ppm; without `goal` a goal."""
+        """Without `ppm` a crystal is drawn, with a standard deviation of 15 ppm; without `grid` a grid."""
         rng = random.Random(seed)
         self.profile = profile
         self.sensor = Sensor(profile, rng, period_error_ppm=rng.gauss(0.0, 15.0) if ppm is None else ppm)
         facts = facts_of(profile, width=profile.image_width, height=profile.image_rows)
         camera = facts if row_known else msgspec.structs.replace(facts, row_time_ns=None)
         self.aligner = Aligner(camera, tolerance_ns=tolerance_ns, rng=rng, aimed=aimed, profile=known)
-        self.goal = goal or FrameGrid(rng.randrange(START_NS), profile.period_ns)
+        self.grid = grid or FrameGrid(rng.randrange(START_NS), profile.period_ns)
         self.meeting_leader_ns: int | None = None
         self.now_ns = 0
         self.commands: list[CameraCommand] = []
@@ -106,13 +106,13 @@ class Bench:
         time_map = TimeMap(0, offset_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
         command = self.aligner.next_command(
             time_map,
-            self.goal,
+            self.grid,
             now_ns,
             hold=hold,
             burst_leader_ns=burst_ns,
             meeting_leader_ns=self.meeting_leader_ns,
         )
-        error_ns = self.goal.phase_error(frame.start_true_ns)
+        error_ns = self.grid.phase_error(frame.start_true_ns)
         observation = FrameObservation(now_ns, error_ns, self.aligner.aligned, self.aligner.corrections)
         if command is not None:
             self.commands.append(command)

@@ -31,19 +31,19 @@ READY_EVERY_NS = 10_000_000_000
 
 
 def sync_packet(
-    goal: FrameGrid, leader_ns: int, wall_from_leader: Callable[[int], int], *, shutter_ns: int = 0
+    grid: FrameGrid, leader_ns: int, wall_from_leader: Callable[[int], int], *, shutter_ns: int = 0
 ) -> bytes:
     """Return the packet of the latest instant of a grid; `wall_from_leader` is for the receiver's wall clock.
 
     A Pi stamps a frame at the end of its first row's exposure, which is `shutter_ns` after its start.
     """
-    latest_ns = goal.instant(goal.index_of(leader_ns - goal.period_ns // 2))
+    latest_ns = grid.instant(grid.index_of(leader_ns - grid.period_ns // 2))
     mark_ns = (leader_ns // READY_EVERY_NS + 1) * READY_EVERY_NS
     frame_us, ready_us = (
         round((wall_from_leader(instant_ns) + shutter_ns) / 1000)
-        for instant_ns in (latest_ns, goal.instant(goal.index_of(mark_ns)))
+        for instant_ns in (latest_ns, grid.instant(grid.index_of(mark_ns)))
     )
-    return PACKET.pack(round(goal.period_ns / 1000), 0, frame_us, 0, ready_us)
+    return PACKET.pack(round(grid.period_ns / 1000), 0, frame_us, 0, ready_us)
 
 
 HOPS = 1
@@ -89,7 +89,7 @@ class RpicamSync(RigFollower):
 
         now_ns = clock.now_ns()
         leader_ns = now_ns if shared.time_map is None else shared.time_map.leader_from_local(now_ns)
-        packet = sync_packet(shared.goal, leader_ns, wall_from_leader, shutter_ns=self._shutter_ns)
+        packet = sync_packet(shared.grid, leader_ns, wall_from_leader, shutter_ns=self._shutter_ns)
         # A host or an interface may have gone meanwhile, and who listens tells nobody.
         for host in self._hosts:
             with contextlib.suppress(OSError):

@@ -181,14 +181,14 @@ class RelayNode:
             message=message,
             advice=message or rig_advice(views, str(self.address)),
             now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
-            period_ns=None if leader.goal is None else leader.goal.period_ns,
+            period_ns=None if leader.grid is None else leader.grid.period_ns,
             nodes=node_statuses(views),
         )
 
     def shared_grid(self) -> SharedGrid | None:
         """Return the root's grid, as well as this relay knows the root's time."""
-        goal, time_map = self._engine.leader.goal, self._engine.member.time_map
-        return None if goal is None or time_map is None else SharedGrid(goal, time_map)
+        grid, time_map = self._engine.leader.grid, self._engine.member.time_map
+        return None if grid is None or time_map is None else SharedGrid(grid, time_map)
 
     def note_follower(self, news: FollowerNews) -> None:
         """Tell what happened to another program that follows."""

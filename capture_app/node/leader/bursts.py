@@ -200,7 +200,7 @@ class ActiveBursts:
                 f"{request.before} of {request.frames} frames cannot be before", hint="ask for more frames"
             )
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
-        if engine.goal is None:
+        if engine.grid is None:
             told = [follower.take_alone(request) for follower in self.options.followers]
             if any(told):
                 yield replace(before, done=True, message="; ".join(filter(None, told)))
@@ -212,9 +212,9 @@ class ActiveBursts:
             asked_ns = self.now_ns()
         if coarse := coarse_nodes(engine.clients(self.now_ns())):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
-        goal = engine.goal
-        # Without a camera there is no goal: that is said when the burst is ordered.
-        order = BurstOrder(frames=1) if goal is None else order_of(request, asked_ns, goal.period_ns)
+        grid = engine.grid
+        # Without a camera there is no grid: that is said when the burst is ordered.
+        order = BurstOrder(frames=1) if grid is None else order_of(request, asked_ns, grid.period_ns)
         session = await self.order(order, name=request.name, note=request.note)
         for follower in self.options.followers:
             follower.take_part(session)

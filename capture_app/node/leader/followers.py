@@ -20,7 +20,7 @@ from capture_app.sync.rig.frame_selection import Burst
 class SharedGrid:
     """A rig's grid, as this machine knows it; without a map its clock is the rig's time."""
 
-    goal: FrameGrid
+    grid: FrameGrid
     time_map: TimeMap | None = None
 
 

@@ -121,7 +121,7 @@ class LeaderNode:
 
     def shared_grid(self) -> SharedGrid | None:
         """Return the grid of instants, None before the first camera."""
-        return None if self._engine.goal is None else SharedGrid(self._engine.goal)
+        return None if self._engine.grid is None else SharedGrid(self._engine.grid)
 
     def note_follower(self, news: FollowerNews) -> None:
         """Tell what happened to another program that follows."""

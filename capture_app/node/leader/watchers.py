@@ -42,13 +42,13 @@ class RigState:
         """All of it at this moment."""
         options, engine, bursts = self._bursts.options, self._bursts.engine, self._bursts
         now_ns = options.clock.now_ns()
-        goal, views = engine.goal, engine.clients(now_ns)
+        grid, views = engine.grid, engine.clients(now_ns)
         return RigStatus(
             leader=str(self._address),
             is_open=options.trust.is_open,
             advice=rig_advice(views, str(self._address), self._rates.off),
             now_ns=now_ns,
-            period_ns=None if goal is None else goal.period_ns,
+            period_ns=None if grid is None else grid.period_ns,
             nodes=node_statuses(
                 views,
                 vitals=self._viewfinders.vitals,

@@ -1,4 +1,4 @@
-"""One camera's frames brought into phase: shared goal, aligner, actuators.
+"""One camera's frames brought into phase: shared grid, aligner, actuators.
 
 Imports `clock`, `stamps` and `wire` (camera commands); knows one camera and no other node.
 """

@@ -142,7 +142,7 @@ class Aligner:
         aimed: bool = True,
     ) -> None:
         self.window = AlignmentWindow(tolerance_ns)
-        """How near to its goal the stream can be brought, and for how long."""
+        """How near to its grid the stream can be brought, and for how long."""
         self._hold_ns = HOLD_NS[camera.phase_control]
         self._phase = PhaseEstimator(period_ns=camera.period_ns)
         self._actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
@@ -176,7 +176,7 @@ class Aligner:
 
     @property
     def meets_bursts(self) -> bool:
-        """Whether a stream that drifts too fast to be held is brought to its goal for each burst."""
+        """Whether a stream that drifts too fast to be held is brought to its grid for each burst."""
         return not self._commands.under_way and self.window.drifts_fast and self._actuator.meets_bursts
 
     @property
@@ -241,7 +241,7 @@ class Aligner:
         """End the command under way once its effect shows or is overdue, and learn from the effect."""
         self._commands.update(now_local_ns, run_settled=self._run_settled)
 
-    def estimate(self, time_map: TimeMap, goal: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
+    def estimate(self, time_map: TimeMap, grid: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
         """The stream's error at an instant of leader time; None while it is not known."""
         phase = self._phase
         if phase.run_frames < self._frames_needed or not phase.known:
@@ -249,9 +249,9 @@ class Aligner:
         frame_local_ns = phase.nearest_frame_ns(time_map.local_from_leader(at_leader_ns))
         period_ns = phase.period_ns * (1.0 + time_map.skew)
         return PhaseEstimate(
-            error_ns=goal.phase_error(time_map.leader_from_local(frame_local_ns)),
+            error_ns=grid.phase_error(time_map.leader_from_local(frame_local_ns)),
             period_ns=round(period_ns),
-            drift_ppm=(period_ns / goal.period_ns - 1.0) * 1e6,
+            drift_ppm=(period_ns / grid.period_ns - 1.0) * 1e6,
             sigma_ns=phase.sigma_at(frame_local_ns),
             frames=phase.run_frames,
             at_leader_ns=at_leader_ns,
@@ -261,7 +261,7 @@ class Aligner:
     def next_command(
         self,
         time_map: TimeMap,
-        goal: FrameGrid,
+        grid: FrameGrid,
         now_local_ns: int,
         *,
         hold: bool = False,
@@ -272,11 +272,11 @@ class Aligner:
 
         `hold=True` begins no correction that shows in pictures. Nor does any from shortly before a burst
         on, whose first and last instants are `burst_leader_ns`; before that, injections whose effect is
-        known bring the stream to its goal for that burst. A stream that can only be restarted is judged by
+        known bring the stream to its grid for that burst. A stream that can only be restarted is judged by
         its phase at `meeting_leader_ns`, if that is still to come.
         """
         self.settle_command(now_local_ns)
-        now = self._judge(time_map, goal, now_local_ns)
+        now = self._judge(time_map, grid, now_local_ns)
         if now is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
             return None
         inner_ns = inner_of(self.window.tolerance_ns, now.quantum_error_ns)
@@ -298,21 +298,21 @@ class Aligner:
             )
         if setpoint is None:
             return None
-        return self._command_towards(setpoint, time_map, goal, now, now_local_ns)
+        return self._command_towards(setpoint, time_map, grid, now, now_local_ns)
 
-    def _judge(self, time_map: TimeMap, goal: FrameGrid, now_local_ns: int) -> PhaseEstimate | None:
+    def _judge(self, time_map: TimeMap, grid: FrameGrid, now_local_ns: int) -> PhaseEstimate | None:
         """Judge the stream as it is now; return its error where it may be acted on."""
-        now = self.estimate(time_map, goal, time_map.leader_from_local(now_local_ns))
+        now = self.estimate(time_map, grid, time_map.leader_from_local(now_local_ns))
         hidden_ns = self._phase.quantum_error_ns
         if now is None or not self.settled:
             if self._phase.unmoved and self._phase.known:
                 frame_ns = self._phase.nearest_frame_ns(now_local_ns)
-                error_ns = goal.phase_error(time_map.leader_from_local(frame_ns))
+                error_ns = grid.phase_error(time_map.leader_from_local(frame_ns))
                 self._alignment.judge_unmoved(error_ns, self.window.tolerances_ns, hidden_ns)
             else:
                 self._alignment.clear()
             return None
-        self.problem = self._find_problem(now, goal)
+        self.problem = self._find_problem(now, grid)
         self.window.update(self._phase, now.drift_ppm)
         if self.problem:
             self._alignment.clear()
@@ -338,11 +338,11 @@ class Aligner:
         )
 
     def _command_towards(
-        self, setpoint: Setpoint, time_map: TimeMap, goal: FrameGrid, now: PhaseEstimate, now_local_ns: int
+        self, setpoint: Setpoint, time_map: TimeMap, grid: FrameGrid, now: PhaseEstimate, now_local_ns: int
     ) -> CameraCommand | None:
         """Return the command that moves the stream; None where none comes nearer, or one has to wait."""
         leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
-        instant_local_ns = time_map.local_from_leader(goal.instant(goal.index_of(leader_ns)))
+        instant_local_ns = time_map.local_from_leader(grid.instant(grid.index_of(leader_ns)))
         inner_ns = inner_of(self.window.tolerance_ns, now.quantum_error_ns)
         move = Move(
             now_local_ns=now_local_ns,
@@ -380,11 +380,11 @@ class Aligner:
         sigma_ns = self._phase.sigma_at(self._phase.last_ns)
         return frames >= SETTLED_FRAMES[1] or sigma_ns < self.window.tolerance_ns / 4
 
-    def _find_problem(self, now: PhaseEstimate, goal: FrameGrid) -> str:
+    def _find_problem(self, now: PhaseEstimate, grid: FrameGrid) -> str:
         doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns
         if abs(now.drift_ppm) - doubt_ppm > HOPELESS_PPM:
             return (
                 f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
-                f" {1e9 / goal.period_ns:.3f}, too different to align"
+                f" {1e9 / grid.period_ns:.3f}, too different to align"
             )
         return self._actuator.problem

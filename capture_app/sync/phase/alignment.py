@@ -1,6 +1,6 @@
 """Whether a stream is aligned: where several frames put it, and how sure that is.
 
-How near to its goal a stream can be brought, and for how long it stays, by its stamps and its drift.
+How near to its grid a stream can be brought, and for how long it stays, by its stamps and its drift.
 """
 
 from capture_app.camera_facts import PhaseControl
@@ -11,7 +11,7 @@ from capture_app.text import duration
 LANDING_SHARE = {PhaseControl.INJECTION: 0.5, PhaseControl.FRAME_DURATION: 1.0}
 """A stream that can be moved to anywhere is called aligned once it is within this share of its tolerance, and
 for as long as it is within all of it: any two that were just aligned are as near to each other as each may
-be to the goal, and drift has room."""
+be to the grid, and drift has room."""
 MOST_LANDINGS = 8
 """After so many moves the whole tolerance is enough."""
 FEWEST_FRAMES = 2
@@ -46,7 +46,7 @@ class Alignment:
         self._landings += not self.within_window
 
     def note_no_better(self) -> None:
-        """Note that no move would bring the stream nearer to its goal."""
+        """Note that no move would bring the stream nearer to its grid."""
         self._nearest = True
 
     def landing_ns(self, inner_ns: int) -> int:

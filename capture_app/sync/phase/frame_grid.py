@@ -1,6 +1,6 @@
-"""The shared goal of a rig: the grid of instants at which all its cameras take their frames.
+"""The frame grid of a rig: the instants at which all its cameras take their frames.
 
-Whether a stream is to be moved, and to where: its drift should take it through the goal when it counts.
+Whether a stream is to be moved, and to where: its drift should take it through the grid when it counts.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class FrameGrid:
 
 
 LARGEST_LEAD = 0.6
-"""Most that a stream is moved past its goal in advance of its drift, as a share of the tolerance; a quarter
+"""Most that a stream is moved past its grid in advance of its drift, as a share of the tolerance; a quarter
 of that where half the tolerance is to be met."""
 BURST_SHARE = 0.25
 """A burst whose error would exceed this share of the tolerance is corrected in advance."""
@@ -73,7 +73,7 @@ class Setpoint:
     wanted_ns: float
     """What it should be then."""
     off_centre_ns: float
-    """How far the wish itself is off the goal."""
+    """How far the wish itself is off the grid."""
 
 
 def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
@@ -84,7 +84,7 @@ def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
 
 
 def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint | None:
-    """Where drift takes a stream to its goal at a moment to come; None if it will be there without a move."""
+    """Where drift takes a stream to its grid at a moment to come; None if it will be there without a move."""
     if drift.tolerates(drift.error_after(ahead_ns)):
         return None
     return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (ahead_ns - lead_ns), 0.0)
@@ -93,7 +93,7 @@ def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint 
 def setpoint_for_burst(
     drift: Drift, lead_ns: float, ready_ns: float, scatter_ns: float, *, begins_ns: float, lasts_ns: float
 ) -> Setpoint | None:
-    """Where drift takes a stream to its goal in the middle of a burst.
+    """Where drift takes a stream to its grid in the middle of a burst.
 
     None if the burst begins before `ready_ns`, when no long frame is on its way any more, or if its
     error will be small, or no larger than `scatter_ns`, by which moves miss.

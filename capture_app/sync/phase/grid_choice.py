@@ -1,6 +1,6 @@
-"""The goal of all cameras, chosen to suit those whose phase cannot be moved at will.
+"""The grid of all cameras, chosen to suit those whose phase cannot be moved at will.
 
-A restart sets a random phase, which then drifts. So the goal is laid where most of those cameras will be at
+A restart sets a random phase, which then drifts. So the grid is laid where most of those cameras will be at
 some instant to come, and only the others are restarted.
 """
 
@@ -12,7 +12,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.sync.phase.frame_grid import FrameGrid
 
 WEIGHTS = {PhaseControl.NONE: 1000, PhaseControl.RESET: 1}
-"""Weight of a camera in the choice of the goal, by its phase control; others can move to any goal."""
+"""Weight of a camera in the choice of the grid, by its phase control; others can move to any grid."""
 RESTART_NS = 800_000_000
 """About the time that one restart takes."""
 PRIOR_GAIN = 3.0
@@ -22,13 +22,13 @@ AHEAD_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 1
 EARLY_COST = 0.1
 """Cost of meeting before all restarts are done, as a share of the time between: some will drift away."""
 MOST_PPM = 1000.0
-"""Cameras that drift faster than this do not count: they suit no goal for long."""
+"""Cameras that drift faster than this do not count: they suit no grid for long."""
 MOST_OUTSIDE = 100
 """More cameras outside their tolerance than this make no difference."""
 PATIENCE_NS = 3_000_000_000
 """Longest wait before the first restart while some cameras do not know their phase yet."""
 KEEP_NS = 3_000_000_000
-"""A goal is kept while all cameras will be within their tolerance for so long."""
+"""A grid is kept while all cameras will be within their tolerance for so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class CameraPhase:
 
 @dataclass(frozen=True, slots=True)
 class WeightedDrift:
-    """A camera's distance from the goal in ns now, its drift (ns per ns), tolerance in ns, and weight."""
+    """A camera's distance from the grid in ns now, its drift (ns per ns), tolerance in ns, and weight."""
 
     error_ns: float
     rate: float
@@ -61,7 +61,7 @@ def time_needed_ns(outside: int, chance: float) -> int:
 
 
 def weight_inside(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> int:
-    """Weight of the cameras that will be within their tolerance of the goal so much later."""
+    """Weight of the cameras that will be within their tolerance of the grid so much later."""
     half = period_ns / 2
     return sum(
         drift.weight
@@ -71,9 +71,9 @@ def weight_inside(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: i
 
 
 def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> tuple[int, int]:
-    """The shift of the goal in ns, in [-period/2, period/2), that suits most so much later, and their weight.
+    """The shift of the grid in ns, in [-period/2, period/2), that suits most so much later, and their weight.
 
-    Each camera is suited by an arc of goals; the answer is the middle of where most weight overlaps, so that
+    Each camera is suited by an arc of grids; the answer is the middle of where most weight overlaps, so that
     it lasts for longest. Of several such places it is the widest: there the cameras are closest together,
     and leave most room for those still to come.
     """
@@ -101,23 +101,23 @@ def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int)
 
 
 class GridChoice:
-    """The rig's goal, moved to suit the cameras that can only be restarted, and when they are to meet it."""
+    """The rig's grid, moved to suit the cameras that can only be restarted, and when they are to meet it."""
 
-    def __init__(self, goal: FrameGrid) -> None:
-        self.goal = goal
+    def __init__(self, grid: FrameGrid) -> None:
+        self.grid = grid
         self.meeting_leader_ns: int | None = None
-        """Cameras are restarted unless they will be at the goal at this instant; None: none is restarted."""
+        """Cameras are restarted unless they will be at the grid at this instant; None: none is restarted."""
         self._began_leader_ns: int | None = None
         self._patient = True
         self._landings = self._hits = 0
         self._in_flight: set[str] = set()
 
     def update(self, cameras: Sequence[CameraPhase], now_leader_ns: int) -> bool:
-        """Choose goal and meeting instant from the phases of all cameras; return whether the goal has moved.
+        """Choose grid and meeting instant from the phases of all cameras; return whether the grid has moved.
 
         An instant costs the time until then, or until all cameras outside its best window can have landed.
         """
-        period_ns = self.goal.period_ns
+        period_ns = self.grid.period_ns
         drifts = [c for c in (self._drift(camera, now_leader_ns) for camera in cameras) if c]
         unknown = sum(
             camera.phase_control == PhaseControl.RESET and camera.frame_leader_ns is None
@@ -146,7 +146,7 @@ class GridChoice:
                 least, best_ahead_ns, best_move_ns = cost, ahead_ns, shift_ns
         self.meeting_leader_ns = now_leader_ns + round(best_ahead_ns)
         if best_move_ns:
-            self.goal = FrameGrid(self.goal.anchor_leader_ns + best_move_ns, period_ns)
+            self.grid = FrameGrid(self.grid.anchor_leader_ns + best_move_ns, period_ns)
         return best_move_ns != 0
 
     def _is_early(self, unknown: int, known: int, now_leader_ns: int) -> bool:
@@ -166,7 +166,7 @@ class GridChoice:
         for camera in cameras:
             if camera.phase_control != PhaseControl.RESET:
                 continue
-            uniform = min(uniform, 2.0 * camera.tolerance_ns / self.goal.period_ns)
+            uniform = min(uniform, 2.0 * camera.tolerance_ns / self.grid.period_ns)
             if camera.frame_leader_ns is None:
                 self._in_flight.add(camera.name)
             elif camera.name in self._in_flight:
@@ -174,7 +174,7 @@ class GridChoice:
                 drift = self._drift(camera, now_leader_ns)
                 ahead_ns = meeting_leader_ns - now_leader_ns
                 self._landings += 1
-                self._hits += weight_inside([drift] if drift else [], ahead_ns, self.goal.period_ns)
+                self._hits += weight_inside([drift] if drift else [], ahead_ns, self.grid.period_ns)
         expected = max(1e-6, min(0.9, PRIOR_GAIN * uniform))
         return (self._hits + 1.0) / (self._landings + 1.0 / expected)
 
@@ -186,5 +186,5 @@ class GridChoice:
             return None
         drift = camera.drift_ppm * 1e-6
         since_ns = now_leader_ns - camera.frame_leader_ns
-        error_ns = self.goal.phase_error(camera.frame_leader_ns) + drift * since_ns
+        error_ns = self.grid.phase_error(camera.frame_leader_ns) + drift * since_ns
         return WeightedDrift(error_ns, drift, camera.tolerance_ns, weight)

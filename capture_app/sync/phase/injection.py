@@ -213,7 +213,7 @@ class InjectionActuator(PhaseActuator):
 
     @property
     def meets_bursts(self) -> bool:
-        """Whether a stream can be brought to its goal between the order of a burst and its first instant."""
+        """Whether a stream can be brought to its grid between the order of a burst and its first instant."""
         return self.sure and self._burst_lead_frames * self._period_ns <= BURST_NOTICE_NS
 
     @property
@@ -231,7 +231,7 @@ class InjectionActuator(PhaseActuator):
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
         """Where the stream stays within its tolerance for longest; None if it is going to be within it.
 
-        Right at the goal while it is not sure where it lands.
+        Right at the grid while it is not sure where it lands.
         """
         lead_ns = max(self._latencies) * drift.period_ns
         if self.sure and drift.tolerance_ns * 2 < abs(drift.rate) * lead_ns:
@@ -243,7 +243,7 @@ class InjectionActuator(PhaseActuator):
         return setpoint_to_stay(drift, lead_ns, hold_ns if self.sure else 0)
 
     def setpoint_for_burst(self, drift: Drift, *, begins_ns: int, lasts_ns: int) -> Setpoint | None:
-        """Where the stream meets its goal in the middle of a burst; None where the effect is not sure."""
+        """Where the stream meets its grid in the middle of a burst; None where the effect is not sure."""
         if not self.sure:
             return None
         lead_ns = max(self._latencies) * drift.period_ns
@@ -366,12 +366,12 @@ class FrameDurationActuator(PhaseActuator):
         return self.shift_ns if abs(self.shift_ns) <= self.fine_ns else None
 
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
-        """Straight at the goal: a step of a row costs nothing."""
+        """Straight at the grid: a step of a row costs nothing."""
         lead_ns = drift.latency_frames * drift.period_ns
         return Setpoint(lead_ns, drift.error_after(lead_ns), 0.0, 0.0)
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
-        """At the goal, if it is a few rows away at most: such a step shows in no picture."""
+        """At the grid, if it is a few rows away at most: such a step shows in no picture."""
         lead_ns = drift.latency_frames * drift.period_ns
         error_ns = drift.error_after(lead_ns)
         return None if abs(error_ns) > self.fine_ns else Setpoint(lead_ns, error_ns, 0.0, 0.0)

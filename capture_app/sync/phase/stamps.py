@@ -42,10 +42,10 @@ class StampError:
 
 @dataclass(frozen=True, slots=True)
 class PhaseEstimate:
-    """The error of a stream against its goal at one instant of leader time."""
+    """The error of a stream against its grid at one instant of leader time."""
 
     error_ns: int
-    """Signed distance of the nearest frame from the nearest goal instant, in [-period/2, period/2)."""
+    """Signed distance of the nearest frame from the nearest grid instant, in [-period/2, period/2)."""
     period_ns: int
     """The camera's period, in leader time; the drift says it more finely."""
     drift_ppm: float

@@ -109,7 +109,7 @@ class Client(Generic[F]):
         grid = self._grid
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
-        return grid.goal_of_stamps.phase_error(self.time_map.leader_from_local(stamp_ns))
+        return grid.grid_of_stamps.phase_error(self.time_map.leader_from_local(stamp_ns))
 
     @property
     def has_burst_pending(self) -> bool:

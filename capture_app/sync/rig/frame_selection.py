@@ -138,9 +138,9 @@ def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> b
     return 0 < frames <= most and step_ns > 0 and (frames - 1) * step_ns <= most_ns
 
 
-def burst_instants(goal: FrameGrid, at_leader_ns: int, frames: int, spacing: int) -> range:
+def burst_instants(grid: FrameGrid, at_leader_ns: int, frames: int, spacing: int) -> range:
     """Snap a moment to the rig's grid and return the burst's instants from there, in leader ns."""
-    first_ns, step_ns = goal.instant(goal.index_of(at_leader_ns)), spacing * goal.period_ns
+    first_ns, step_ns = grid.instant(grid.index_of(at_leader_ns)), spacing * grid.period_ns
     return range(first_ns, first_ns + frames * step_ns, step_ns)
 
 

@@ -54,7 +54,7 @@ from capture_app.sync.wire.principal import Principal
 SLOWEST_VIDEO_NS = 1_000_000_000
 """A camera with longer frames lays the grid only where no other is here."""
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
-"""The goal of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
+"""The grid of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,9 +87,9 @@ class CurrentConfig:
     """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
 
     @property
-    def goal(self) -> FrameGrid | None:
+    def grid(self) -> FrameGrid | None:
         """The grid of instants that all cameras are moved onto; None before the first client."""
-        return None if self.grid_choice is None else self.grid_choice.goal
+        return None if self.grid_choice is None else self.grid_choice.grid
 
     def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
         """Lay the grid at the rate of the first camera; whether it has changed."""
@@ -99,16 +99,16 @@ class CurrentConfig:
         self.grid_is_of_cameras = is_camera or self.config.period_ns is not None
         period_ns, phase_ns = self.config.period_ns or camera.period_ns, self.config.grid_phase_ns
         phase_ns = now_ns if phase_ns is None else phase_ns
-        goal = FrameGrid(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
-        if self.grid_choice is not None and goal.period_ns == self.grid_choice.goal.period_ns:
+        grid = FrameGrid(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
+        if self.grid_choice is not None and grid.period_ns == self.grid_choice.grid.period_ns:
             return False
-        self.grid_choice = GridChoice(goal)
+        self.grid_choice = GridChoice(grid)
         return True
 
     def is_held(self, camera: CameraFacts) -> bool:
         """Whether a camera can be held on the present grid."""
-        goal = self.goal
-        return goal is not None and abs(camera.period_ns - goal.period_ns) <= _near_ns(goal.period_ns)
+        grid = self.grid
+        return grid is not None and abs(camera.period_ns - grid.period_ns) <= _near_ns(grid.period_ns)
 
     def follow_cameras(self, cameras: Sequence[CameraFacts], now_ns: int) -> bool:
         """Lay the grid at the rate of most of these cameras; whether it has changed.
@@ -116,8 +116,8 @@ class CurrentConfig:
         Of equals the present one stays; rates of stills, not of video, are for rigs that have nothing else.
         Without any camera the next one lays it.
         """
-        goal = self.goal
-        if goal is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
+        grid = self.grid
+        if grid is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
             return False
         if not cameras:
             self.grid_is_of_cameras = False
@@ -130,19 +130,19 @@ class CurrentConfig:
             return held > 0 and period_ns <= SLOWEST_VIDEO_NS, held
 
         best_ns = max(dict.fromkeys(camera.period_ns for camera in cameras), key=support)
-        if support(best_ns) <= support(goal.period_ns):
+        if support(best_ns) <= support(grid.period_ns):
             return False
         self.grid_choice = GridChoice(FrameGrid(now_ns, best_ns))
         return True
 
     def message(self, pace_ns: int) -> RigConfigMessage:
         """Return what is told; `pace_ns` is the mean time between two requests that the leader bears."""
-        assert self.grid_choice is not None, "the first hello sets the goal"
-        goal = self.grid_choice.goal
+        assert self.grid_choice is not None, "the first hello sets the grid"
+        grid = self.grid_choice.grid
         return RigConfigMessage(
             leader=self.leader,
-            anchor_leader_ns=goal.anchor_leader_ns,
-            period_ns=goal.period_ns,
+            anchor_leader_ns=grid.anchor_leader_ns,
+            period_ns=grid.period_ns,
             align_row=self.config.align_row,
             meeting_leader_ns=self.grid_choice.meeting_leader_ns,
             pace_ns=pace_ns,
@@ -158,7 +158,7 @@ class GridReview:
         self._current, self._roster, self._orders = current, roster, orders
         self.is_due = False
         """Whether the cameras that the grid suits may not be those that are here."""
-        self._goal_due_ns = 0
+        self._update_due_ns = 0
 
     def review(self, now_ns: int) -> bool:
         """Lay the grid as most cameras have it; whether it has changed.
@@ -171,8 +171,8 @@ class GridReview:
         voters = self._roster.cameras() or self._roster.cameras(even_unconfirmed=True)
         return self._current.follow_cameras([member.camera for member in voters], now_ns)
 
-    def update_goal(self, now_ns: int) -> bool:
-        """Move the goal to suit the cameras that cannot follow it; whether it has changed."""
+    def update_grid(self, now_ns: int) -> bool:
+        """Move the grid to suit the cameras that cannot follow it; whether it has changed."""
         shared, immovable = self._current.grid_choice, len(self._roster.immovable)
         if (
             shared is None
@@ -182,9 +182,9 @@ class GridReview:
             return False
         if self._orders.is_busy(now_ns):
             return False
-        if immovable > FEW_CAMERAS and now_ns < self._goal_due_ns:
+        if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False
-        self._goal_due_ns = now_ns + immovable * UPDATE_EVERY_NS
+        self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
         return shared.update(self._roster.camera_phases(), now_ns)
 
 
@@ -259,14 +259,14 @@ class Leader:
         self._roster = Roster(rng)
         self._orders = Orders(config.instance, self._roster)
         self._broadcaster = Broadcaster(config.instance, config.beacons)
-        self._grid = GridReview(self.current, self._roster, self._orders)
+        self._review = GridReview(self.current, self._roster, self._orders)
         self.outbox = Outbox()
         self._events: deque[LeaderEvent] = deque()
 
     @property
-    def goal(self) -> FrameGrid | None:
+    def grid(self) -> FrameGrid | None:
         """The grid of instants that all cameras are moved onto; None before the first camera."""
-        return self.current.goal
+        return self.current.grid
 
     @property
     def pace_ns(self) -> int:
@@ -333,10 +333,10 @@ class Leader:
         """Do what is due; call it at `next_timer`, or any time."""
         for gone in self._roster.mark_silent_lost(now_ns):
             self._events.append(gone)
-            self._grid.is_due = True
+            self._review.is_due = True
         self._events.extend(self._roster.forget_long_lost(now_ns))
         # A relay's grid is the root's.
-        if self._grid.is_due and self._uplink is None and self._grid.review(now_ns):
+        if self._review.is_due and self._uplink is None and self._review.review(now_ns):
             self.acknowledge_all()
         self._events.extend(self._orders.expire(now_ns))
         for member, trigger in self._orders.triggers_due(now_ns):
@@ -371,11 +371,11 @@ class Leader:
 
     def check_burst(self, order: BurstOrder) -> None:
         """Raise BadInputError for an impossible burst, NoCameraHereError where no client could take it."""
-        self._orders.check(self.goal, order)
+        self._orders.check(self.grid, order)
 
     def trigger(self, now_ns: int, order: BurstOrder) -> Burst:
         """Order a burst on the rig's grid. Raises what `check_burst` does."""
-        return self._orders.place(self.goal, now_ns, order, self.config.rig.max_delay_ns)
+        return self._orders.place(self.grid, now_ns, order, self.config.rig.max_delay_ns)
 
     def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
         """Let a streamed burst end after so many frames, and return it so."""
@@ -430,7 +430,7 @@ class Leader:
         member.address = address
         member.last_heard_ns = now_ns
         if self._roster.confirm(member) and not self.current.is_held(member.camera):
-            self._grid.is_due = True
+            self._review.is_due = True
         return member
 
     def _pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
@@ -439,14 +439,14 @@ class Leader:
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         passed_on = self._pass_up(member, message)
         member.report = message.report
-        if member.name in self._roster.immovable and self._grid.update_goal(now_ns):
+        if member.name in self._roster.immovable and self._review.update_grid(now_ns):
             self.acknowledge_all()
         if not passed_on:
             self.acknowledge(member)
 
     def _note_lost(self, event: NodeLost) -> None:
         self._events.append(event)
-        self._grid.is_due = True
+        self._review.is_due = True
 
     def _receive_hello(
         self, hello: Hello, address: Address, now_ns: int, principal: Principal | None

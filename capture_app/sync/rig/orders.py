@@ -31,10 +31,10 @@ class Forecast:
     drift_ppm: float
 
 
-def spread_ns(goal: FrameGrid, forecasts: Sequence[Forecast], at_leader_ns: int) -> float:
+def spread_ns(grid: FrameGrid, forecasts: Sequence[Forecast], at_leader_ns: int) -> float:
     """Predicted time in ns from the earliest frame to the latest of those nearest to a leader time."""
     errors = [
-        goal.phase_error(f.frame_leader_ns) + f.drift_ppm * 1e-6 * (at_leader_ns - f.frame_leader_ns)
+        grid.phase_error(f.frame_leader_ns) + f.drift_ppm * 1e-6 * (at_leader_ns - f.frame_leader_ns)
         for f in forecasts
         if abs(f.drift_ppm) < MOST_PPM
     ]
@@ -42,16 +42,16 @@ def spread_ns(goal: FrameGrid, forecasts: Sequence[Forecast], at_leader_ns: int)
 
 
 def instant_of_least_spread(
-    goal: FrameGrid, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int
+    grid: FrameGrid, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int
 ) -> int:
     """The instant of the grid with the least predicted spread, from a leader time to `within_ns` after it.
 
     The earliest of equals; at most MOST_CANDIDATES, evenly spread, are looked at.
     """
-    first, last = goal.index_of(from_leader_ns), goal.index_of(from_leader_ns + max(0, within_ns))
+    first, last = grid.index_of(from_leader_ns), grid.index_of(from_leader_ns + max(0, within_ns))
     step = max(1, -(-(last - first) // MOST_CANDIDATES))
-    instants = [goal.instant(index) for index in range(first, last + 1, step)]
-    return min(instants, key=lambda instant_ns: spread_ns(goal, forecasts, instant_ns))
+    instants = [grid.instant(index) for index in range(first, last + 1, step)]
+    return min(instants, key=lambda instant_ns: spread_ns(grid, forecasts, instant_ns))
 
 
 _MS = 1_000_000
@@ -60,7 +60,7 @@ TRIGGER_LEAD_NS = 500 * _MS
 TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
 AFTER_BURST_NS = 1000 * _MS
-"""The goal stays as it is for so long after a burst's last instant: until then clients pick frames."""
+"""The grid stays as it is for so long after a burst's last instant: until then clients pick frames."""
 MOST_AWAY_NS = 24 * 3_600_000_000_000
 """A burst begins at most so long after, or before, it is ordered."""
 CANCELLED = "it was cancelled"
@@ -108,14 +108,14 @@ class Orders:
         self._bursts = 0
         self._busy_until_ns: dict[int, int] = {}
 
-    def check(self, goal: FrameGrid | None, order: BurstOrder) -> FrameGrid:
+    def check(self, grid: FrameGrid | None, order: BurstOrder) -> FrameGrid:
         """Return the grid of a burst.
 
         Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
         """
-        if goal is None or not self._roster.cameras():
+        if grid is None or not self._roster.cameras():
             raise NoCameraHereError("no camera is here")
-        if not is_possible_burst(order.frames, order.spacing * goal.period_ns, streamed=order.streamed):
+        if not is_possible_burst(order.frames, order.spacing * grid.period_ns, streamed=order.streamed):
             most, most_ns = MAX_FRAMES, MAX_BURST_NS
             if order.streamed:
                 most, most_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
@@ -123,15 +123,15 @@ class Orders:
                 f"a burst of {order.frames} frames, every {order.spacing} periods, is not possible",
                 hint=f"1 to {most} frames, spacing 1 or more, {most_ns // 10**9} s at most",
             )
-        return goal
+        return grid
 
-    def place(self, goal: FrameGrid | None, now_ns: int, order: BurstOrder, max_delay_ns: int = 0) -> Burst:
+    def place(self, grid: FrameGrid | None, now_ns: int, order: BurstOrder, max_delay_ns: int = 0) -> Burst:
         """Order a burst of all cameras on the rig's grid.
 
         One that may begin as soon as all can know of it may be delayed by `max_delay_ns` to reach the best
         predicted alignment. Raises what `check` does.
         """
-        goal, cameras = self.check(goal, order), self._roster.cameras()
+        grid, cameras = self.check(grid, order), self._roster.cameras()
         asked_ns = now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
         first_ns = asked_ns
         if abs(asked_ns - now_ns) > MOST_AWAY_NS:
@@ -140,15 +140,15 @@ class Orders:
                 hint=f"at most {MOST_AWAY_NS // 3_600_000_000_000} hours away; for later ones, start it then",
             )
         if max_delay_ns > 0 and order.at_leader_ns is None:
-            first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, max_delay_ns)
-        step_ns, frames, spare = order.spacing * goal.period_ns, order.frames, 0
+            first_ns = instant_of_least_spread(grid, _forecasts(cameras), first_ns, max_delay_ns)
+        step_ns, frames, spare = order.spacing * grid.period_ns, order.frames, 0
         if not order.streamed:
             spare = max(0, min(order.spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
-        instants_ns = burst_instants(goal, first_ns, frames + spare, order.spacing)
+        instants_ns = burst_instants(grid, first_ns, frames + spare, order.spacing)
         number = self._bursts = self._bursts + 1 if order.number is None else order.number
         names = tuple(member.name for member in cameras)
         burst = Burst(
-            number, instants_ns, goal.period_ns, asked_ns, names, spare, order.streamed, order.video
+            number, instants_ns, grid.period_ns, asked_ns, names, spare, order.streamed, order.video
         )
         self._open(burst, now_ns, step_ns, len(instants_ns))
         return burst

@@ -141,7 +141,7 @@ class PendingBursts(Generic[F]):
                 instant_ns = burst.instant_ns(instant)
                 if not _is_over(instant_ns, ring, grid, time_map, now_ns):
                     break
-                picked = select_frame(ring, timing, instant, instant_ns, grid.goal.period_ns)
+                picked = select_frame(ring, timing, instant, instant_ns, grid.rig_grid.period_ns)
                 burst.picked.append(burst.once(picked))
             if burst.has_news:
                 newest = burst.trigger.streamed or burst.time_map is None
@@ -156,7 +156,7 @@ class PendingBursts(Generic[F]):
 
 def _is_over(instant_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
     """Whether an instant's frame has come, or is waited for no longer."""
-    newest_ns, period_ns = ring.newest_local_ns, grid.goal.period_ns
+    newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
     wanted_ns = time_map.local_from_leader(instant_ns) - grid.offset_ns
     seen = newest_ns is not None and newest_ns > wanted_ns + period_ns // 2
     return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns

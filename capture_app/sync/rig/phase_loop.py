@@ -23,7 +23,7 @@ from capture_app.sync.wire.messages import Report
 class CameraGrid:
     """The rig's grid of instants as one camera's timestamps see it; times in ns."""
 
-    goal: FrameGrid
+    rig_grid: FrameGrid
     offset_ns: int
     """From a frame's timestamp to its aligned moment, as well as that is known."""
     stamp: StampAccuracy
@@ -40,7 +40,7 @@ class CameraGrid:
         known_ns = start_ns if row is None else camera.mid_exposure_offset_ns(row)
         problem = "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
         return cls(
-            config.goal,
+            config.grid,
             start_ns if known_ns is None else known_ns,
             camera.stamp_accuracy,
             "" if known_ns is not None else problem,
@@ -52,9 +52,9 @@ class CameraGrid:
         return FrameTiming(time_map, self.offset_ns, self.stamp, loop.aligner)
 
     @property
-    def goal_of_stamps(self) -> FrameGrid:
+    def grid_of_stamps(self) -> FrameGrid:
         """The grid that the frames' timestamps should lie on."""
-        return FrameGrid(self.goal.anchor_leader_ns - self.offset_ns, self.goal.period_ns)
+        return FrameGrid(self.rig_grid.anchor_leader_ns - self.offset_ns, self.rig_grid.period_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class PhaseLoop:
     def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
         """The stream's phase error and drift at a local time in ns; None while they are not known."""
         at_leader_ns = time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(time_map, grid.goal_of_stamps, at_leader_ns)
+        return self.aligner.estimate(time_map, grid.grid_of_stamps, at_leader_ns)
 
     def report(self, report: Report, grid: CameraGrid | None, phase: PhaseEstimate | None) -> Report:
         """Add the camera's part to a report of a node's time; `phase` is the present one."""
@@ -133,7 +133,7 @@ class PhaseLoop:
         )
         if phase is None or grid is None:
             return report
-        frame_leader_ns = grid.goal.instant(grid.goal.index_of(phase.at_leader_ns)) + phase.error_ns
+        frame_leader_ns = grid.rig_grid.instant(grid.rig_grid.index_of(phase.at_leader_ns)) + phase.error_ns
         return replace(
             report,
             phase_error_ns=phase.error_ns,
@@ -171,7 +171,7 @@ class PhaseLoop:
         news = aligner.settled and not self._reported
         command = aligner.next_command(
             time_map,
-            grid.goal_of_stamps,
+            grid.grid_of_stamps,
             now_ns,
             hold=self.waits_for_others(grid),
             burst_leader_ns=burst_leader_ns,

@@ -79,7 +79,7 @@ class Roster:
     def __init__(self, rng: random.Random) -> None:
         self.members: dict[str, Member] = {}
         self.immovable: dict[str, Member] = {}
-        """Members whose streams cannot be moved to every goal: the goal is moved to suit them."""
+        """Members whose streams cannot be moved to every grid: the grid is moved to suit them."""
         self.present_count = 0
         """How many are not lost."""
         self.pollers = 0

@@ -120,7 +120,7 @@ class TimeClient:
 
     @property
     def uncorrected_map(self) -> TimeMap | None:
-        """The newest estimate before anything was agreed with other clients: what the leader's answers alone tell."""
+        """The newest estimate by the leader's answers alone, before clients agreed on anything."""
         return self.timekeeper.uncorrected_map
 
     def report(self, now_ns: int) -> Report:
@@ -284,7 +284,7 @@ class TimeClient:
         camera = self.camera
         if camera.kind in WITHOUT_CAMERA and self.followed is not None:
             # A root that has been started anew can lay its grid as the cameras below have it.
-            camera = structs.replace(camera, period_ns=self.followed.goal.period_ns)
+            camera = structs.replace(camera, period_ns=self.followed.grid.period_ns)
         return Hello(self.name, self.instance, camera)
 
     # The parts
@@ -305,7 +305,7 @@ class TimeClient:
             return "the parent is too far from the root" if len(config.path) > MAX_DEPTH else ""
         if not self.is_member or self.followed is None:
             return ""
-        if config.goal.period_ns != self.followed.goal.period_ns:
+        if config.grid.period_ns != self.followed.grid.period_ns:
             return "the leader has another grid of instants"
         return "the relay follows another leader" if config.path[0] != self.followed.path[0] else ""
 

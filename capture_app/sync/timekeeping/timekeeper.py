@@ -40,7 +40,7 @@ class FollowedConfig:
     leader: int
     path: tuple[int, ...]
     """Instances from the root to this leader."""
-    goal: FrameGrid
+    grid: FrameGrid
     align_row: float | None
     meeting_leader_ns: int | None
     pace_ns: int
@@ -58,7 +58,7 @@ class FollowedConfig:
         return cls(
             leader=message.leader,
             path=(message.leader,) if told is None else (*told.path, message.leader),
-            goal=FrameGrid(message.anchor_leader_ns, message.period_ns),
+            grid=FrameGrid(message.anchor_leader_ns, message.period_ns),
             align_row=message.align_row,
             meeting_leader_ns=message.meeting_leader_ns,
             pace_ns=message.pace_ns,

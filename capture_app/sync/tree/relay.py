@@ -165,9 +165,9 @@ class Relay:
             return
         if current.upstream is None or current.upstream.epoch_local_ns != member.time_map.epoch_local_ns:
             current.upstream = upstream_map(member.path, member.time_map)
-        moved = (leader.goal, current.config.align_row) != (above.goal, above.align_row)
+        moved = (leader.grid, current.config.align_row) != (above.grid, above.align_row)
         if current.grid_choice is None or moved:
-            current.grid_choice = GridChoice(above.goal)
+            current.grid_choice = GridChoice(above.grid)
         # Without a parent no stream is restarted: what suits the other cameras is not known.
         current.grid_choice.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
         current.config = replace(current.config, align_row=above.align_row)

@@ -169,11 +169,11 @@ class Rig:
 
     def spreads_ns(self) -> list[int]:
         """How far apart the true starts of exposure were at each instant since the last call."""
-        goal = self.leader.current.goal
-        assert goal is not None
+        grid = self.leader.current.grid
+        assert grid is not None
         starts: dict[int, list[int]] = {}
         for node in self.nodes:
             for frame in node.double.frames:
-                starts.setdefault(goal.index_of(frame.exposed_from_ns), []).append(frame.exposed_from_ns)
+                starts.setdefault(grid.index_of(frame.exposed_from_ns), []).append(frame.exposed_from_ns)
             node.double.frames.clear()
         return [max(some) - min(some) for some in starts.values() if len(some) == len(self.nodes)]

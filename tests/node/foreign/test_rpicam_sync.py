@@ -80,19 +80,19 @@ async def test_a_leader_sends_its_grid_in_the_wall_clock(
 
 
 async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.socket) -> None:
-    goal = FrameGrid(90_000 * S, 33_328_000)
+    grid = FrameGrid(90_000 * S, 33_328_000)
     clock = SimulatedClock(7200 * S, 20.0)
     now_ns = clock.now_ns()
     # The root is 50,000 s ahead of this node's clock.
     known = TimeMap(now_ns, 50_000 * S, 0.0, 1000.0, 1000.0, 0.0, 0.0, 300, 1000)
     sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
-    sync.start(clock, Rig(SharedGrid(goal, known)))
+    sync.start(clock, Rig(SharedGrid(grid, known)))
     try:
         _, frame_ns = await heard(pi)
     finally:
         await sync.close()
     root_ns = known.leader_from_local(clock.local_from_true(frame_ns - wall_ns(0)))
-    assert abs(goal.phase_error(root_ns)) < 100_000
+    assert abs(grid.phase_error(root_ns)) < 100_000
 
 
 async def test_without_a_grid_nothing_is_sent(pi: socket.socket) -> None:

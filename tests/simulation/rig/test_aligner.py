@@ -72,7 +72,7 @@ def test_two_late_timestamps_among_the_first_frames_move_nothing() -> None:
         frame = bench.sensor.next_frame()
         stamp = FrameStamp(frame.sequence, frame.stream, frame.timestamp_true_ns + late_ns)
         bench.aligner.add_frame(stamp)
-        commands.append(bench.aligner.next_command(SAME_CLOCK, bench.goal, stamp.timestamp_ns))
+        commands.append(bench.aligner.next_command(SAME_CLOCK, bench.grid, stamp.timestamp_ns))
     assert commands == [None, None]
 
 
@@ -113,7 +113,7 @@ def test_a_webcam_is_held_within_2_ms_even_in_a_virtual_machine(noise_ns: int, p
 
 @pytest.mark.parametrize("name", ["phone-a", "webcam"])
 def test_rates_that_differ_are_a_problem_in_plain_words(name: str) -> None:
-    bench = Bench(PROFILES[name], 3, 2_000_000, goal=FrameGrid(5, 40_000_000))
+    bench = Bench(PROFILES[name], 3, 2_000_000, grid=FrameGrid(5, 40_000_000))
     bench.run(20 * S)
     assert "30.000 frames/s and the rig at 25.000" in bench.aligner.problem
     assert bench.commands == []
@@ -144,14 +144,14 @@ def test_a_command_that_was_lost_is_given_again() -> None:
 
 def test_without_a_way_to_move_it_a_camera_still_tells_its_phase() -> None:
     aligner = Aligner(make_facts(phase_control=PhaseControl.NONE), tolerance_ns=50_000, rng=random.Random(1))
-    goal = FrameGrid(0, 33_333_333)
+    grid = FrameGrid(0, 33_333_333)
     for n in range(100):
         local_ns = n * 33_333_333 + 9_000_000
         aligner.add_frame(FrameStamp(n, 0, local_ns))
-        assert aligner.next_command(SAME_CLOCK, goal, local_ns) is None
+        assert aligner.next_command(SAME_CLOCK, grid, local_ns) is None
     assert aligner.settled
     assert not aligner.aligned
-    estimate = aligner.estimate(SAME_CLOCK, goal, 120 * 33_333_333)
+    estimate = aligner.estimate(SAME_CLOCK, grid, 120 * 33_333_333)
     assert estimate is not None
     assert estimate.error_ns == pytest.approx(9_000_000, abs=1000)
     assert estimate.drift_ppm == pytest.approx(0.0, abs=1.0)
@@ -169,7 +169,7 @@ def test_without_a_way_to_move_it_a_camera_still_tells_its_phase() -> None:
 def test_no_stream_whatsoever_raises(
     control: str, frames: list[tuple[int, int, int, bool]], goal_period_ns: int
 ) -> None:
-    """Any numbers, streams and times, and goals that make no sense."""
+    """Any numbers, streams and times, and grids that make no sense."""
     camera = make_facts(phase_control=PhaseControl(control))
     aligner = Aligner(camera, tolerance_ns=60_000, rng=random.Random(1))
     sequence, stream, now_ns = 0, 0, 0

@@ -68,7 +68,7 @@ def test_unknown_phones_take_two_injections_and_known_ones_one() -> None:
 
 
 def aligned_phone(ppm: float) -> Bench:
-    """A known phone, drifting, that has come to its goal."""
+    """A known phone, drifting, that has come to its grid."""
     bench = Bench(PROFILES["phone-a"], 6, 60_000, ppm=ppm, known=known_profile(PROFILES["phone-a"]))
     bench.run(30 * S, until=lambda look: look.aligned)
     return bench
@@ -76,13 +76,13 @@ def aligned_phone(ppm: float) -> Bench:
 
 def burst_after(bench: Bench, ahead_ns: int) -> int:
     """Let a burst of one frame come, told so long before; return the true error of its frame in ns."""
-    at_ns = bench.goal.instant(bench.goal.index_of(bench.now_ns + ahead_ns))
+    at_ns = bench.grid.instant(bench.grid.index_of(bench.now_ns + ahead_ns))
     while True:
         frame = bench.next_frame()
-        if abs(frame.start_true_ns - at_ns) < bench.goal.period_ns // 2:
-            assert frame.exposure_ns < bench.goal.period_ns, "no long frame in a burst"
-            return bench.goal.phase_error(frame.start_true_ns)
-        assert frame.start_true_ns < at_ns + bench.goal.period_ns
+        if abs(frame.start_true_ns - at_ns) < bench.grid.period_ns // 2:
+            assert frame.exposure_ns < bench.grid.period_ns, "no long frame in a burst"
+            return bench.grid.phase_error(frame.start_true_ns)
+        assert frame.start_true_ns < at_ns + bench.grid.period_ns
         if not frame.dropped:
             bench.step_aligner(frame, burst_ns=(at_ns, at_ns))
 

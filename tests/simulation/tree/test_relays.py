@@ -1,4 +1,4 @@
-"""Cameras below relays in virtual time: bursts, goals and names are the whole tree's, and relays may die."""
+"""Cameras below relays in virtual time: bursts, grids and names are the whole tree's, and relays may die."""
 
 import random
 
@@ -44,9 +44,9 @@ def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() 
     relay = rig.relay("relay", ROOT)
     rig.camera("near", ROOT)
     far = rig.camera("far", relay, control="reset")
-    goal = rig.tree.root.goal
-    rig.run_until(lambda: rig.all_ready() and rig.tree.root.goal != goal)
-    assert rig.tree.root.goal == rig.relays["relay"].leader.goal
+    grid = rig.tree.root.grid
+    rig.run_until(lambda: rig.all_ready() and rig.tree.root.grid != grid)
+    assert rig.tree.root.grid == rig.relays["relay"].leader.grid
     assert far.client.aligner.aligned
 
 
@@ -194,10 +194,10 @@ def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
     client: Client[int] = Client(ClientConfig("cam", 5, camera, 60_000, 90), rng)
     rig.tree.add("cam", Camera(client, (relay,)), rng, (relay,))
     rig.run(6.0)
-    goal = rig.tree.root.goal
-    assert goal is not None
-    assert goal.period_ns == 20_000_000
-    assert rig.relays["relay"].leader.goal == goal
+    grid = rig.tree.root.grid
+    assert grid is not None
+    assert grid.period_ns == 20_000_000
+    assert rig.relays["relay"].leader.grid == grid
     # A root that is started anew hears of the rate from the first relay.
     relay_node = rig.relays["relay"]
     rig.kill("root")

@@ -192,7 +192,7 @@ def test_a_camera_below_a_relay_holds_the_root_time() -> None:
     assert abs(error_ns) < 200_000
     assert client.time_map is not None
     assert client.time_map.hard_bound_ns > relay.member.time_map.hard_bound_ns
-    assert relay.leader.goal == tree.root.goal
+    assert relay.leader.grid == tree.root.grid
 
 
 @pytest.mark.parametrize("path", [(1, 77), tuple(range(100, 100 + MAX_DEPTH))])

@@ -32,13 +32,13 @@ def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset
 def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(grid_choice: GridChoice) -> None:
     cameras = [webcam("a", 10 * MS), webcam("b", PERIOD + 11 * MS), webcam("c", 25 * MS)]
     assert grid_choice.update(cameras, 0)
-    assert grid_choice.goal == FrameGrid(10 * MS + MS // 2, PERIOD)
+    assert grid_choice.grid == FrameGrid(10 * MS + MS // 2, PERIOD)
     assert grid_choice.meeting_leader_ns is not None, "one of them is to be restarted"
 
 
 def test_a_camera_alone_is_never_restarted(grid_choice: GridChoice) -> None:
     assert grid_choice.update([webcam("a", 14 * MS)], 0)
-    assert grid_choice.goal.anchor_leader_ns == 14 * MS
+    assert grid_choice.grid.anchor_leader_ns == 14 * MS
     assert not grid_choice.update([webcam("a", 14 * MS)], S)
     assert grid_choice.meeting_leader_ns is None
 
@@ -46,12 +46,12 @@ def test_a_camera_alone_is_never_restarted(grid_choice: GridChoice) -> None:
 def test_a_camera_that_cannot_move_at_all_outweighs_all_others(grid_choice: GridChoice) -> None:
     others = [webcam(str(n), 5 * MS) for n in range(20)]
     grid_choice.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
-    assert abs(grid_choice.goal.phase_error(20 * MS)) <= MS
+    assert abs(grid_choice.grid.phase_error(20 * MS)) <= MS
 
 
 def test_cameras_that_inject_do_not_move_the_goal(grid_choice: GridChoice) -> None:
     assert not grid_choice.update([webcam("a", 9 * MS, control="injection")], 0)
-    assert grid_choice.goal == FrameGrid(0, PERIOD)
+    assert grid_choice.grid == FrameGrid(0, PERIOD)
 
 
 def test_nobody_is_restarted_before_all_have_told_their_phase(grid_choice: GridChoice) -> None:
@@ -69,7 +69,7 @@ def test_cameras_that_will_meet_are_not_restarted(grid_choice: GridChoice) -> No
     for camera in cameras:
         assert camera.frame_leader_ns is not None
         later_ns = camera.drift_ppm * 1e-6 * grid_choice.meeting_leader_ns
-        assert abs(grid_choice.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
+        assert abs(grid_choice.grid.phase_error(camera.frame_leader_ns) + later_ns) <= MS
 
 
 controls = st.sampled_from([PhaseControl.RESET, PhaseControl.NONE, PhaseControl.INJECTION])
@@ -84,7 +84,7 @@ def test_whatever_cameras_say_a_goal_comes_of_it(
     grid_choice = GridChoice(FrameGrid(0, PERIOD))
     for again in range(3):
         grid_choice.update([CameraPhase(str(n), *s) for n, s in enumerate(said)], now_ns + again)
-        assert grid_choice.goal.period_ns == PERIOD
+        assert grid_choice.grid.period_ns == PERIOD
 
 
 @given(st.lists(st.floats(0, 33e6, exclude_max=True), min_size=1, max_size=12))
@@ -100,9 +100,9 @@ def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) ->
 
 
 def test_a_burst_is_put_where_the_frames_meet() -> None:
-    goal = FrameGrid(0, PERIOD)
+    grid = FrameGrid(0, PERIOD)
     forecasts = [Forecast(0, 20.0), Forecast(40_000, -20.0)]
-    at_ns = instant_of_least_spread(goal, forecasts, 0, 3 * S)
+    at_ns = instant_of_least_spread(grid, forecasts, 0, 3 * S)
     assert at_ns == pytest.approx(S, abs=PERIOD)
-    assert spread_ns(goal, forecasts, at_ns) < 2_000
-    assert instant_of_least_spread(goal, forecasts, 0, 0) == 0
+    assert spread_ns(grid, forecasts, at_ns) < 2_000
+    assert instant_of_least_spread(grid, forecasts, 0, 0) == 0

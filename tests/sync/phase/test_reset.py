@@ -12,7 +12,7 @@ PERIOD_NS = 33_333_333
 
 
 def tries(latency: Callable[[random.Random], float], tolerance_ns: int, *, aimed: bool, rounds: int) -> float:
-    """Mean number of restarts to come within the tolerance of ever new goals; the first 20 go untold."""
+    """Mean number of restarts to come within the tolerance of ever new grids; the first 20 go untold."""
     rng = random.Random(7)
     reset = ResetActuator(rng=rng, aimed=aimed)
     now_ns = total = 0

@@ -41,14 +41,14 @@ def leader_with_a_webcam(grid_phase_ns: int | None) -> Leader:
 
 
 def test_a_given_phase_stays_whatever_cameras_can() -> None:
-    goal = leader_with_a_webcam(GOAL_PHASE_NS).goal
-    assert goal is not None
-    assert goal.period_ns == PERIOD_NS
-    assert goal.anchor_leader_ns % PERIOD_NS == GOAL_PHASE_NS
+    grid = leader_with_a_webcam(GOAL_PHASE_NS).grid
+    assert grid is not None
+    assert grid.period_ns == PERIOD_NS
+    assert grid.anchor_leader_ns % PERIOD_NS == GOAL_PHASE_NS
 
 
 def test_otherwise_the_grid_goes_to_the_camera_that_cannot_move() -> None:
-    goal = leader_with_a_webcam(None).goal
-    assert goal is not None
-    phase_ns = (goal.anchor_leader_ns - GOAL_PHASE_NS) % PERIOD_NS
+    grid = leader_with_a_webcam(None).grid
+    assert grid is not None
+    phase_ns = (grid.anchor_leader_ns - GOAL_PHASE_NS) % PERIOD_NS
     assert abs(phase_ns - 10_000_000) <= 2_000_000

@@ -34,15 +34,15 @@ def test_time_maps_invert(epoch: int, offset: int, skew: float, since: int) -> N
     anchor=st.integers(-HOUR_NS, HOUR_NS), period=st.integers(1, 10**9), leader=st.integers(-HOUR_NS, HOUR_NS)
 )
 def test_phase_error_is_within_half_a_period(anchor: int, period: int, leader: int) -> None:
-    goal = FrameGrid(anchor, period)
-    error_ns = goal.phase_error(leader)
+    grid = FrameGrid(anchor, period)
+    error_ns = grid.phase_error(leader)
     assert -period <= 2 * error_ns <= period
     assert (leader - error_ns - anchor) % period == 0
 
 
 def test_a_burst_is_snapped_to_the_grid() -> None:
-    goal = FrameGrid(1_000, PERIOD_NS)
-    instants = burst_instants(goal, 1_000 + 10 * PERIOD_NS + 5_000_000, 3, 2)
+    grid = FrameGrid(1_000, PERIOD_NS)
+    instants = burst_instants(grid, 1_000 + 10 * PERIOD_NS + 5_000_000, 3, 2)
     assert tuple(instants) == tuple(1_000 + n * PERIOD_NS for n in (10, 12, 14))
 
 

@@ -91,12 +91,12 @@ def test_an_operator_forgets_a_lost_node_but_none_that_is_here(leader: Leader) -
 def test_the_grid_of_a_camera_that_is_gone_is_laid_anew_for_those_that_stay(leader: Leader) -> None:
     slow = joined(leader, "odd", S, LONG_NS)
     number = joined(leader, "cam", S)
-    assert leader.goal is not None
-    assert leader.goal.period_ns == LONG_NS
+    assert leader.grid is not None
+    assert leader.grid.period_ns == LONG_NS
     leader.receive_datagram(encode(Goodbye(slow)), ("odd", 0), 2 * S)
     leader.datagrams_to_send(2 * S)
     leader.handle_timer(2 * S)
-    assert leader.goal.period_ns == USUAL_NS
+    assert leader.grid.period_ns == USUAL_NS
     told = [decode(data) for data, _ in leader.datagrams_to_send(2 * S)]
     acks = [message for message in told if isinstance(message, HeartbeatAck)]
     assert [(ack.client, ack.config.period_ns) for ack in acks] == [(number, USUAL_NS)]
@@ -105,11 +105,11 @@ def test_the_grid_of_a_camera_that_is_gone_is_laid_anew_for_those_that_stay(lead
 def test_the_grid_stays_while_a_camera_runs_at_its_rate(leader: Leader) -> None:
     first = joined(leader, "cam", S)
     joined(leader, "other", S, USUAL_NS + 5_000)
-    before = leader.goal
+    before = leader.grid
     leader.receive_datagram(encode(Goodbye(first)), ("cam", 0), 2 * S)
     leader.handle_timer(2 * S)
     joined(leader, "odd", 3 * S, LONG_NS)
-    assert leader.goal == before
+    assert leader.grid == before
 
 
 def test_with_no_camera_left_the_next_one_lays_the_grid(leader: Leader) -> None:
@@ -117,8 +117,8 @@ def test_with_no_camera_left_the_next_one_lays_the_grid(leader: Leader) -> None:
     leader.receive_datagram(encode(Goodbye(number)), ("odd", 0), 2 * S)
     leader.handle_timer(2 * S)
     joined(leader, "cam", 3 * S)
-    assert leader.goal is not None
-    assert leader.goal.period_ns == USUAL_NS
+    assert leader.grid is not None
+    assert leader.grid.period_ns == USUAL_NS
 
 
 def test_a_rate_that_was_asked_for_is_kept() -> None:
@@ -127,8 +127,8 @@ def test_a_rate_that_was_asked_for_is_kept() -> None:
     leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
     leader.handle_timer(2 * S)
     joined(leader, "other", 3 * S)
-    assert leader.goal is not None
-    assert leader.goal.period_ns == LONG_NS
+    assert leader.grid is not None
+    assert leader.grid.period_ns == LONG_NS
 
 
 def test_ten_thousand_hellos_keep_nobody_out_and_are_forgotten(leader: Leader) -> None:
@@ -140,8 +140,8 @@ def test_ten_thousand_hellos_keep_nobody_out_and_are_forgotten(leader: Leader) -
     number = joined(leader, "late", 2 * S)
     beat(leader, number, 2 * S)
     assert len(leader.clients(2 * S)) == MAX_CLIENTS
-    assert leader.goal is not None
-    assert leader.goal.period_ns == USUAL_NS, "who has only said hello does not set the rate"
+    assert leader.grid is not None
+    assert leader.grid.period_ns == USUAL_NS, "who has only said hello does not set the rate"
     for at_s in (3, 4):
         leader.handle_timer(at_s * S)
     assert names(leader, 4 * S) == ["cam", "late"], "of the others nobody has ever been heard"
@@ -180,8 +180,8 @@ def test_the_grid_is_that_of_most_cameras_and_no_odd_one_sets_it(
     for number in numbers:
         beat(leader, number, 2 * S)
         leader.handle_timer(2 * S)
-    assert leader.goal is not None
-    assert leader.goal.period_ns == expected_ns
+    assert leader.grid is not None
+    assert leader.grid.period_ns == expected_ns
     told = [decode(data) for data, _ in leader.datagrams_to_send(2 * S)]
     newest = {message.client: message.config for message in told if isinstance(message, HeartbeatAck)}
     assert {config.period_ns for config in newest.values()} == {expected_ns}

@@ -92,7 +92,7 @@ def test_no_frame_is_off_by_more_than_is_said(step_ns: float, tolerance_ns: int,
         aligner = bench.aligner
         bench.run(20 * S, until=lambda _, aligner=aligner: aligner.within_window)  # type: ignore[misc]
         for _ in range(300):
-            look, now = bench.deliver(), bench.aligner.estimate(EXACT, bench.goal, bench.now_ns)
+            look, now = bench.deliver(), bench.aligner.estimate(EXACT, bench.grid, bench.now_ns)
             if look is None or now is None or not aligner.within_window:
                 continue
             said += 1
@@ -132,12 +132,12 @@ def test_a_drift_that_injections_cannot_hold_is_told_and_met_at_a_burst() -> Non
     fleeting.run(5 * S)
     assert len(fleeting.commands) == commands, "no long frame that would do nothing"
     assert fleeting.aligner.meets_bursts
-    at_ns = fleeting.goal.instant(fleeting.goal.index_of(fleeting.now_ns + S))
+    at_ns = fleeting.grid.instant(fleeting.grid.index_of(fleeting.now_ns + S))
     errors = []
     while fleeting.now_ns < at_ns + S // 10:
         frame = fleeting.next_frame()
         if abs(frame.start_true_ns - at_ns) < PERIOD_NS / 2:
-            errors.append(fleeting.goal.phase_error(frame.start_true_ns))
+            errors.append(fleeting.grid.phase_error(frame.start_true_ns))
         if not frame.dropped:
             fleeting.step_aligner(frame, burst_ns=(at_ns, at_ns))
     assert abs(errors[0]) < 20_000

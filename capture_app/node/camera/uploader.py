@@ -180,7 +180,7 @@ class Uploader:
             if image is not None:
                 burst.images.append(image)
 
-    def _encode(self, burst: BurstUpload, picked: Pick[CapturedFrame]) -> ImageUpload:
+    def _encode(self, burst: BurstUpload, picked: SelectedFrame[CapturedFrame]) -> ImageUpload:
         """Encode a frame into the spool where there is room, else into memory; in a thread of its own."""
         with_truth = burst.stream is None or not burst.stream.video
         image, data = encode_frame(burst.report, picked, with_truth=with_truth)

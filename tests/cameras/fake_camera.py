@@ -2,6 +2,9 @@
 
 import asyncio
 
+import numpy as np
+from numpy.typing import NDArray
+
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.sync.wire.camera_commands import CameraCommand
@@ -35,5 +38,17 @@ class FakeCamera(Camera):
         pass
 
 
+class NoPicture:
+    """A picture that nobody looks at."""
+
+    held_bytes = 0
+
+    def encode(self) -> bytes:
+        return b""
+
+    def reduced(self, width: int) -> NDArray[np.uint8]:
+        return np.zeros((1, width, 3), np.uint8)
+
+
 def frame(stream: int, timestamp_ns: int = 0) -> CapturedFrame:
-    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=timestamp_ns, picture=None)
+    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=timestamp_ns, picture=NoPicture())

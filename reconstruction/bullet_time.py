@@ -75,7 +75,7 @@ def save_animation(
         np.hstack(
             [
                 left := _panel(first, titles[0], TONES[0], side),
-                _gap(left),
+                np.full((left.shape[0], GAP_PX, 3), PAPER, np.uint8),
                 _panel(second, title, TONES[1], side),
             ]
         )
@@ -104,10 +104,6 @@ def _panel(picture: Array, title: str, tone: tuple[int, int, int], side: int) ->
     cv2.circle(strip, (middle, middle), 6, tone, cv2.FILLED, cv2.LINE_AA)
     cv2.putText(strip, title, (middle + 15, middle + 6), INK, cv2.FontFace("sans"), 16, 500)
     return np.vstack([strip, small])
-
-
-def _gap(panel: Array) -> Array:
-    return np.full((panel.shape[0], GAP_PX, 3), PAPER, np.uint8)
 
 
 MAX_MISS_SHARE = 0.12

@@ -85,6 +85,7 @@ def match_all_views(
 
     `depth_ranges`: between which two depths each camera's scene is. `progress` gets a step after each.
     """
+    told = progress or Progress(0, silent=True)
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     fitting = int(CELLS_SHARE * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
@@ -93,8 +94,7 @@ def match_all_views(
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
         found = sweep_view(images[name], others, depth_ranges[name], options)
-        if progress is not None:
-            progress.step(f"depth of {name}")
+        told.step(f"depth of {name}")
         return found
 
     def propose(name: str) -> Surface:

@@ -69,8 +69,7 @@ def match_cameras(
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
         return match_all_views(calibrated, sources, depth_ranges, matcher.engine, progress)
-    if progress is not None:
-        progress.step(f"PatchMatch on {matcher.gpu.name}")
+    (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu.name}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)

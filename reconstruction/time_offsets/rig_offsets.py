@@ -47,12 +47,11 @@ def measure_rig_offsets(
         motions = [measure_camera_motion(data, name) for name in data.cameras]
         finder = PairOffsets(rig, all_moves=any(found is not None and found.moves for found in motions))
     pairs = likely_pairs(rig)
-    if progress is not None:
-        progress.total += len(pairs)
+    progress = progress or Progress(0, silent=True)
+    progress.total += len(pairs)
     measured = {}
     for pair in pairs:
-        if progress is not None:
-            progress.step(f"{pair[1]} against {pair[0]}")
+        progress.step(f"{pair[1]} against {pair[0]}")
         measured[pair] = finder.measure(*pair, max_instants)
     return adjust_offsets(data.cameras, reference, measured, preferred)
 

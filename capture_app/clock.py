@@ -12,7 +12,6 @@ import ctypes
 import random
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -159,44 +158,10 @@ class _Timex(ctypes.Structure):
     )
 
 
-def steady_correction_ppm() -> float | None:
-    """Return the correction of the frequency that the kernel is told to apply; None where it does not say."""
-    if not sys.platform.startswith("linux"):
-        return None
-    told = _Timex()
-    try:
-        if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(told)) < 0:
-            return None
-    except (OSError, AttributeError):
-        return None
-    tick, frequency = int(told.tick), int(told.freq)
-    return (tick - USUAL_TICK_US) * 1e6 / USUAL_TICK_US + frequency / 65536.0
-
-
-def read_clocks() -> tuple[int, int] | None:
-    """Return CLOCK_MONOTONIC and CLOCK_MONOTONIC_RAW of one moment in ns; None where one is missing."""
-    if not hasattr(time, "CLOCK_MONOTONIC_RAW"):
-        return None
-    readings = []
-    for _ in range(READINGS):
-        before_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
-        monotonic_ns = time.monotonic_ns()
-        after_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
-        readings.append((after_ns - before_ns, monotonic_ns, (before_ns + after_ns) // 2))
-    _, monotonic_ns, raw_ns = min(readings)
-    return monotonic_ns, raw_ns
-
-
 class HostRate:
     """Measures by how much this host is slewing its clock."""
 
-    def __init__(
-        self,
-        read: Callable[[], tuple[int, int] | None] = read_clocks,
-        steady_ppm: Callable[[], float | None] = steady_correction_ppm,
-    ) -> None:
-        """`read` and `steady_ppm` are this host's, but for tests."""
-        self._read, self._steady_ppm = read, steady_ppm
+    def __init__(self) -> None:
         self._last: tuple[int, int] | None = None
         self._slewing_ppm: float | None = None
         self._due_ns: int | None = None
@@ -213,10 +178,38 @@ class HostRate:
         return self._slewing_ppm
 
     def _measure(self) -> float | None:
-        before, now, steady_ppm = self._last, self._read(), self._steady_ppm()
+        before, now, steady_ppm = self._last, self.read_clocks(), self.steady_correction_ppm()
         self._last = now
         if now is None or before is None or steady_ppm is None or now[1] - before[1] < EVERY_NS // 2:
             return None
         usual_ppm = min(max(steady_ppm, -STEADY_PPM), STEADY_PPM)
         slewing_ppm = ((now[0] - before[0]) / (now[1] - before[1]) - 1.0) * 1e6 - usual_ppm
         return slewing_ppm if abs(slewing_ppm) >= SLEWED_PPM else 0.0
+
+    @staticmethod
+    def steady_correction_ppm() -> float | None:
+        """Return the correction of the frequency that the kernel applies; None where it does not say."""
+        if not sys.platform.startswith("linux"):
+            return None
+        told = _Timex()
+        try:
+            if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(told)) < 0:
+                return None
+        except (OSError, AttributeError):
+            return None
+        tick, frequency = int(told.tick), int(told.freq)
+        return (tick - USUAL_TICK_US) * 1e6 / USUAL_TICK_US + frequency / 65536.0
+
+    @staticmethod
+    def read_clocks() -> tuple[int, int] | None:
+        """Return CLOCK_MONOTONIC and CLOCK_MONOTONIC_RAW of one moment in ns; None where one is missing."""
+        if not hasattr(time, "CLOCK_MONOTONIC_RAW"):
+            return None
+        readings = []
+        for _ in range(READINGS):
+            before_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+            monotonic_ns = time.monotonic_ns()
+            after_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+            readings.append((after_ns - before_ns, monotonic_ns, (before_ns + after_ns) // 2))
+        _, monotonic_ns, raw_ns = min(readings)
+        return monotonic_ns, raw_ns

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from capture_app.clock import EVERY_NS, HostRate, read_clocks, steady_correction_ppm
+from capture_app.clock import EVERY_NS, HostRate
 
 S = 1_000_000_000
 
@@ -13,10 +13,16 @@ def host(applied_ppm: list[float], steady_ppm: float | None) -> tuple[HostRate, 
     """A host whose kernel applies these corrections, one after the other; what it measures of each."""
     elapsed_ns = [0, 0]
 
-    def read() -> tuple[int, int]:
-        return elapsed_ns[0], elapsed_ns[1]
+    class Host(HostRate):
+        @staticmethod
+        def read_clocks() -> tuple[int, int]:
+            return elapsed_ns[0], elapsed_ns[1]
 
-    rate = HostRate(read, lambda: steady_ppm)
+        @staticmethod
+        def steady_correction_ppm() -> float | None:
+            return steady_ppm
+
+    rate = Host()
 
     def measure() -> float | None:
         ppm = applied_ppm.pop(0)
@@ -62,6 +68,6 @@ def test_between_two_measurements_the_last_one_counts() -> None:
 
 
 def test_this_host_tells_what_it_can() -> None:
-    clocks, steady_ppm = read_clocks(), steady_correction_ppm()
+    clocks, steady_ppm = HostRate.read_clocks(), HostRate.steady_correction_ppm()
     assert clocks is None or all(reading > 0 for reading in clocks)
     assert steady_ppm is None or abs(steady_ppm) < 100_000

@@ -135,7 +135,8 @@ class Phone:
         self._now_ns = now_ns
         self._send: Send | None = None
         self._needs_state = False
-        self._page = ""
+        self.page = ""
+        """The load of its page, whose frames the phone keeps."""
         self._hello: wire.Hello
         self._clock: PhoneClock | None = None
         self._opened: wire.Opened | None = None
@@ -244,11 +245,6 @@ class Phone:
         wished, self._needs_state = self._needs_state, False
         return wished
 
-    @property
-    def page(self) -> str:
-        """The load of its page, whose frames the phone keeps."""
-        return self._page
-
     async def fetch(self, page: str, number: int, width: int | None = None) -> bytes:
         """Return a frame's JPEG, or with a width a small one, waiting for a link that is broken.
 
@@ -262,7 +258,7 @@ class Phone:
             async with asyncio.timeout(PATIENCE_S):
                 while not picture.done():
                     await self.back.wait()
-                    if page != self._page:
+                    if page != self.page:
                         raise CameraError(f"{self.name} has it no more: its page was loaded again")
                     if self._send is not None:
                         await self._send(wire.picture_request(number, width))
@@ -282,9 +278,9 @@ class Phone:
     def link_opened(self, send: Send, hello: wire.Hello) -> None:
         """A page of this phone is connected; what it was asked for and has not brought is asked for again."""
         self._send, self._hello, self.said_goodbye = send, hello, False
-        if hello.page != self._page or self._clock is None:
+        if hello.page != self.page or self._clock is None:
             # Another load of the page has another zero of its clock.
-            self._page, self._clock = hello.page, PhoneClock(hello.resolution_us)
+            self.page, self._clock = hello.page, PhoneClock(hello.resolution_us)
         self.gone.clear()
         self.back.set()
         self._needs_state = True
@@ -323,7 +319,7 @@ class Phone:
             case wire.Ping():
                 self.clock.note_ping(message, received_ns)
             case wire.PictureBytes():
-                picture = self._pictures.get((self._page, message.id, message.is_preview))
+                picture = self._pictures.get((self.page, message.id, message.is_preview))
                 if picture is not None and not picture.done():
                     picture.set_result(message.data)
             case wire.FrameTold() if self._opened is not None:

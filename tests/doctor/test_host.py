@@ -17,7 +17,25 @@ SAMPLE_BYTES = 1 << 20
 def slewing_by(ppm: float) -> HostRate:
     """A host that slews its clock; it is read at once and four seconds later."""
     readings = iter([(0, 0), (round(4e9 * (1 + ppm * 1e-6)), 4_000_000_000)])
-    return HostRate(read=lambda: next(readings), steady_ppm=lambda: 0.0)
+
+    class Slewing(HostRate):
+        @staticmethod
+        def read_clocks() -> tuple[int, int]:
+            return next(readings)
+
+        @staticmethod
+        def steady_correction_ppm() -> float:
+            return 0.0
+
+    return Slewing()
+
+
+class Silent(HostRate):
+    """A host whose clocks cannot be read."""
+
+    @staticmethod
+    def read_clocks() -> None:
+        return None
 
 
 @pytest.mark.parametrize(("ppm", "grade", "remedy"), [(0.0, "good", ""), (300.0, "warning", "wait until")])
@@ -28,7 +46,7 @@ async def test_a_clock_that_is_being_slewed_is_a_warning(ppm: float, grade: str,
 
 
 async def test_a_host_that_does_not_tell_is_noted() -> None:
-    found = await doctor.clock(HostRate(read=lambda: None), watched_s=0.0)
+    found = await doctor.clock(Silent(), watched_s=0.0)
     assert found.grade == "note"
 
 

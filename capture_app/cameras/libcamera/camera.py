@@ -15,8 +15,12 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
+from itertools import pairwise
 from math import ceil, floor
+from statistics import median
 from typing import Any
+
+from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts, Control, ControlState, PhaseControl
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
@@ -25,8 +29,8 @@ from capture_app.cameras.libcamera.configuration import (
     configure,
     facts_as_configured,
     origin_of,
+    usual_period_ns,
     with_exposure,
-    with_period_of,
     with_rows,
 )
 from capture_app.cameras.libcamera.controls import (
@@ -287,7 +291,8 @@ class LibcameraCamera(Camera):
         """Learn at which rate a camera runs whose frame durations cannot be set."""
         seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
-        facts = with_period_of(self._facts, stamps_ns)
+        usual_ns = usual_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
+        facts = structs.replace(self._facts, period_ns=usual_ns)
         self._facts = with_exposure(facts, self._wishes.exposure_us, self._origin)
 
     async def _next_frames(self, count: int) -> list[FinishedFrame]:

@@ -2,11 +2,9 @@
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from enum import Enum
-from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from msgspec.structs import replace
@@ -126,11 +124,6 @@ def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
     return replace(
         facts, period_ns=rows * row_ns, row_time_ns=row_ns, phase_control=PhaseControl.FRAME_DURATION
     )
-
-
-def with_period_of(facts: CameraFacts, stamps_ns: Sequence[int]) -> CameraFacts:
-    """The facts of a camera whose frames had these stamps."""
-    return replace(facts, period_ns=usual_period_ns(median(b - a for a, b in pairwise(stamps_ns))))
 
 
 def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin) -> CameraFacts:

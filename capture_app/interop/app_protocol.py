@@ -1,14 +1,9 @@
-"""What phones with the app say and are told; one phone's clock.
+"""What phones with the app say and are told, and the clock of one of them.
 
-What the phones' apps libsoftwaresync and RecSync say, from google-research/libsoftwaresync at 028709a.
-
-Calls are a big-endian 32-bit method and a text that ends with the datagram; time messages are big-endian
-64-bit times in ns. Both go to a fixed port, whatever port was sent from. Nothing is sealed or numbered, and
-only heartbeats are acknowledged.
-
-The leader's knowledge of one phone with the app: when it was heard, and its clock.
-
-What phones with the app are to do and when: single pictures, recordings, and their phase in between.
+The apps are libsoftwaresync and RecSync, from google-research/libsoftwaresync at 028709a. Calls are a
+big-endian 32-bit method and a text that ends with the datagram; time messages are big-endian 64-bit times in
+ns. Both go to a fixed port, whatever port was sent from. Nothing is sealed or numbered, and only heartbeats
+are acknowledged.
 """
 
 import struct

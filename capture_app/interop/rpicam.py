@@ -1,13 +1,9 @@
-"""Rpicam-apps that follow the rig's frame grid.
-
-What the server of rpicam-apps (`rpicam-vid --sync server`) tells its clients, made of a rig's grid.
+"""Rpicam-apps that follow the rig's frame grid, by packets as `rpicam-vid --sync server` sends them.
 
 A packet of 40 bytes, little-endian, by raspberrypi/libcamera, src/ipa/rpi/controller/rpi/sync.h: frame
 duration (32 bits, and 32 of padding), time of a frame by the kernel's clock, the same by the wall clock, time
 when clients are ready by the kernel's clock, the same by the wall clock; in us. Clients use the duration and
 the wall clock's two. They synchronize no clocks: a packet is in the wall clock of those who receive it.
-
-rpicam-apps that follow a rig's grid: packets as their own server sends them.
 """
 
 import asyncio

@@ -1,14 +1,9 @@
-"""Both sides of the reference broadcast.
-
-Reference broadcast: clients that receive one packet at the same instant compare when that was.
+"""Reference broadcast: clients that receive one packet at the same instant compare when that was.
 
 After Elson, Girod and Estrin, *Fine-grained network time synchronization using reference broadcasts*, OSDI
 2002. The time of sending drops out, and with it the delay from the leader; what remains is the difference
-between the receivers. An error that all their clocks share cannot be seen.
-
-The leader's side of the reference broadcast: it sends beacons and compares when the clients heard them.
-
-A client's side of the reference broadcast: it reports when beacons arrived and corrects its clock.
+between the receivers, and errors that all their clocks share. The leader sends beacons and compares when the
+clients heard them; a client reports when, and moves its clock by the answers.
 """
 
 from collections.abc import Mapping, Sequence

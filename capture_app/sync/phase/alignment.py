@@ -1,7 +1,4 @@
-"""Whether a stream is aligned: where several frames put it, and how sure that is.
-
-How near to its grid a stream can be brought, and for how long it stays, by its stamps and its drift.
-"""
+"""Whether a stream is aligned, how sure that is, and how near to its grid stamps and drift let it be."""
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.sync.phase.estimator import PhaseEstimator

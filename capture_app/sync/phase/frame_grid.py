@@ -1,6 +1,6 @@
-"""The frame grid of a rig: the instants at which all its cameras take their frames.
+"""The frame grid of a rig, the instants at which all its cameras take their frames, and setpoints against it.
 
-Whether a stream is to be moved, and to where: its drift should take it through the grid when it counts.
+A setpoint says where a stream should be moved, so that its drift takes it through the grid when it counts.
 """
 
 from dataclasses import dataclass

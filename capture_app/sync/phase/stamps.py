@@ -1,8 +1,4 @@
-"""Frame stamps, their error and their step.
-
-Input and result of a phase estimate: the stamps of frames, and the error of a stream.
-
-The step that a driver's timestamps come in, found from the timestamps themselves.
+"""Frame stamps: the error of a stream, and the step that a driver's timestamps come in.
 
 Timestamps of 1 ms, of a 90 kHz clock or of 10 us look like noise, or like none at all where the period is a
 multiple of the step. Intervals that keep to a lattice give the step away, also where a conversion of clocks

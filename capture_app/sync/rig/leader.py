@@ -1,8 +1,6 @@
 """The leader's state machine: take clients in, answer their time requests, order bursts, notice losses.
 
-A leader's present configuration, alike for all its clients: the grid and the way to the root's time.
-
-What a leader has to send, encoded when it leaves: time replies are stamped then, and go first.
+What it sends is encoded when it leaves: time replies are stamped then, and go first.
 """
 
 import random

@@ -1,9 +1,4 @@
-"""Clocks whose rate is off: seen by one node, judged by all.
-
-Notices on a node that its clock and the leader's do not run at rates that two crystals have.
-
-Which host's clock runs at another rate than the others': what all nodes say of theirs, put together.
-"""
+"""Clocks whose rate is off: a node sees that its own and the leader's are, a vote of all tells whose."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

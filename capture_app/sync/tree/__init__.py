@@ -1,4 +1,4 @@
-"""Rigs beyond one leader's reach: relays, and followers that only keep the time.
+"""Rigs beyond one leader's reach: relays, and members that only keep the time.
 
 Built of `rig`'s engines; nothing in `rig` knows that a leader may be a relay.
 """

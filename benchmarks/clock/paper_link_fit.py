@@ -13,8 +13,7 @@ from benchmarks.report import new_parser, print_report
 from benchmarks.simulated.wifi_laws import LINKS
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.links import Link
-from capture_app.simulation.paper_link import PACE_NS, paper_link
+from capture_app.simulation.links import PACE_NS, Link, paper_link
 
 STEPS = 9
 PANEL_TRIALS = 239

@@ -10,8 +10,7 @@ from capture_app.clock import SimulatedClock
 from capture_app.measure.clock_estimators import ClockEstimator, estimator_family
 from capture_app.measure.result import error_figures
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges_at
-from capture_app.simulation.links import DelayLaw, GammaDelay, Link, TroubleSpells
-from capture_app.simulation.paper_link import PACE_NS, PAPER_LINK
+from capture_app.simulation.links import PACE_NS, PAPER_LINK, DelayLaw, GammaDelay, Link, TroubleSpells
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
 from capture_app.sync.tree.member import WINDOW_NS

@@ -12,8 +12,7 @@ from benchmarks.paper.values import FIGURE_3, FIGURE_4
 from benchmarks.simulated.aligner_bench import Bench
 from capture_app.measure.result import new_figure, save
 from capture_app.simulation.exchanges import TURNAROUND_NS
-from capture_app.simulation.links import Channel
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK, Channel
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.sensor import Sensor, SensorFrame
 

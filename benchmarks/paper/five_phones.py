@@ -12,8 +12,7 @@ from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.simulation.exchanges import TURNAROUND_NS
-from capture_app.simulation.links import LOOPBACK, Channel
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import LOOPBACK, PAPER_LINK, Channel
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.terminal import talk

@@ -11,8 +11,7 @@ from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import TABLE_1, TABLE_2
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
-from capture_app.simulation.links import Channel
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK, Channel
 from capture_app.terminal import talk
 
 FRAME_MS = 33.0

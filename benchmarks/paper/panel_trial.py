@@ -13,8 +13,7 @@ from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.panel.simulated import Image, render
-from capture_app.simulation.links import LOOPBACK, Channel, DelayLaw, GammaDelay, Link
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import LOOPBACK, PAPER_LINK, Channel, DelayLaw, GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.simulation.sensor import SensorFrame

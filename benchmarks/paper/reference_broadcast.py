@@ -12,8 +12,7 @@ from benchmarks.paper.trials import call_all, quantile
 from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
 from capture_app.clock import SimulatedClock
 from capture_app.measure.result import Outcome, Result, Table, new_figure, save
-from capture_app.simulation.links import GammaDelay, Link
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK, GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import VirtualNode, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap

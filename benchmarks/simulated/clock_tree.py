@@ -14,8 +14,7 @@ from time import perf_counter_ns, process_time
 from typing import Protocol
 
 from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_clock
-from capture_app.simulation.links import Channel, Link
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK, Channel, Link
 from capture_app.simulation.rig import Timer, VirtualTime
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig

@@ -5,13 +5,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log
 
-from capture_app.simulation.links import DelayLaw, GammaDelay, Link
-from capture_app.simulation.paper_link import (
+from capture_app.simulation.links import (
     LATE_NS,
     LATE_SHARE,
     MEAN_TO_CLIENT_NS,
     MEAN_TO_LEADER_NS,
     PAPER_LINK,
+    DelayLaw,
+    GammaDelay,
+    Link,
 )
 
 

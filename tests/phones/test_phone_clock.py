@@ -6,7 +6,7 @@ import pytest
 
 from capture_app.phones.phone import LEAST_SAMPLES, PhoneClock
 from capture_app.phones.wire import Ping
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK
 
 ZERO_NS = 77_000_000_000_000
 SKEW = 30e-6

@@ -10,6 +10,7 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.simulation.exchanges import read_trace
 from capture_app.simulation.links import (
+    PAPER_LINK,
     Channel,
     GammaDelay,
     Link,
@@ -19,7 +20,6 @@ from capture_app.simulation.links import (
     SharedMedium,
     TroubleSpells,
 )
-from capture_app.simulation.paper_link import PAPER_LINK
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)

@@ -9,8 +9,16 @@ import pytest
 from benchmarks.simulated.wifi_laws import LINKS, LinkStatistics
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.links import Channel, Direction, GammaDelay, Link, QuickMoments
-from capture_app.simulation.paper_link import LATE_NS, PACE_NS, PAPER_LINK
+from capture_app.simulation.links import (
+    LATE_NS,
+    PACE_NS,
+    PAPER_LINK,
+    Channel,
+    Direction,
+    GammaDelay,
+    Link,
+    QuickMoments,
+)
 
 TRIALS = {300: 30, 1000: 10, 10_000: 2}
 SIGMAS = 4.0

@@ -7,8 +7,7 @@ from functools import partial
 import pytest
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.links import Channel, Direction, Link
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK, Channel, Direction, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.roster import van_der_corput

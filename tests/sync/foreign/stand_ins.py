@@ -8,8 +8,7 @@ from capture_app.clock import SimulatedClock
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
 from capture_app.interop.stand_in import StandInPhone
-from capture_app.simulation.links import Channel, Direction, Link
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK, Channel, Direction, Link
 from capture_app.simulation.rig import Timer, VirtualTime
 
 S = 1_000_000_000

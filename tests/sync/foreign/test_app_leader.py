@@ -13,7 +13,7 @@ from capture_app.interop.app_protocol import (
     decode_call,
     encode_call,
 )
-from capture_app.simulation.paper_link import PAPER_LINK
+from capture_app.simulation.links import PAPER_LINK
 from tests.sync.foreign.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000

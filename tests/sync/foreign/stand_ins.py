@@ -27,7 +27,7 @@ class PhoneRig:
         self._clocks: list[SimulatedClock] = []
         self._channels: dict[str, Channel] = {}
         self._away: set[str] = set()
-        self._timers = [Timer(self.time, self._turn, port) for port in (self.leader.calls, self.leader.times)]
+        self._timers = [Timer(self.time, self._turn) for _ in range(2)]
         self._phone_timers: list[Timer] = []
 
     @property

@@ -270,16 +270,10 @@ class Channel(Generic[M]):
         message = await self.receive_header()
         return None if message is None else (message, b"".join([chunk async for chunk in self.payload()]))
 
-    async def receive_header(self) -> M | None:
-        """Read one message without its payload, for `payload` to read; what it left is skipped.
-
-        Returns and raises as `receive` does.
-        """
-        async for _ in self.payload():
-            pass
+    async def _read_prefix(self) -> bytes | None:
         try:
             async with asyncio.timeout(self._patience.idle_s if self.has_spoken else self._patience.first_s):
-                prefix = await self._reader.readexactly(_PREFIX.size)
+                return await self._reader.readexactly(_PREFIX.size)
         except TimeoutError as error:
             raise NetworkError("the peer was silent for too long") from error
         except asyncio.IncompleteReadError as error:
@@ -288,6 +282,17 @@ class Channel(Generic[M]):
             return None
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
+
+    async def receive_header(self) -> M | None:
+        """Read one message without its payload, for `payload` to read; what it left is skipped.
+
+        Returns and raises as `receive` does.
+        """
+        async for _ in self.payload():
+            pass
+        prefix = await self._read_prefix()
+        if prefix is None:
+            return None
         magic, header_bytes, payload_bytes = _PREFIX.unpack(prefix)
         if magic != MAGIC:
             raise NetworkError("the peer does not speak the transfer protocol", hint="check host and port")

@@ -61,19 +61,20 @@ News = (
 """What a leader tells about: nodes and phones that come and go, odd clocks, disks, strangers, and bursts."""
 
 
+_NODE_LINES: dict[type, str] = {
+    events.NodeJoined: "{0.name} joined",
+    events.NodeReturned: "{0.name} is back",
+    events.NodeLost: "lost {0.name}: {0.reason}",
+    events.NodeForgotten: "forgot {0.name}, which was lost",
+    events.BurstRefused: "burst {0.burst}: without {0.name}: {0.reason}",
+}
+
+
 def news_line(news: News) -> str:
     """A line about what happened, for a person; empty where it is nothing to tell."""
     match news:
-        case events.NodeJoined():
-            return f"{news.name} joined"
-        case events.NodeReturned():
-            return f"{news.name} is back"
         case events.NodeMoved():
             return f"{news.name} is now connected to {news.relay or 'this leader'}"
-        case events.NodeLost():
-            return f"lost {news.name}: {news.reason}"
-        case events.NodeForgotten():
-            return f"forgot {news.name}, which was lost"
         case HostOffRate():
             return off_rate_line(news)
         case HostAtRate():
@@ -86,11 +87,9 @@ def news_line(news: News) -> str:
             return news.line
         case DatagramsRefused():
             return str(news)
-        case events.BurstRefused():
-            return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():
             return burst_line(news)
-    return ""
+    return _NODE_LINES.get(type(news), "").format(news)
 
 
 def off_rate_line(off: HostOffRate) -> str:

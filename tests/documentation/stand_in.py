@@ -77,12 +77,7 @@ def main() -> int:
     if name not in MODULES:  # make and pip, whose lines test_command_lines.py checks
         return 0
     words = [fill(word, Path(os.environ["DOCUMENTED_SAMPLES"])) for word in words]
-    if "--out" in words[:-1]:
-        # The same folder in two lines is two folders here, and none is there yet.
-        place = words.index("--out") + 1
-        words[place] = f"{len(list(Path('results').glob('*')))}-{words[place]}"
-        words[place] = str(Path("results") / words[place].replace("/", "-"))
-        Path("results").mkdir(exist_ok=True)
+    give_own_folder(words)
     said = {word.partition("=")[0] for word in words}
     for path, options in SHORTER.items():
         if tuple(words[: len(path)]) == path and not said & ENDS:
@@ -105,6 +100,15 @@ def main() -> int:
     code = subprocess.run(command, check=False, stdin=subprocess.DEVNULL).returncode
     allowed = next((codes for path, codes in CODES.items() if tuple(words[: len(path)]) == path), {0})
     return 0 if code in allowed else code
+
+
+def give_own_folder(words: list[str]) -> None:
+    """The same folder in two lines is two folders here, and none is there yet."""
+    if "--out" in words[:-1]:
+        place = words.index("--out") + 1
+        words[place] = f"{len(list(Path('results').glob('*')))}-{words[place]}"
+        words[place] = str(Path("results") / words[place].replace("/", "-"))
+        Path("results").mkdir(exist_ok=True)
 
 
 def is_first(options: Collection[str]) -> bool:

@@ -87,15 +87,12 @@ class BurstSender:
             self._news.clear()
             refusal = None
             if told is not burst.report or not burst.is_committed:
-                refusal = await self._take_all_answers(burst)
-                if refusal is None:
-                    report = burst.report_now() if told is None else replace(burst.report_now(), events=())
-                    told = burst.report
-                    answer = await self.ask(report)
-                    if isinstance(answer, messages.ReportAck):
-                        receipts = await self._take_receipts(burst, answer)
-                    else:
-                        refusal = answer
+                first, told = told is None, burst.report
+                answer = await self._tell(burst, first=first)
+                if isinstance(answer, messages.Refusal):
+                    refusal = answer
+                else:
+                    receipts = answer
             elif len(burst.images) > len(self._in_flight) < MAX_IN_FLIGHT:
                 await self._send_image(burst, burst.images[len(self._in_flight)], receipts)
             elif self._in_flight:
@@ -113,6 +110,17 @@ class BurstSender:
                 return _final(refusal)
         await self._take_all_answers(burst)
         return None
+
+    async def _tell(
+        self, burst: BurstUpload, *, first: bool
+    ) -> dict[int, messages.ImageReceipt] | messages.Refusal:
+        """Tell what the node has of the burst, its events only at first; return what the leader has of it."""
+        refusal = await self._take_all_answers(burst)
+        if refusal is not None:
+            return refusal
+        report = burst.report_now()
+        answer = await self.ask(report if first else replace(report, events=()))
+        return await self._take_receipts(burst, answer) if isinstance(answer, messages.ReportAck) else answer
 
     async def _take_receipts(
         self, burst: BurstUpload, answer: messages.ReportAck

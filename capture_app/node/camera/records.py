@@ -105,43 +105,37 @@ def true_clock(clock: NodeClock, facts: CameraFacts) -> SimulatedClock | None:
     return SimulatedClock(0) if facts.kind == SIMULATED else None
 
 
+_EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
+    events.Joined: ("joined", ("leader",)),
+    events.JoinRefused: ("join-refused", ("reason",)),
+    events.LeaderLost: ("leader-lost", ("reason",)),
+    events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
+    events.FramesDropped: ("frames-dropped", ("count", "sequence")),
+    events.AlignmentFailed: ("alignment-failed", ("reason",)),
+    clock_events.ClockStepped: ("clock-stepped", ()),
+    clock_events.StepRefused: ("clock-step-refused", ("times",)),
+    clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
+    clock_events.ClockRateUsual: ("clock-rate-usual", ()),
+    clock_events.ClockRateChanged: ("clock-rate-changed", ()),
+    clock_events.ReferenceCorrectionEnded: ("reference-correction-ended", ()),
+}
+"""What a line calls an event, and the fields that it takes over from it."""
+
+
 def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
     """An event as a flat line of JSON."""
     match event:
-        case events.Joined():
-            return {"event": "joined", "leader": event.leader}
-        case events.JoinRefused():
-            return {"event": "join-refused", "reason": event.reason}
-        case events.LeaderLost():
-            return {"event": "leader-lost", "reason": event.reason}
         case clock_events.ClockSynced(time_map):
             bound_ns = round(time_map.hard_bound_ns)
             return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
-        case clock_events.ClockStepped():
-            return {"event": "clock-stepped"}
-        case clock_events.StepRefused(times):
-            return {"event": "clock-step-refused", "times": times}
-        case clock_events.ClockRateUnusual(fast_ppm):
-            return {"event": "clock-rate-unusual", "fast_ppm": fast_ppm}
-        case clock_events.ClockRateUsual():
-            return {"event": "clock-rate-usual"}
-        case clock_events.ClockRateChanged():
-            return {"event": "clock-rate-changed"}
         case clock_events.ReferenceCorrectionStarted(uncertainty_ns):
             return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
-        case clock_events.ReferenceCorrectionEnded():
-            return {"event": "reference-correction-ended"}
-        case events.StrangeTrigger():
-            return {"event": "strange-trigger", "leader": event.leader, "burst": event.burst}
-        case events.FramesDropped():
-            return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
         case events.PhaseCorrected(command, before):
             error_ns = None if before is None else before.error_ns
             fields = msgspec.to_builtins(command) | {"phase_error_ns": error_ns}
             return {"event": "phase-corrected", "command": type(command).__name__, **fields}
-        case events.AlignmentFailed():
-            return {"event": "alignment-failed", "reason": event.reason}
-    return {"event": type(event).__name__}
+    name, taken = _EVENT_FIELDS.get(type(event), (type(event).__name__, ()))
+    return {"event": name} | {field: getattr(event, field) for field in taken}
 
 
 def event_words(event: events.ClientEvent[Any]) -> str:

@@ -130,32 +130,38 @@ class LeaderService:
                 await channel.send(self._enrolment.invite(message.role))
             case pairing.SpeaksFor():
                 channel.who = peer_of(message, channel.who)
+            case messages.KeyRequest():
+                await channel.send(self._keys.hand_out(channel.who, message))
+            case messages.CameraReport():
+                await channel.send(await self._take_report(message, working_on))
+            case messages.NodeStream():
+                await channel.send(messages.ReportAck())
+            case messages.SpoolSpace():
+                self._bursts.note_spool_space(message)
+                await channel.send(messages.ReportAck())
+            case _:
+                await self._answer_operator(channel, message)
+
+    async def _take_report(self, report: messages.CameraReport, working_on: WorkingOn) -> messages.ReportAck:
+        if (done := await self._bursts.answer_finished(report)) is not None:
+            return done
+        session = await self._bursts.find_session(report)
+        key, camera = (report.leader, report.burst), report.plan.camera.name
+        if key not in working_on or working_on[key][0] is not session:
+            session.stream_opened(camera)
+            if key in working_on:
+                working_on[key][0].stream_closed(camera, self._bursts.now_ns())
+            working_on[key] = session, camera
+        return await session.accept_report(report, self._bursts.now_ns(), wait_s=UNDECIDED_S)
+
+    async def _answer_operator(self, channel: Channel[messages.ToLeader], message: messages.ToLeader) -> None:
+        match message:
             case messages.StatusRequest():
                 await channel.send(messages.StatusAnswer(rig=self._rig.status()))
             case messages.BurstRequest():
                 async with contextlib.aclosing(self._bursts.take(message)) as progress:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
-            case messages.CameraReport():
-                if (done := await self._bursts.answer_finished(message)) is not None:
-                    await channel.send(done)
-                    return
-                session = await self._bursts.find_session(message)
-                key, camera = (message.leader, message.burst), message.plan.camera.name
-                if key not in working_on or working_on[key][0] is not session:
-                    session.stream_opened(camera)
-                    if key in working_on:
-                        working_on[key][0].stream_closed(camera, self._bursts.now_ns())
-                    working_on[key] = session, camera
-                now_ns = self._bursts.now_ns()
-                await channel.send(await session.accept_report(message, now_ns, wait_s=UNDECIDED_S))
-            case messages.KeyRequest():
-                await channel.send(self._keys.hand_out(channel.who, message))
-            case messages.NodeStream():
-                await channel.send(messages.ReportAck())
-            case messages.SpoolSpace():
-                self._bursts.note_spool_space(message)
-                await channel.send(messages.ReportAck())
             case operating.WatchRequest():
                 await self._watchers.serve(channel)
             case operating.ViewfinderOpened():

@@ -147,6 +147,19 @@ def transfer_line(transfer: CameraTransfer) -> Content:
     )
 
 
+def _verdict_lines(verdict: Verdict, *, wide: bool) -> list[Content]:
+    sign = GRADES[verdict.grade]
+    lines = [
+        Content.styled(f"{sign.glyph} {verdict.headline}", sign.style),
+        Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold")),
+    ]
+    if verdict.stamps:
+        lines.append(Content.styled(printable(verdict.stamps), "$warning"))
+    if wide:
+        lines += [Content.styled(text, "$foreground-muted") for text in (verdict.sentence, GRADE_LIMITS)]
+    return lines
+
+
 def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
     status = take.status
     lines = [Content.styled(printable(take.name) or "the take", "bold")]
@@ -155,15 +168,7 @@ def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
     if take.trashed:
         return [*lines, Content.styled("in the trash", "$foreground-muted")]
     if take.judged is not None:
-        verdict = take.judged.verdict
-        sign = GRADES[verdict.grade]
-        lines.append(Content.styled(f"{sign.glyph} {verdict.headline}", sign.style))
-        lines.append(Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold")))
-        if verdict.stamps:
-            lines.append(Content.styled(printable(verdict.stamps), "$warning"))
-        if wide:
-            lines.append(Content.styled(verdict.sentence, "$foreground-muted"))
-            lines.append(Content.styled(GRADE_LIMITS, "$foreground-muted"))
+        lines += _verdict_lines(take.judged.verdict, wide=wide)
     elif take.problem:
         lines.append(Content.styled(f"✖ {printable(take.problem)}", "$error"))
     elif not status.done:

@@ -80,24 +80,10 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
                     writer.add_image(picture(camera, instant), camera=name, instant=instant, leader_ns=at_ns)
                     REAL["write"](confirmed, bytes((camera, instant)))
 
-    def add_batches() -> None:
-        for instant in range(0, INSTANTS, 2):
-            batch = [(camera, instant + n) for n in range(2) for camera in range(CAMERAS)]
-            for error in writer.save([received(root / NAME, *of) for of in batch]):
-                assert error is None
-            REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
-
-    def add_frames() -> None:
-        for instant in range(0, INSTANTS, 2):
-            for camera in range(CAMERAS):
-                batch = [(camera, instant), (camera, instant + 1)]
-                assert writer.save([new_frame(*of) for of in batch], in_videos=True) == [None, None]
-                REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
-
     ways: dict[str, Callable[[], None]] = {
         "images": lambda: add(0),
-        "batches": add_batches,
-        "videos": add_frames,
+        "batches": lambda: add_batches(writer, root / NAME, confirmed),
+        "videos": lambda: add_frames(writer, confirmed),
     }
     workers = [threading.Thread(target=add, args=(mine,)) for mine in range(1, threads)]
     for worker in workers:
@@ -108,6 +94,24 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
     writer.add_event({"event": "done"})
     writer.finish(cameras, burst, origin="simulated")
     REAL["write"](confirmed, b"\xff\xff")
+
+
+def add_batches(writer: SessionWriter, folder: Path, confirmed: int) -> None:
+    """Save the images of two instants at a time."""
+    for instant in range(0, INSTANTS, 2):
+        batch = [(camera, instant + n) for n in range(2) for camera in range(CAMERAS)]
+        for error in writer.save([received(folder, *of) for of in batch]):
+            assert error is None
+        REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
+
+
+def add_frames(writer: SessionWriter, confirmed: int) -> None:
+    """Save two frames of a camera's video at a time."""
+    for instant in range(0, INSTANTS, 2):
+        for camera in range(CAMERAS):
+            batch = [(camera, instant), (camera, instant + 1)]
+            assert writer.save([new_frame(*of) for of in batch], in_videos=True) == [None, None]
+            REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
 
 
 def received(folder: Path, camera: int, instant: int) -> StoredImage:

@@ -10,7 +10,7 @@ import msgspec
 from capture_app.errors import BadInputError
 from capture_app.session.format.checks import inside
 from capture_app.text import NO_VALUE, count, duration
-from capture_app.tui.jobs.run import CLOUDS, COMPARE, DOSE, MULTIVIEW, PANEL, STITCH, Command, Run
+from capture_app.tui.jobs.run import CLOUDS, COMPARE, MULTIVIEW, PANEL, PANORAMA, TOLERANCE, Command, Run
 from capture_app.tui.widgets.lines import filled_cells
 
 _KINDS = ("total", "phase", "clock")
@@ -379,10 +379,10 @@ def _panel(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
 
 _READERS = {
     COMPARE.name: _comparison,
-    STITCH.name: _panorama,
+    PANORAMA.name: _panorama,
     MULTIVIEW.name: _multiview,
     CLOUDS.name: _clouds,
-    DOSE.name: _dose,
+    TOLERANCE.name: _dose,
     PANEL.name: _panel,
 }
 

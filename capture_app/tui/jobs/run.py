@@ -85,8 +85,8 @@ CLOUDS = Command(
     result="sequence.json",
     fixed=("--instants", "all"),
 )
-STITCH = Command(
-    "stitch",
+PANORAMA = Command(
+    "panorama",
     "Panorama",
     "one wide picture, of one instant and late",
     RECONSTRUCT,
@@ -94,8 +94,8 @@ STITCH = Command(
     "--instant 0 --offset-ms 66",
     result="metrics.json",
 )
-DOSE = Command(
-    "dose",
+TOLERANCE = Command(
+    "tolerance",
     "Tolerable delay",
     "how late a camera may be for good depth",
     RECONSTRUCT,
@@ -139,7 +139,7 @@ EXPORTS: Mapping[str, Command] = {
     )
     for name, what in FORMATS.items()
 }
-STUDIES = (COMPARE, MULTIVIEW, STITCH, DOSE, CLOUDS, PANEL)
+STUDIES = (COMPARE, MULTIVIEW, PANORAMA, TOLERANCE, CLOUDS, PANEL)
 """The commands whose results can be looked at."""
 COMMANDS = {one.name: one for one in (*STUDIES, VERIFY, REPAIR, *EXPORTS.values())}
 

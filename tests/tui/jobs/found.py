@@ -9,7 +9,17 @@ import cv2
 import numpy as np
 
 from capture_app.session.library.changes import results_folder
-from capture_app.tui.jobs.run import CLOUDS, COMMANDS, COMPARE, DOSE, MULTIVIEW, PANEL, STITCH, Run, RunState
+from capture_app.tui.jobs.run import (
+    CLOUDS,
+    COMMANDS,
+    COMPARE,
+    MULTIVIEW,
+    PANEL,
+    PANORAMA,
+    TOLERANCE,
+    Run,
+    RunState,
+)
 
 VERDICT = (
     "When both pictures show the same instant, the right distance is found for 97 % of what moves; with one "
@@ -100,7 +110,7 @@ def add_comparison(root: Path, session: str) -> Run:
 
 def add_panorama(root: Path, session: str) -> Run:
     """A panorama in both conditions."""
-    job = add_job(root, STITCH.name, session)
+    job = add_job(root, PANORAMA.name, session)
     assert job.out is not None
 
     def side(name: str, misfit: float) -> dict[str, object]:
@@ -125,7 +135,7 @@ def add_panorama(root: Path, session: str) -> Run:
 
 def add_dose(root: Path, session: str, timing: dict[str, Any] | None = None) -> Run:
     """A curve of three points."""
-    job = add_job(root, DOSE.name, session)
+    job = add_job(root, TOLERANCE.name, session)
     assert job.out is not None
     job.out.mkdir(parents=True)
     points = [

@@ -67,7 +67,7 @@ def log(pilot: Any) -> str:
 
 async def test_jobs_of_earlier_runs_are_there(root: Path) -> None:
     add_comparison(root, "take")
-    add_job(root, "dose", "take", RunState.FAILED, "the burst has one instant only")
+    add_job(root, "tolerance", "take", RunState.FAILED, "the burst has one instant only")
     async with jobs_mode(root) as pilot:
         await until(pilot, lambda: "✖ failed" in text(pilot))
         assert "✔ done" in text(pilot)

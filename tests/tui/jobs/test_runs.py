@@ -19,7 +19,7 @@ from tests.waiting import until
 SAMPLES = Path(__file__).parents[3] / "sample_sessions"
 QUICK, QUICK_STITCH, QUICK_DOSE = (
     replace(COMPARE, name=name, module="tests.tui.jobs.quick_command", words=("compare",), quick="")
-    for name in ("compare", "stitch", "dose")
+    for name in ("compare", "panorama", "tolerance")
 )
 
 
@@ -129,8 +129,8 @@ async def test_the_next_start_knows_what_was_done(runs: Runs, session: Session, 
     await runs.wait()
     failed = runs.add(QUICK_DOSE, session.folder, "fail")
     await runs.wait()
-    unfinished = results_folder(session.folder) / "stitch.json"
-    unfinished.write_text('{"kind": "stitch", "session": "small", "state": "running"}')
+    unfinished = results_folder(session.folder) / "panorama.json"
+    unfinished.write_text('{"kind": "panorama", "session": "small", "state": "running"}')
     (unfinished.parent / "other.json").write_text("{}")
     rename_session(session.folder, "new")
     after = Runs(tmp_path)
@@ -142,10 +142,10 @@ async def test_the_next_start_knows_what_was_done(runs: Runs, session: Session, 
     assert list(after.log(found["compare"])) == ["[1/2] one"]
     assert found["compare"].result == tmp_path / "_results" / "new" / "compare" / "metrics.json"
     assert found["compare"].result.is_file()
-    assert (found["dose"].state, found["dose"].message) == (RunState.FAILED, failed.message)
-    assert (found["stitch"].state, found["stitch"].message) == (RunState.CANCELLED, INTERRUPTED)
-    await after.forget(found["dose"])
-    assert not (results_folder(tmp_path / "new") / "dose.json").exists()
+    assert (found["tolerance"].state, found["tolerance"].message) == (RunState.FAILED, failed.message)
+    assert (found["panorama"].state, found["panorama"].message) == (RunState.CANCELLED, INTERRUPTED)
+    await after.forget(found["tolerance"])
+    assert not (results_folder(tmp_path / "new") / "tolerance.json").exists()
 
 
 async def test_verify_and_export_are_jobs_too(runs: Runs, session: Session, tmp_path: Path) -> None:

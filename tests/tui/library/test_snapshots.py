@@ -38,7 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         created = f"2026-01-31T1{number}:00:00.000Z"
         make_take(here, name=name, spread_ns=spread_ns, note=note, cameras=5, instants=4, created=created)
     add_comparison(here, "second-jump")
-    add_job(here, "stitch", "first-jump")
+    add_job(here, "panorama", "first-jump")
     return here
 
 

@@ -47,7 +47,7 @@ def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = PITCH_MM) -> P
     return page
 
 
-TEMPLATES = Path(__file__).parent / "build"
+TEMPLATES = Path(__file__).parent / "sketch"
 REGISTERS = 3
 """An array's: TPIC6B595 of Texas Instruments (SLIS032), whose outputs sink up to 150 mA each."""
 DRAINS = (4, 5, 6, 7, 14, 15, 16, 17)

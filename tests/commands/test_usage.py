@@ -15,7 +15,8 @@ from capture_app.terminal import log_line, run_command_line, show_count, talk
 from capture_app.usage import Verbosity, add_verbosity, examples, set_verbosity
 from tests.command_lines import every_command, parse
 
-COMMANDS = dict(every_command())
+COMMANDS = {typed: command for typed, command in every_command() if not command.hidden}
+"""Without earlier names, whose examples show the name of today."""
 
 
 def examples_of(command: click.Command) -> list[str]:

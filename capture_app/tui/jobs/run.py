@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 from textual.content import Content
 
 from capture_app.errors import BadInputError
@@ -176,7 +177,7 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
     state: RunState = RunState.WAITING
     message: str = ""
     """What came of it in a sentence: the verdict, what was written, or what went wrong."""
-    ended: datetime | None = None
+    ended: Annotated[datetime, Meta(tz=True)] | None = None
     seconds: float = 0.0
     """How long it has run, without the time for which it was paused."""
     step: ProgressStep | None = None

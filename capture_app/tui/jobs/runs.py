@@ -256,9 +256,10 @@ def _read_all(root: Path) -> list[Run]:
 def _read(place: Path, root: Path) -> Run | None:
     try:
         run = msgspec.json.decode(read_regular(place), type=Run, dec_hook=lambda _, text: root / text)
-    except (*UNREADABLE, OSError):
-        return None
-    if place.stem != run.kind or run.kind not in COMMANDS:
+        if place.stem != run.kind or run.kind not in COMMANDS:
+            return None
+        run.command.arguments(run.session, run.out, run.options)  # options that no command line can have
+    except (*UNREADABLE, OSError, BadInputError):
         return None
     # A session that was renamed has its results under its new name, and its runs follow it.
     if place.parent.parent == root / RESULTS:

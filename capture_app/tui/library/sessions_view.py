@@ -35,6 +35,8 @@ from capture_app.tui.widgets.lines import Lines
 T = TypeVar("T")
 LOOK_AGAIN_S = 2.0
 """How often the folder is looked at while it is seen."""
+FOLLOW_EVERY_S = 0.25
+"""How often what runs on the sessions is drawn again."""
 SETTLED_S = 0.15
 """How long the cursor rests on a session before its pictures are loaded."""
 WIDE = 120
@@ -96,6 +98,7 @@ class SessionsView(ModeView):
     def on_mount(self) -> None:
         """Begin to follow the folder."""
         self.set_interval(LOOK_AGAIN_S, self._look_again)
+        self.set_interval(FOLLOW_EVERY_S, self._follow_runs)
         self.look_at_disk()
 
     def on_mode_shown(self) -> None:
@@ -141,6 +144,10 @@ class SessionsView(ModeView):
         if self.screen.is_active:
             self._rows.show_all_again()
             self.look_at_disk()
+
+    def _follow_runs(self) -> None:
+        for run in self._runs.unfinished:
+            self._rows.show_again(str(run.session.absolute()))
 
     @work(exclusive=True, group="listing")
     async def look_at_disk(self) -> None:

@@ -148,6 +148,20 @@ async def test_the_next_start_knows_what_was_done(runs: Runs, session: Session, 
     assert not (results_folder(tmp_path / "new") / "tolerance.json").exists()
 
 
+@pytest.mark.parametrize(
+    "odd", ['"options": "say \'open"', '"options": "--out=/elsewhere"', '"ended": "2026-11-21T16:00:00"']
+)
+async def test_a_file_that_no_start_of_ours_wrote_is_passed_over(
+    runs: Runs, session: Session, odd: str
+) -> None:
+    done = runs.add(QUICK, session.folder, "")
+    await runs.wait()
+    text = f'{{"kind": "panorama", "session": "small", "state": "failed", {odd}}}'
+    (results_folder(session.folder) / "panorama.json").write_text(text)
+    await runs.read()
+    assert [run.line for run in runs.all] == [done.line]
+
+
 async def test_verify_and_export_are_jobs_too(runs: Runs, session: Session, tmp_path: Path) -> None:
     verified = runs.add(VERIFY, session.folder)
     exported = runs.add(EXPORTS["nerfstudio"], session.folder, "", tmp_path / "for nerfstudio")

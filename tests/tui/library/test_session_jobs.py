@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.jobs.result_screen import ResultScreen
-from capture_app.tui.jobs.run import RunState
+from capture_app.tui.jobs.run import COMMANDS, COMPARE, RunState
 from capture_app.tui.widgets.picture import Picture
 from tests.session.conftest import camera_record, jpeg
 from tests.tui.driving import settle, toasts, until
@@ -85,6 +86,23 @@ async def test_a_job_that_begins_says_that_it_ends_with_the_screen(sessions: Pat
         await pilot.press("v")
         await until(pilot, lambda: any("ends when the screen is closed" in t for t in toasts(pilot.app)))
         await until(pilot, lambda: jobs(pilot)[0].state.is_over)
+
+
+async def test_how_far_a_job_is_is_told_beside_its_session_at_once(
+    sessions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture_app.tui.library.sessions_view.LOOK_AGAIN_S", 3600.0)
+    quick = replace(COMPARE, module="tests.tui.jobs.quick_command")
+    monkeypatch.setitem(COMMANDS, quick.name, quick)
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        going = pilot.app.runs.add(
+            quick, sessions / "one", f"wait {tmp_path / 'go'} say '[3/5] depth' wait {tmp_path / 'never'}"
+        )
+        await until(pilot, lambda: "▶ compare" in text(pilot.app))
+        (tmp_path / "go").touch()
+        await until(pilot, lambda: "▶ compare 40 %" in text(pilot.app))
+        await pilot.app.runs.cancel(going)
 
 
 async def test_verify_tells_what_is_wrong(sessions: Path) -> None:

@@ -31,7 +31,7 @@ TELL_EVERY_NS = 1_000_000_000
 ALIGN_EVERY_NS = 5_000_000_000
 SILENT_NS, FORGOTTEN_NS = 5_000_000_000, 60_000_000_000
 EXCHANGES_PER_S = 1000.0
-"""Of all phones together."""
+"""Clock exchanges with all phones together."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ BLOCK_NS, LONG_AGO_NS, SIGMAS_95 = 1_000_000_000, -(2**66), 1.96
 CHANGE_SIGMAS, CHANGE_PPM, SETTLING_NS = 5.0, 20.0, 10_000_000_000
 """A change of the rate is told from so many ppm on; those that follow each other so quickly are one."""
 STEP_SAMPLES = 3
-"""So many samples in a row must agree on a step of a clock."""
+"""Samples in a row that must agree on a step of a clock."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ give or take this share: chosen on 28 laws of delay that no experiment uses
 
 
 TIGHTEST = 8
-"""So many bounds of each direction tell how near the tightest one is to the minimum delay."""
+"""The tightest bounds of each direction that tell how near the tightest one is to the minimum delay."""
 NEAREST, NEAREST_SHARE = 4, 0.5
 """The nearest of them are about half as far from it (Gamma 2: 0.52, exponential: 0.43). Where a few
 messages are far quicker than all others, the distance to those others says nothing of the likelihood."""

@@ -121,7 +121,7 @@ LEAD_NS = 1_000_000_000
 """From a command until the phase is known again."""
 REMEMBERED = 24
 WIDTHS = (1 / 200, 1 / 60, 1 / 20)
-"""Of the kernels, as shares of a period."""
+"""Widths of the kernels, as shares of a period."""
 FIRST_WIDTH = 0.1
 """Spread that is assumed after a single latency."""
 FORGETTING = 0.95

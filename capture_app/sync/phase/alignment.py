@@ -12,7 +12,7 @@ be to the grid, and drift has room."""
 MOST_LANDINGS = 8
 """After so many moves the whole tolerance is enough."""
 FEWEST_FRAMES = 2
-"""So many frames since it moved must say so: one may be late by chance."""
+"""Frames since it moved that must say so: one may be late by chance."""
 
 
 class Alignment:
@@ -105,7 +105,7 @@ def inner_of(tolerance_ns: int, hidden_ns: float) -> int:
 STEADY_FRAMES = 60
 """After so many frames in one place, their stamps tell all that they can."""
 SIGMAS = 4.0
-"""Of noise that averaging leaves: two where the stream is, two where it is moved to."""
+"""Standard deviations of noise that averaging leaves: two where the stream is, two where it is moved to."""
 EASED = 0.7
 """A window is made smaller only if it is by this factor: no limit that comes and goes."""
 LONG_STAY_NS = 2_000_000_000

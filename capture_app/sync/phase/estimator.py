@@ -19,7 +19,7 @@ LATENCY_FRAMES = (2, 13)
 USUAL_LATENCY_FRAMES = 4
 REMEMBERED_LATENCIES = 15
 REMEMBERED_FRAMES = 20_000
-"""Of so many frames it is known what was in effect: those that a ring buffer may hold."""
+"""Frames of which it is known what was in effect: those that a ring buffer may hold."""
 
 
 class PendingShifts:

@@ -76,7 +76,7 @@ PHASE_FRAMES = 10
 MEDIAN_FACTOR = 1.25
 """A median of normal noise is this much noisier than a mean."""
 QUANTIZED_FRAMES = 60
-"""So many give the phase where timestamps come in steps: what one hides, another shows.
+"""Frames that give the phase where timestamps come in steps: what one hides, another shows.
 
 No more of them, as over many the error of a period that was learned from such steps looks like drift.
 """

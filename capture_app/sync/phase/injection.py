@@ -169,9 +169,9 @@ SURE_ROWS = 1.0
 """An injection whose shift differs from its profile's by less than this confirms the profile."""
 REMEMBERED_LATENCIES = 8
 LOST_COMMANDS = 2
-"""So many injections without effect are repeated unchanged, where a device is known."""
+"""Injections without effect that are repeated unchanged, where a device is known."""
 FRUITLESS = 8
-"""So many frames in a row exposed for longer than a period, and no effect: this camera cannot be moved."""
+"""Frames in a row, exposed for longer than a period without effect: this camera cannot be moved."""
 
 
 class InjectionActuator(PhaseActuator):

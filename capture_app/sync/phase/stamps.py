@@ -63,7 +63,7 @@ class PhaseEstimate:
 REMEMBERED = 90
 LEAST_INTERVALS = 29
 EVERY_FRAMES = 12
-"""So often the step is looked for anew."""
+"""After how many frames the step is looked for anew."""
 ON_LATTICE = 0.15
 """An interval this share of a step off the lattice, or less, is on it."""
 JITTERS = 4.0
@@ -71,8 +71,8 @@ JITTERS = 4.0
 SURE_SHARE = 0.9
 """Share of the intervals that must be on the lattice, of the usual ones as of the others."""
 OTHER_INTERVALS = 8
-"""So many of them must not be the usual one: a few late frames may make a lattice of their own. The long and
-the short interval on either side of one late frame say the same, and count once."""
+"""Intervals on the lattice that must not be the usual one: a few late frames may make a lattice of their own.
+The long and the short interval on either side of one late frame say the same, and count once."""
 EXACT_NS = 2.0
 """Rounding of the ns."""
 FINEST_NS = 200.0
@@ -86,7 +86,7 @@ KNOWN_STEPS_NS = (1e6, 5e5, 2e5, 1e5, 5e4, 2e4, 1e9 / 90_000, 1e4, 5e3, 2e3, 1e3
 """Steps of clocks that are looked for where the intervals hardly differ, the coarsest first."""
 
 COARSE_NS, CLOCKS_APART = 1e5, 3e-4
-"""Of steps that fine, the intervals of a stamping clock that runs so differently are still told apart."""
+"""Steps that fine are still told apart, where the stamping clock runs so differently."""
 
 
 class StampQuantum:

@@ -61,7 +61,7 @@ class RingBuffer(Generic[F]):
 MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
 """The longest burst whose frames are told after the last, and the longest time from its first to its last."""
 MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
-"""The same of one whose frames are sent as they come."""
+"""The longest burst whose frames are sent as they come, and the longest time that it lasts."""
 
 DROPPED = "the camera dropped the frame"
 """The reason of a gap where the frames before and after it came."""

@@ -23,7 +23,7 @@ from capture_app.sync.wire.messages import Trigger
 F = TypeVar("F")
 
 PATIENCE_PERIODS = 30
-"""So long after an instant a camera without frames is waited for."""
+"""How long after an instant a camera without frames is waited for."""
 PAUSE_NS = 5_000_000_000
 """Between two instants that are so far apart a stream may be moved."""
 

@@ -46,10 +46,10 @@ LEADER_SILENT_NS = 2500 * _MS
 
 HELLO_EVERY_NS = 500 * _MS
 HELLOS = 3
-"""So many unanswered hellos, and another leader is asked, where there is one."""
+"""Unanswered hellos after which another leader is asked, where there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
 MOST_EVENTS = 256
-"""So many of the newest are kept for a node that does not take them."""
+"""Newest events that are kept for a node that does not take them."""
 
 TimeClientEvent = Joined | JoinRefused | LeaderLost | ClockEvent
 

@@ -126,7 +126,7 @@ class NodeState(StrEnum):
 Text = Annotated[str, Meta(max_length=200)]
 Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
-"""Of a client, as time messages carry it."""
+"""The number of a client, as time messages carry it."""
 CLOCK_ONLY = "clock"
 """The kind of a node without a camera that only keeps the time, perhaps for clients below it."""
 CLOCK = CameraFacts(

@@ -13,7 +13,7 @@ import click
 from capture_app.commands.options import ANY_PATH
 from capture_app.commands.session_text import print_session
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.export_session import FORMATS
+from capture_app.session.exchange import FORMATS
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import FiniteRange, json_option, print_json, print_result, show_count, talk
 from capture_app.usage import examples

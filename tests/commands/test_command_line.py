@@ -214,6 +214,7 @@ HEAVY = {"textual", "rich", "numpy", "cv2", "open3d", "pycolmap"}
         ("capture_app", "burst --help", set()),
         ("capture_app", "status --leader 127.0.0.1:1", set()),
         ("capture_app", "cameras", {"rich"}),
+        ("capture_app", "sessions export --help", set()),
         ("reconstruction", "--help", set()),
         ("reconstruction", "compare --help", set()),
     ],

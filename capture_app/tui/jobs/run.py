@@ -12,7 +12,7 @@ from msgspec import Meta, Struct
 from textual.content import Content
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.export_session import FORMATS
+from capture_app.session.exchange import FORMATS
 from capture_app.text import ProgressStep, printable
 from capture_app.tui.signs import Sign
 

@@ -12,7 +12,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.session.exporters.export_session import FORMATS
+from capture_app.session.exchange import FORMATS
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
 from tests.session.conftest import edit_manifest
 from tests.session.exporters.conftest import Make, encode, picture

@@ -151,6 +151,16 @@ async def test_the_loop_runs_on_while_the_device_starts(bench: Bench) -> None:
     await restart
 
 
+async def test_stopping_while_it_starts_lets_go_of_the_device_afterwards() -> None:
+    device = FakeDevice()
+    camera = V4L2Camera(device, MJPG, PERIOD_NS)
+    starting = asyncio.create_task(camera.start(lambda frame: None, lambda error: None))
+    await asyncio.sleep(0)
+    await camera.stop()
+    await starting
+    assert device.calls.index("on") < device.calls.index("off")
+
+
 async def test_stopping_cuts_a_restart_short(bench: Bench) -> None:
     restart = asyncio.ensure_future(bench.camera.apply(RestartStream(3_600_000_000_000)))
     await until(lambda: "off" in bench.device.calls)

@@ -215,8 +215,7 @@ class V4L2Camera(Camera):
         self.listen(on_frame, on_failure)
         async with self._command_lock:
             try:
-                await self._in_worker(self._prepare)
-                await self._in_worker(self._device.stream_on)
+                await self._in_worker(self._begin_stream)
             except OSError as error:
                 raise driver_error(self._device.path, error) from error
             if not self._closing.is_set():
@@ -300,6 +299,11 @@ class V4L2Camera(Camera):
         self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
+
+    def _begin_stream(self) -> None:
+        # At once: what stops the camera meanwhile lets go of its device afterwards, and not in between.
+        self._prepare()
+        self._device.stream_on()
 
     def _restart(self, start_ns: int) -> None:
         """In the worker: stop, wait until `start_ns` of the monotonic clock, start."""

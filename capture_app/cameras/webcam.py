@@ -134,7 +134,8 @@ class WebcamCamera(Camera):
         asked_ns = time.monotonic_ns()
         if not isinstance(command, RestartStream):
             raise CameraError("a webcam cannot change single frames", hint="restart its stream instead")
-        if self._thread is None or self._closing.is_set() or self._has_failed:
+        is_over = self._closing.is_set() or self._has_failed
+        if self._thread is None or is_over or not self._thread.is_alive():
             raise CameraError("the webcam does not stream")
         self._restarted = self._loop.create_future()
         self._restart_ns = asked_ns + command.delay_ns

@@ -15,6 +15,7 @@ from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.viewfinder import small_jpeg
+from capture_app.node.leader import viewfinders
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink, Update
@@ -201,6 +202,23 @@ async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None
         await receive(node, DetailRequest)
     with pytest.raises(IncompleteError, match="a shows nothing"):
         await gone
+
+
+async def test_a_silent_node_is_told_to_all_who_ask(
+    leader: LeaderNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever asked first gives up first, and must not take the others along."""
+    monkeypatch.setattr(viewfinders, "ANSWER_TIMEOUT_S", 0.5)
+    async with await connect(leader.own_address, FromLeader) as node:
+        await node.send(ViewfinderOpened(camera="a", instance=NODE))
+        await node.send(Vitals(fps=30.0))
+        first_one = asyncio.ensure_future(RigLink(leader.own_address).detail("a"))
+        await receive(node, DetailRequest)
+        await asyncio.sleep(0.2)
+        second_one = asyncio.ensure_future(RigLink(leader.own_address).detail("a"))
+        async with patience("both answers"):
+            told = await asyncio.gather(first_one, second_one, return_exceptions=True)
+        assert [type(one) for one in told] == [IncompleteError, IncompleteError]
 
 
 def test_how_a_camera_runs_is_told_from_its_latest_frames() -> None:

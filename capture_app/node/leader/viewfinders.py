@@ -82,7 +82,8 @@ class Viewfinders:
                         stream.picture = Picture(self._number, message, jpeg)
                         await channel.send(PreviewSeen(camera=name))
                     case DetailAnswer() | ControlsAnswer() | StampKept():
-                        if (asked := stream.asked.pop(type(message), None)) is not None:
+                        asked = stream.asked.pop(type(message), None)
+                        if asked is not None and not asked.done():
                             asked.set_result(message)
                     case _:
                         pass
@@ -123,18 +124,12 @@ class Viewfinders:
         if stream is None:
             raise _closed(name)
         if isinstance(request, DetailRequest) and kind in stream.asked:
-            return await asyncio.shield(stream.asked[kind])  # all who look share an answer
+            return await _answer(stream, name, stream.asked[kind])  # all who look share an answer
         async with stream.asking:
             answer: asyncio.Future[A] = asyncio.get_running_loop().create_future()
             stream.asked[kind] = answer
             await _send(stream.channel, request)
-            try:
-                async with asyncio.timeout(ANSWER_TIMEOUT_S):
-                    return await answer
-            except TimeoutError as error:
-                # What is still to come would be taken for the answer to the next request.
-                stream.channel.abort()
-                raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
+            return await _answer(stream, name, answer)
 
     async def _ask(self, name: str) -> None:
         """Ask a node for what all operators together want of it, where that has changed."""
@@ -149,6 +144,17 @@ class Viewfinders:
             stream.wanted = wanted
             stream.picture = None if wanted is NOTHING else stream.picture
             await _send(stream.channel, wanted)
+
+
+async def _answer(stream: _Stream, name: str, answer: "asyncio.Future[A]") -> A:
+    """Wait for what others may wait for too. Raises IncompleteError where a node does not answer."""
+    try:
+        async with asyncio.timeout(ANSWER_TIMEOUT_S):
+            return await asyncio.shield(answer)
+    except TimeoutError as error:
+        # What is still to come would be taken for the answer to the next request.
+        stream.channel.abort()
+        raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
 
 
 async def _send(channel: Channel[ToLeader], message: ToViewfinder) -> None:

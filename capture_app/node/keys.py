@@ -104,13 +104,12 @@ class KeyRequester:
                 answer = await ask(channel, self._request, KeyAnswer)
             self._keys.hold(leader, answer.grant)
             self._pump.turn()
-        except (UnknownMachineError, BadInputError) as error:
-            self._time.note_refusal(str(error))
-            with contextlib.suppress(SimulshotError):
-                # Its pin may have been added there; a leader whose disk is full, say, cannot keep it yet.
-                await ask_to_enrol(Address(*leader), self._trust)
-        except NetworkError:
+        except SimulshotError as error:
             # Whether there is a way to a leader at all is looked into elsewhere.
-            pass
+            if isinstance(error, UnknownMachineError) or not isinstance(error, NetworkError):
+                self._time.note_refusal(str(error))
+                with contextlib.suppress(SimulshotError):
+                    # Its pin may have been added there; a leader whose disk is full, say, cannot keep it yet.
+                    await ask_to_enrol(Address(*leader), self._trust)
         await asyncio.sleep(AGAIN_S)
         self._asked.discard(leader)

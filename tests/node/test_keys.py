@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.errors import DiskError
 from capture_app.net.channel import connect
+from capture_app.node.keys import KeyIssuer
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.news import NewsLog
@@ -15,7 +17,7 @@ from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Re
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal, NodeState
 from capture_app.trust.known_machines import Role
-from capture_app.trust.trust import Trust
+from capture_app.trust.trust import Peer, Trust
 from tests.facts import make_facts
 from tests.waiting import until
 
@@ -164,4 +166,18 @@ async def test_a_leader_that_cannot_keep_a_certificate_ends_no_node(
         await until(lambda: "does not know this machine" in node.time.why_joining)
         await asyncio.sleep(0.5)
         lock.rmdir()
+        await until(lambda: node.time.is_member)
+
+
+async def test_a_leader_whose_disk_fails_for_a_moment_ends_no_node(
+    tmp_path: Path, leader: LeaderNode, trust: Trust, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hand_out(desk: KeyIssuer, who: Peer, request: KeyRequest) -> KeyAnswer:
+        raise DiskError("its disk cannot be read")
+
+    machine = introduced(tmp_path, trust, "machine")
+    monkeypatch.setattr(KeyIssuer, "hand_out", hand_out)
+    async with sealed_node(leader.own_address, machine) as node:
+        await until(lambda: "its disk cannot be read" in node.time.why_joining)
+        monkeypatch.undo()
         await until(lambda: node.time.is_member)

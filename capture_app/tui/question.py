@@ -44,6 +44,7 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
     }
     BoxDialog .question { width: 1fr; height: auto; margin-bottom: 1; }
     BoxDialog .wrong { color: $error; height: auto; }
+    BoxDialog Input, BoxDialog Input:focus { border: none; height: 1; padding: 0 1; background: $surface; }
     """
 
     def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
@@ -109,8 +110,6 @@ class Question(BoxDialog[str | None]):
 
 class TextQuestion(BoxDialog[str | None]):
     """Asks for a line of text; None where it was closed by Escape."""
-
-    DEFAULT_CSS = "TextQuestion Input { border: none; height: 1; padding: 0 1; background: $surface; }"
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss", "Cancel", id="question.cancel-text"),

@@ -43,7 +43,6 @@ class ChoiceForm(BoxDialog[Choice | None]):
         width: 100; max-width: 94%; max-height: 100%; padding: 1 2 0 2;
         border-subtitle-color: $foreground-muted;
     }
-    ChoiceForm Input { border: none; height: 1; padding: 0 1; background: $surface; }
     ChoiceForm OptionList {
         height: auto; max-height: 12; border: none; padding: 0; background: $panel;
         scrollbar-size-vertical: 1; text-wrap: nowrap; text-overflow: ellipsis;

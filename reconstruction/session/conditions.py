@@ -176,4 +176,5 @@ def evenly_spread(items: Sequence[Item], limit: int) -> list[Item]:
         return list(items)
     if limit == 1:
         return [items[len(items) // 2]]
-    return [items[round(i * (len(items) - 1) / (limit - 1))] for i in range(limit)]
+    step = (len(items) - 1) / (limit - 1)
+    return [items[round(i * step)] for i in range(limit)]

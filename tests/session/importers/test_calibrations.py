@@ -138,6 +138,7 @@ def test_images_of_another_size(npz_folder: Path) -> None:
         ({"mtx": -K}, "positive focal"),
         ({"mtx": np.where(np.eye(3), K, 5.0)}, "positive focal|skew"),
         ({"dist": np.array([np.nan] * 5)}, "not finite"),
+        ({"mtx": np.array([[500, np.nan, 320], [0, 500, 240], [0, 0, 1]])}, "not finite"),
         ({"dist": np.arange(8.0)}, "8 distortion coefficients"),
         ({"mtx": np.array([[{}]], dtype=object)}, "cannot read"),
         ({"R": R * 2}, "rotation matrix that is not orthonormal"),
@@ -151,6 +152,12 @@ def test_bad_intrinsics_and_poses_say_why(npz_folder: Path, change: dict[str, An
         if set(change) <= set(good):
             np.savez(npz_folder / f"{file}.npz", **{**good, **change})
     with pytest.raises(BadInputError, match=reason):
+        read(npz_folder)
+
+
+def test_a_size_without_pixels_is_refused(npz_folder: Path) -> None:
+    np.savez(npz_folder / "left_intrinsics.npz", mtx=K, dist=D, image_width=0, image_height=480)
+    with pytest.raises(BadInputError, match="0x480 pixels"):
         read(npz_folder)
 
 

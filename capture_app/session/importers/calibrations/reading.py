@@ -125,6 +125,8 @@ def fit_calibration(
 
 
 def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
+    if not np.isfinite(view.matrix).all():
+        raise BadInputError(f"{where} has numbers that are not finite")
     (fx, skew, cx), (_, fy, cy), _ = view.matrix.tolist()
     camera = CameraCalibration(
         width=size[0],
@@ -160,6 +162,8 @@ def _factors(
 ) -> tuple[float, float]:
     if calibrated is None or calibrated == size:
         return 1.0, 1.0
+    if min(calibrated) < 1:
+        raise BadInputError(f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels")
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
     if fit is Fit.CROP:
         return 1.0, 1.0

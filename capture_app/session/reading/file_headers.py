@@ -1,7 +1,5 @@
 """What a picture's file tells before a pixel is decoded: its size, and a JPEG's EXIF (CIPA DC-008)."""
 
-import mmap
-import os
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +10,8 @@ _WIDTH, _HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
 MOST_ENTRIES = 4096
 UPRIGHT = 1
 
-Buffer = bytes | mmap.mmap
+MOST_BYTES = 1 << 28
+"""Bytes of a file that are looked at: a TIFF's own size may stand at its end."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def _read_tiff(tiff: bytes) -> Exif:
     return Exif(date, part, focal or None, orientation)
 
 
-def _entries(tiff: Buffer, order: str, place: int, *, big: bool = False) -> dict[int, tuple[int, int, bytes]]:
+def _entries(tiff: bytes, order: str, place: int, *, big: bool = False) -> dict[int, tuple[int, int, bytes]]:
     """By tag: type and count of the values, and the bytes that hold them or where they are."""
     number, entry = ("Q", struct.Struct(f"{order}HHQ8s")) if big else ("H", struct.Struct(f"{order}HHI4s"))
     begin = place + struct.calcsize(number)
@@ -90,13 +89,10 @@ def picture_size(path: Path) -> Size | None:
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        if not os.fstat(file.fileno()).st_size:
-            return None
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            return size_of(data)
+        return size_of(file.read(MOST_BYTES))
 
 
-def size_of(data: Buffer) -> Size | None:
+def size_of(data: bytes) -> Size | None:
     """Width and height that a file's bytes tell, as `picture_size` does."""
     start = bytes(data[:16])
     read = next((read for magic, read in _READERS if start.startswith(magic)), None)
@@ -106,12 +102,12 @@ def size_of(data: Buffer) -> Size | None:
         return None
 
 
-def _png(data: Buffer) -> Size:
+def _png(data: bytes) -> Size:
     width, height = struct.unpack_from(">II", data, 16)
     return width, height
 
 
-def _jpeg(data: Buffer) -> Size | None:
+def _jpeg(data: bytes) -> Size | None:
     at = 2
     while (at := data.find(b"\xff", at, MAX_HEADER_BYTES)) >= 0:
         while data[at] == 0xFF:
@@ -126,12 +122,12 @@ def _jpeg(data: Buffer) -> Size | None:
     return None
 
 
-def _bmp(data: Buffer) -> Size:
+def _bmp(data: bytes) -> Size:
     width, height = struct.unpack_from("<ii", data, 18)
     return abs(width), abs(height)
 
 
-def _tiff(data: Buffer) -> Size | None:
+def _tiff(data: bytes) -> Size | None:
     order = "<" if data[:2] == b"II" else ">"
     (version,) = struct.unpack_from(f"{order}H", data, 2)
     # BigTIFF, version 43, has 64-bit offsets and counts.
@@ -149,7 +145,7 @@ def _tiff(data: Buffer) -> Size | None:
     return width, height
 
 
-def _webp(data: Buffer) -> Size | None:
+def _webp(data: bytes) -> Size | None:
     kind = data[12:16]
     if data[8:12] != b"WEBP" or len(data) < 30:
         return None
@@ -162,7 +158,7 @@ def _webp(data: Buffer) -> Size | None:
     return width & 0x3FFF, height & 0x3FFF
 
 
-_READERS: tuple[tuple[bytes, Callable[[Buffer], Size | None]], ...] = (
+_READERS: tuple[tuple[bytes, Callable[[bytes], Size | None]], ...] = (
     (b"\x89PNG\r\n\x1a\n", _png),
     (b"\xff\xd8", _jpeg),
     (b"BM", _bmp),

@@ -84,6 +84,8 @@ class Lines(Widget):
         self._strips = [strip_of_line(self, line) for line in lines]
         if len(before) != len(self._strips):
             self.refresh(layout=True)
+            # A layout that is under way would swallow this one.
+            self.call_after_refresh(self.refresh, layout=True)
             return
         regions = [
             Region(span[0], y, span[1] - span[0], 1)

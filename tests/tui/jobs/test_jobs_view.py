@@ -273,6 +273,8 @@ def test_the_list_looks_as_it_did(
     async def before(pilot: Any) -> None:
         await pilot.press("4")
         await until(pilot, lambda: "damaged" in text(pilot) and view(pilot).query_one(RunRows).has_focus)
+        said = view(pilot).query_one("#job-lines", Lines)
+        await until(pilot, lambda: said.plain and said.size.height == len(said.plain))
         await settle(pilot)
 
     assert snap_compare(app, terminal_size=size, run_before=before)

@@ -36,6 +36,7 @@ class StandInPhone:
         self._ring: dict[int, bytes] = {}
         self._session: aiohttp.ClientSession
         self._socket: Any = None
+        self._links: list[aiohttp.ClientWebSocketResponse] = []
         self._tasks: list[asyncio.Task[None]] = []
 
     def now_us(self) -> float:
@@ -63,7 +64,9 @@ class StandInPhone:
         status, body = await self.ask()
         assert status == 200, body
         self.given_name = str(body["name"])
-        return await self._session.ws_connect(f"{self.base}link/{body['ticket']}", ssl=False)
+        link = await self._session.ws_connect(f"{self.base}link/{body['ticket']}", ssl=False)
+        self._links.append(link)
+        return link
 
     async def open_camera(self) -> None:
         opened = {"type": "opened", "width": WIDTH, "height": HEIGHT, "frame_rate": 30.0, "label": "back"}
@@ -80,6 +83,8 @@ class StandInPhone:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._session.close()
+        # The network is gone: nothing is said any more, and the connection is not left to the collector.
+        await asyncio.gather(*(link.close() for link in self._links))
 
     @property
     def is_cut_off(self) -> bool:

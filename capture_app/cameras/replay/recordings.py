@@ -264,8 +264,8 @@ def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
         if embedded is not None:
             return [frame.leader_ns for frame in embedded]
         if isinstance(source, Video):
-            if has_video_times():
-                return source.use_embedded_times()
+            if has_video_times() and (times_ns := source.use_embedded_times()):
+                return times_ns
             fps = source.fps
     rate = fps or USUAL_FPS
     return [round(number * 1e9 / rate) for number in range(len(source.numbers))]

@@ -65,25 +65,32 @@ def fit_clock_line(moments: Moments, source: str, *, systematic_s: float = 0.0) 
 def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTimes]) -> dict[str, CameraTimes]:
     """Each camera's times against the first's; `against` measures a pair, the second against the first.
 
-    A camera that cannot be measured against the first is so against those that could; errors then add up.
+    Each goes the way with the least error: directly, or through others; errors then add up.
     """
-    reference = names[0]
-    known = {
-        reference: CameraTimes(offset_ns=0, uncertainty_ns=0, rate_uncertainty_ppm=0.0, source=REFERENCE)
-    }
+    last = names[0]
+    known = {last: CameraTimes(offset_ns=0, uncertainty_ns=0, rate_uncertainty_ppm=0.0, source=REFERENCE)}
     why: dict[str, str] = {}
-    through = [reference]
-    for middle in through:
+    waiting: dict[str, CameraTimes] = {}
+
+    def error_ns(name: str) -> int:
+        return waiting[name].uncertainty_ns or 0
+
+    while True:
         for name in names:
-            if name in known:
+            # What is known nearly as well already is not measured again: that takes long.
+            if name in known or (name in waiting and error_ns(name) <= 2 * (known[last].uncertainty_ns or 0)):
                 continue
-            found = against(middle, name)
+            found = against(last, name)
             if found.offset_ns is None:
                 why.setdefault(name, found.reason)
                 continue
-            known[name] = found if middle == reference else compose(known[middle], found)
-            through.append(name)
-    return {name: known.get(name) or CameraTimes(reason=why.get(name, "")) for name in names}
+            way = found if last == names[0] else compose(known[last], found)
+            if name not in waiting or (way.uncertainty_ns or 0) < error_ns(name):
+                waiting[name] = way
+        if not waiting:
+            return {name: known.get(name) or CameraTimes(reason=why.get(name, "")) for name in names}
+        last = min(waiting, key=error_ns)
+        known[last] = waiting.pop(last)
 
 
 def compose(outer: CameraTimes, inner: CameraTimes) -> CameraTimes:

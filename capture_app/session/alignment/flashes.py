@@ -1,4 +1,4 @@
-"""Cameras aligned by flashes that both saw, on the rows of a rolling shutter that were exposing just then.
+"""Cameras aligned by flashes that both saw, or a lamp that went on or off, on the rows exposed just then.
 
 Where those rows begin and end tells when, far finer than a frame. How long a camera exposes and reads its
 rows is not known of a video. Where on its frames flashes begin and end allows some of both, and with each of
@@ -30,6 +30,12 @@ CLEAR = 8.0
 """And by so many times what brightness otherwise changes by."""
 LONGEST_FRAMES = 2.5
 """What lights up longer is no flash."""
+LEAST_STEP = 0.25
+"""A lamp that goes on or off makes the whole picture this much brighter or darker, within three frames."""
+STEADY = 0.2
+"""Before and after, brightness varies by no more than this share of the change."""
+SOFT = 0.2
+"""How far half the brightness may be from half the exposure, as a share of it: pixels are not linear."""
 
 
 @dataclass(frozen=True)
@@ -37,20 +43,24 @@ class Edge:
     """Where rows begin or end to be lit: how far down the frame (0..1), or `hidden` before or after it.
 
     `at_s` is the frame's own time; of a hidden edge the middle between two frames, which `gap_s` are apart.
+    `soft`: how far down the frame it may be wrong by.
     """
 
     at_s: float
     down: float = 0.5
     hidden: bool = False
     gap_s: float = 0.0
+    soft: float = 0.0
 
 
 @dataclass(frozen=True)
 class Flash:
-    """A flash in one camera's own times: the rows that it lit."""
+    """A flash in one camera's own times: the rows that it lit; or a lamp's change, one edge as both."""
 
     start: Edge
     end: Edge
+    step: int = 0
+    """1 for a lamp that goes on, -1 for one that goes off."""
 
     @property
     def rough_s(self) -> float:
@@ -71,16 +81,55 @@ class Lights:
         return float(np.median(np.diff(self.times_s)))
 
     def flashes(self) -> list[Flash]:
-        """All flashes, in order."""
+        """All flashes and changes of lamps, in order."""
         if len(self.times_s) < 2 * AROUND + 3:
             return []
+        lamps = self._lamps()
+        changed = {frame + k for frame in lamps for k in range(-AROUND, AROUND + 1)}
         rises = self._rises()
         tops = np.quantile(rises, 0.95, axis=1)
         least = max(LEAST_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
-        lit = np.flatnonzero(tops > least)
+        lit = np.array([frame for frame in np.flatnonzero(tops > least) if frame not in changed], np.intp)
         groups = np.split(lit, np.flatnonzero(np.diff(lit) > 1) + 1) if len(lit) else []
         found = (self._flash(rises, group) for group in groups)
-        return [flash for flash in found if flash is not None]
+        flashes = [flash for flash in found if flash is not None]
+        return sorted([*flashes, *(self._lamp(frame) for frame in lamps)], key=lambda one: one.rough_s)
+
+    def _lamps(self) -> list[int]:
+        """The frames in which a lamp goes on or off: steady before, steady after, and no longer the same."""
+        means = self.bands.mean(1)
+        windows = np.lib.stride_tricks.sliding_window_view(means, AROUND)
+        frames = np.arange(AROUND + 1, len(means) - AROUND - 1)
+        if not len(frames):
+            return []
+        before, after = windows[frames - AROUND - 1], windows[frames + 2]
+        levels = np.median(before, 1), np.median(after, 1)
+        change = np.abs(levels[1] - levels[0])
+        steady = np.maximum(np.ptp(before, 1), np.ptp(after, 1)) < STEADY * change
+        clear = change > LEAST_STEP * (np.minimum(*levels) + 8)
+        found = frames[steady & clear]
+        groups = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1) if len(found) else []
+        return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in groups]
+
+    def _lamp(self, frame: int) -> Flash:
+        """The change of a lamp at a frame: the row, of it and those beside it, that had half of the light."""
+        before = np.median(self.bands[frame - 1 - AROUND : frame - 1], 0)
+        change = np.median(self.bands[frame + 2 : frame + 2 + AROUND], 0) - before
+        size, first = len(before), frame - 1
+        clear = np.flatnonzero(np.abs(change) > np.abs(change).max() / 4)
+        shares = (self.bands[first : first + 3] - before)[:, clear] / change[clear]
+        rows = np.concatenate([np.interp(np.arange(size), clear, share) for share in shares])
+        at = min(int((rows < 0.5).sum()), 3 * size - 1)
+        soft = SOFT * float(((rows > 0.1) & (rows < 0.9)).sum()) / 0.8 / size
+        near = EDGE_ROWS * size
+        own, band = first + at // size, at % size
+        edge = Edge(float(self.times_s[own]), band / size, soft=soft)
+        if not near <= band < size - near:
+            other = own + (-1 if band < near else 1)
+            gap_s = float(abs(self.times_s[own] - self.times_s[other]))
+            middle_s = float(self.times_s[own] + self.times_s[other]) / 2
+            edge = Edge(middle_s, hidden=True, gap_s=gap_s, soft=soft)
+        return Flash(edge, edge, 1 if change.mean() > 0 else -1)
 
     def _rises(self) -> Array:
         """By what share bands are brighter than in the frames around, those beside them left out."""
@@ -161,7 +210,7 @@ def _read(container: Any, into: list[tuple[float, Array]]) -> None:
 NEAR_FRAMES = 0.9
 """Flashes that an offset brings this close together are the same, before it is known better."""
 LEAST = 3
-"""How many must agree: two fit by chance, where each camera missed some between its frames."""
+"""How many must agree where both saw as many: two may fit by chance, each missing some between its frames."""
 CANDIDATES = 6
 """How many offsets are tried."""
 MOST = 30
@@ -182,8 +231,8 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
     """The camera's times against the reference's; without an offset, why there is none."""
     seen = reference.flashes(), camera.flashes()
     for name, of in zip(("the reference", "it"), seen, strict=True):
-        if len(of) < LEAST:
-            return CameraTimes(reason=f"{name} saw {len(of)} of the {LEAST} flashes it takes")
+        if not of:
+            return CameraTimes(reason=f"{name} saw no flash, nor a lamp that went on or off")
     periods = reference.period_s, camera.period_s
     best: CameraTimes | None = None
     most = 0
@@ -202,6 +251,7 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
 def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -> list[list[Pair]]:
     """The flashes that both saw, by each offset that brings enough of them together, most of them first."""
     near_s = NEAR_FRAMES * period_s
+    least = min(LEAST, len(seen), len(others))
     groups: list[tuple[float, list[Pair]]] = []
     for one in seen:
         for other in others:
@@ -211,9 +261,10 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
                 nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
                 # Clocks that run apart move flashes far from this one by more.
                 slack_s = near_s + MOST_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
-                if abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s:
+                near = abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s
+                if near and nearest.step == flash.step:
                     pairs.append((nearest, flash))
-            if len(pairs) >= LEAST:
+            if len(pairs) >= least:
                 groups.append((offset_s, pairs))
     groups.sort(key=lambda group: -len(group[1]))
     distinct: list[tuple[float, list[Pair]]] = []
@@ -255,6 +306,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTi
                 rate_uncertainty_ppm=round((rates[1] - rates[0]) / 2 * 1e6, 4),
                 epoch_local_ns=round(epoch * 1e9),
                 source="flash",
+                reason="one flash or lamp alone, taken for the same" if len(pairs) == 1 else "",
             )
     return CameraTimes()
 
@@ -270,12 +322,14 @@ def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> A
         np.stack([_range(getattr(of, side), readout[:, 0], tolerance_s) for of in flashes], axis=1)
         for side in ("start", "end")
     )
-    shortest = np.maximum((ends[..., 0] - starts[..., 1]).max(1), 0.0)
-    longest = np.minimum((ends[..., 1] - starts[..., 0]).min(1), period_s)
+    # The edge of a lamp is where half of an exposure had its light, however long that is.
+    lasting = np.array([not of.step for of in flashes])
+    shortest = (ends[..., 0] - starts[..., 1]).max(1, where=lasting, initial=0.0)
+    longest = (ends[..., 1] - starts[..., 0]).min(1, where=lasting, initial=period_s)
     fits = shortest <= longest
     ways = []
     for share in np.linspace(0, 1, EXPOSURES):
-        half = (shortest + share * (longest - shortest))[fits, None] / 2
+        half = (shortest + share * (longest - shortest))[fits, None] / 2 * lasting
         low = np.maximum(starts[fits, :, 0] + half, ends[fits, :, 0] - half)
         high = np.minimum(starts[fits, :, 1] + half, ends[fits, :, 1] - half)
         ways.append(np.stack([low, high], axis=-1)[(low <= high).all(1)])
@@ -284,11 +338,11 @@ def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> A
 
 def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
     """Between which own times (n, 2) the edge's row has the middle of its exposure, for readouts (n,)."""
+    reach = tolerance_s + edge.soft * readout_s
+    place = edge.at_s + (0 if edge.hidden else readout_s * (edge.down - 0.5))
     if edge.hidden:
-        gap = np.maximum(edge.gap_s - readout_s, 0) / 2 + EDGE_ROWS * readout_s + tolerance_s
-        return np.stack([edge.at_s - gap, edge.at_s + gap], axis=-1)
-    place = edge.at_s + readout_s * (edge.down - 0.5)
-    return np.stack([place - tolerance_s, place + tolerance_s], axis=-1)
+        reach = reach + np.maximum(edge.gap_s - readout_s, 0) / 2 + EDGE_ROWS * readout_s
+    return np.stack([place - reach, place + reach], axis=-1)
 
 
 def _lines(at: Array, least: Array, most: Array) -> tuple[Range, Range] | tuple[None, None]:

@@ -1,17 +1,19 @@
 """Aligns the videos of a recording that have no common times, by what all of them hold."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import dataclasses
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
-from functools import partial
+from functools import cache, partial
 from typing import Any
+
+from msgspec.structs import replace
 
 from capture_app.errors import BadInputError
 from capture_app.session.alignment.clock_line import chain_cameras
 from capture_app.session.alignment.flashes import match_flashes, read_lights
 from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
-from capture_app.session.format.common_times import CameraTimes, CommonTimes, TimesState
+from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes, TimesState
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.sources import Source, Video
 
@@ -20,7 +22,7 @@ class AlignBy(StrEnum):
     """What a recording without common times is aligned by."""
 
     AUTO = "auto"
-    """Each of the others in turn, the most trustworthy first, until one tells all cameras' offsets."""
+    """All of the others; of each pair of cameras the one with the least error."""
     NONE = "none"
     FLASH = "flash"
     GOPRO = "gopro"
@@ -39,9 +41,11 @@ def align_recording(
     *,
     sound_error_s: float,
     rate_given: bool = False,
+    talk: Callable[[str], None],
 ) -> CommonTimes:
     """The state of the times after alignment, each camera's with it; `unknown` where nothing tells.
 
+    `talk` is called with what each method says of the cameras, where it is not in the state's reason.
     `sound_error_s` (95 %): what the sounds of two cameras' pictures may be apart though they were one.
     `rate_given`: frames are timed by a rate, not by their videos, so that sound has other times. Raises
     BadInputError where a method was asked for that these sources cannot have.
@@ -57,25 +61,69 @@ def align_recording(
         )
     names = [source.name for source in videos]
     starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
+    # The most trustworthy first: a GoPro's timecode is its own clock's, hardly ever set to the second.
     methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
         AlignBy.SOUND: (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
         AlignBy.FLASH: (lambda of: read_lights(of.path), match_flashes),
-        # A GoPro's timecode is its own clock's, which is hardly ever set to the second.
         AlignBy.GOPRO: (lambda of: read_gps_clock(of.path), match_gps_clocks),
         AlignBy.TIMECODE: (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
     }
-    reasons: list[str] = []
-    for method, (read, match) in methods.items():
-        if by not in (AlignBy.AUTO, method) or (method in _OF_VIDEO_TIMES and rate_given):
-            continue
-        cameras = chain_cameras(names, partial(_against, match, {one.name: read(one) for one in videos}))
-        lacking = {name: of.reason for name, of in cameras.items() if of.offset_ns is None}
-        if not lacking:
-            return CommonTimes(
-                state=TimesState.ALIGNED, reason=f"by {method}", reference=names[0], cameras=cameras
+    measured = {
+        method: cache(partial(_against, match, {one.name: read(one) for one in videos}))
+        for method, (read, match) in methods.items()
+        if by in (AlignBy.AUTO, method) and not (method in _OF_VIDEO_TIMES and rate_given)
+    }
+    cameras = chain_cameras(names, lambda first, second: _least(first, second, measured.values()))
+    said = {method: _describe(against, cameras) for method, against in measured.items()}
+    if any(of.offset_ns is None for of in cameras.values()):
+        reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
+        return CommonTimes(state=unknown.state, reason=", ".join(reasons))
+    for method, text in said.items():
+        talk(f"by {method}: {text}")
+    used = sorted({of.source for of in cameras.values()} - {REFERENCE})
+    return CommonTimes(
+        state=TimesState.ALIGNED, reason=f"by {' and '.join(used)}", reference=names[0], cameras=cameras
+    )
+
+
+def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, CameraTimes]) -> str:
+    """What one method says of each camera against the first; alike reasons once."""
+    first, *others = cameras
+    found: dict[str, list[str]] = {}
+    for name in others:
+        text = (of := against(first, name)).reason
+        if of.offset_ns is not None:
+            bar_ms = (of.uncertainty_ns or 0) / 1e6
+            agrees = cameras[name].offset_ns is None or _agree(of, cameras[name])
+            text = (
+                f"{of.offset_ns / 1e6:+.1f} ± {bar_ms:.1f} ms{'' if agrees else ', not taken: others differ'}"
             )
-        reasons.append(f"by {method}: " + "; ".join(f"{name}: {why}" for name, why in lacking.items()))
-    return CommonTimes(state=unknown.state, reason=", not aligned ".join([unknown.reason, *reasons]))
+        found.setdefault(text, []).append(name)
+    return "; ".join(f"{', '.join(of)}: {text}" for text, of in found.items())
+
+
+def _least(first: str, second: str, measured: Collection[Callable[[str, str], CameraTimes]]) -> CameraTimes:
+    """The offset with the least error of a pair, of those that no more trustworthy one contradicts.
+
+    Its rate is the best known of theirs.
+    """
+    kept: list[CameraTimes] = []
+    found = [against(first, second) for against in measured]
+    for one in found:
+        if one.offset_ns is not None and all(_agree(one, other) for other in kept):
+            kept.append(one)
+    if not kept:
+        return CameraTimes(reason="; ".join(one.reason for one in found))
+    best = min(kept, key=lambda one: one.uncertainty_ns or 0)
+    rate = min(kept, key=lambda one: one.rate_uncertainty_ppm or 0.0)
+    return replace(best, rate_ppm=rate.rate_ppm, rate_uncertainty_ppm=rate.rate_uncertainty_ppm)
+
+
+def _agree(one: CameraTimes, other: CameraTimes) -> bool:
+    """Whether two measurements of a camera may both be right, at the epoch of the first."""
+    at_ns = one.epoch_local_ns
+    apart_ns = abs(one.leader_from_local(at_ns) - other.leader_from_local(at_ns))
+    return apart_ns <= (one.uncertainty_at_ns(at_ns) or 0) + (other.uncertainty_at_ns(at_ns) or 0)
 
 
 def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
@@ -90,7 +138,9 @@ def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
 def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
     own_ns = frame.leader_ns if frame.local_ns is None else frame.local_ns
     further = {**frame.further, "uncertainty_ns": times.uncertainty_at_ns(own_ns)}
-    return replace(frame, leader_ns=times.leader_from_local(own_ns), local_ns=own_ns, further=further)
+    return dataclasses.replace(
+        frame, leader_ns=times.leader_from_local(own_ns), local_ns=own_ns, further=further
+    )
 
 
 def _against(

@@ -42,7 +42,7 @@ def has_video_times() -> bool:
 
 
 def video_times_ns(path: Path) -> list[int]:
-    """The presentation times of a video's frames in ns, ascending, without decoding them.
+    """The presentation times of a video's frames in ns, ascending, without decoding them; or none.
 
     Raises BadInputError for what is no video, NotAvailableError without PyAV.
     """
@@ -52,17 +52,15 @@ def video_times_ns(path: Path) -> list[int]:
             if not container.streams.video:
                 raise BadInputError(f"{path} has no video in it")
             stream = container.streams.video[0]
-            ticks = sorted(
+            ticks = {
                 packet.pts
                 for packet in container.demux(stream)
                 if packet.pts is not None and not packet.is_discard
-            )
+            }
             base = stream.time_base
     except av.FFmpegError as error:
         raise BadInputError(f"{path} is not a video that can be decoded: {error}") from error
-    if not ticks:
-        raise BadInputError(f"{path} has no timestamps of its own", hint="give its rate: --fps")
-    return [_nanoseconds(tick, base) for tick in ticks]
+    return [_nanoseconds(tick, base) for tick in sorted(ticks)]
 
 
 def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:

@@ -32,9 +32,9 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
         )
     if manifest.videos:
         raise NotApplicableError(f"{manifest.name} keeps its frames in videos", hint="import the videos anew")
-    lacking = [name for name, of in cameras.items() if of.offset_ns is None]
+    lacking = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
     if lacking:
-        raise NotApplicableError(f"the offset of {', '.join(lacking)} is not known")
+        raise NotApplicableError(f"not every camera's offset is known: {'; '.join(lacking)}")
     together = {
         name: _since_own(of, before.cameras.get(name) if before else None) for name, of in cameras.items()
     }

@@ -177,6 +177,7 @@ def import_recording(
             options.align,
             sound_error_s=options.sound_distance_m / SOUND_M_PER_S + options.sound_delay_ms / 1000,
             rate_given=options.fps is not None,
+            talk=talk,
         )
         talk(
             f"{common.words}; docs/synchronizing.md says how to align it" if common.unknown else common.words

@@ -144,9 +144,10 @@ class Video(Source):
             )
 
     def use_embedded_times(self) -> Sequence[int]:
-        """Read when each frame is shown, in ns, and take frames by that; see `video_times_ns`."""
+        """Read when each frame is shown, in ns, and take frames by that, if it says; see `video_times_ns`."""
         self._times_ns = video_times_ns(self.path)
-        self.numbers = range(len(self._times_ns))
+        if self._times_ns:
+            self.numbers = range(len(self._times_ns))
         return self._times_ns
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:

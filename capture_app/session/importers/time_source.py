@@ -78,16 +78,15 @@ def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
     rates = {source.fps for source in sources if isinstance(source, Video)}
     if options.synchronized and rates:
         return timeline_by_rate(sources, max(rates))
-    if options.synchronized or options.offsets_ms:
+    if options.synchronized or options.offsets_ms or all(isinstance(source, Video) for source in sources):
         frames = {source.name: _own(source, TimeSource.VIDEO) for source in sources}
         return _by_times("the recording", frames, options)
     if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
         alone = {source.name: [TimedFrame(0, 0)] for source in sources}
         return timeline_by_times("the recording", alone)
-    suggestion = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
     raise BadInputError(
         "give either the rate, --fps, or a table of times, --timestamps",
-        hint=f"{suggestion}--times video, name or exif takes the frames' own",
+        hint="--times name or exif takes the images' own",
     )
 
 
@@ -96,12 +95,11 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
     if times is TimeSource.VIDEO:
         if not isinstance(source, Video):
             raise BadInputError(f"{source.path} is not a video", hint="--times video is for videos")
-        if has_video_times():
-            of_video = source.use_embedded_times()
+        of_video = source.use_embedded_times() if has_video_times() else ()
+        if of_video:
             return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
-        source.remark = (
-            f"{source.path.name}: a constant {source.fps:g} frames a second is assumed, for want of PyAV"
-        )
+        lack = "it has no times of its own" if has_video_times() else "for want of PyAV"
+        source.remark = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, ImageFolder):
         raise BadInputError(f"{source.path} is not a folder of images", hint=f"--times {times} is for images")

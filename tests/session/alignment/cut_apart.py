@@ -17,11 +17,12 @@ US = 1_000_000
 
 @dataclass(frozen=True)
 class Take:
-    """What happens, in true time (s): claps, and flashes that last `flash_s`."""
+    """What happens, in true time (s): claps, flashes that last `flash_s`, a lamp that goes on, off, on..."""
 
     claps_s: Sequence[float] = ()
     flashes_s: Sequence[float] = ()
     flash_s: float = 0.0005
+    lamp_s: Sequence[float] = ()
     seed: int = 0
 
     def sound(self, at_s: np.ndarray) -> np.ndarray:
@@ -120,6 +121,11 @@ class Phone:
             first = np.maximum(middle - self.exposure_s / 2, flash_s)
             last = np.minimum(middle + self.exposure_s / 2, flash_s + take.flash_s)
             light += np.clip(last - first, 0, None) / take.flash_s
+        lit = np.zeros(height)
+        for number, change_s in enumerate(take.lamp_s):
+            since = np.clip((middle - change_s) / self.exposure_s + 0.5, 0, 1)
+            lit += since if number % 2 == 0 else -since
+        light += lit * 0.8
         ground = 60 + 30 * np.sin(np.arange(width) / 5)[None] + 20 * np.cos(np.arange(height) / 9)[:, None]
         grey = ground * (1 + 1.2 * light[:, None]) + rng.normal(0, 2, (height, width))
         return np.clip(grey, 0, 255).astype(np.uint8)

@@ -175,7 +175,6 @@ def test_broken_or_absent_exif_says_so(tmp_path: Path) -> None:
         (["--time-shift-ms", "cam0=inf"], "not CAMERA=MS"),
         (["--times", "name"], "not a folder of images"),
         (["--times", "video", "--fps", "30"], "either the rate"),
-        ([], "--times video"),
     ],
 )
 def test_impossible_times_say_why(

@@ -80,7 +80,6 @@ def test_an_unreadable_end_of_a_video_is_missing(video: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (ImportOptions(), "--fps, or a table"),
         (ImportOptions(fps=30, timestamps=Path("x")), "--fps, or a table"),
         (ImportOptions(timestamps=Path("nowhere.csv")), "nowhere.csv"),
         (ImportOptions(fps=30, start=10), "10 instants, none from 10"),

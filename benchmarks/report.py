@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from capture_app.terminal import print_table, talk
+from capture_app.terminal import print_line, table, talk
 
 __all__ = [
     "new_parser",
@@ -39,6 +39,11 @@ def print_report(report: Report, print_tables: Callable[[Report], None], *, as_j
         print(json.dumps(report, indent=2))
     else:
         print_tables(report)
+
+
+def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on stdout."""
+    print_line(table(head, rows))
 
 
 def print_rows(rows: Sequence[Mapping[str, Any]], columns: Columns) -> None:

@@ -6,7 +6,7 @@ import os
 import stat
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -89,22 +89,16 @@ def print_json(value: Any) -> None:
     click.echo(pretty_json(value))
 
 
-def print_result(as_json: bool, value: Any, *lines: str) -> None:
-    """Print what a command made: as JSON where that was asked for, else these lines."""
-    if as_json:
-        print_json(value)
-    else:
-        for line in lines:
-            print_line(line)
-
-
 def print_json_line(value: Any) -> None:
     """Print one JSON object on one line of stdout, at once."""
     click.echo(terminal_json(value))
 
 
-def answer(as_json: bool, value: Any, *lines: str, said: str = "") -> None:
-    """Print a result as one JSON object, or as lines on stdout, with what is `said` of it on stderr."""
+def answer(as_json: bool, value: Any, lines: Iterable[str] = (), *, said: str = "") -> None:
+    """Print a result as one JSON object, or as lines on stdout, with what is `said` of it on stderr.
+
+    Lines of a generator are made only where they are printed.
+    """
     if as_json:
         print_json(value)
         return
@@ -114,25 +108,24 @@ def answer(as_json: bool, value: Any, *lines: str, said: str = "") -> None:
         talk(said)
 
 
-def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout, columns of numbers to the right; without lines and colours in a file."""
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Write a table for stdout, columns of numbers to the right; without lines and colours in a file."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    _stop_bar()
-    on_terminal = sys.stdout.isatty()
-    table = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, padding=(0, 2, 0, 0))
+    rows, on_terminal = list(rows), sys.stdout.isatty()
+    drawn = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, padding=(0, 2, 0, 0))
     for place, title in enumerate(head):
         numbers = bool(rows) and all(_is_number(row[place]) for row in rows)
-        table.add_column(Text(title), justify="right" if numbers else "left", overflow="fold")
+        drawn.add_column(Text(title), justify="right" if numbers else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(Text(printable(cell)) for cell in row))
+        drawn.add_row(*(Text(printable(cell)) for cell in row))
     console = Console(file=sys.stdout, width=None if on_terminal else 100_000)
     with console.capture() as printed:
-        console.print(table)
-    click.echo("\n".join(line.rstrip() for line in printed.get().splitlines()).strip("\n"))
+        console.print(drawn)
+    return "\n".join(line.rstrip() for line in printed.get().splitlines()).strip("\n")
 
 
 def _is_number(cell: str) -> bool:

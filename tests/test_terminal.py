@@ -16,9 +16,9 @@ from capture_app.terminal import (
     json_option,
     print_json,
     print_line,
-    print_table,
     run_command_line,
     show_count,
+    table,
     talk,
 )
 
@@ -82,14 +82,14 @@ def test_json_is_data_on_stdout(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_table_in_a_file_is_plain_columns(capsys: pytest.CaptureFixture[str]) -> None:
-    print_table(("name", "drops"), [("cam00", "7"), ("a", "10"), ("gone", "–")])
+    print_line(table(("name", "drops"), [("cam00", "7"), ("a", "10"), ("gone", "–")]))
     assert capsys.readouterr().out == "name   drops\ncam00      7\na         10\ngone       –\n"
-    print_table(("name", "what"), [("x" * 300, "y")])
+    print_line(table(("name", "what"), [("x" * 300, "y")]))
     assert len(capsys.readouterr().out.splitlines()) == 2, "not broken at any width"
 
 
 def test_names_are_neither_markup_nor_control(capsys: pytest.CaptureFixture[str]) -> None:
-    print_table(("name",), [(NASTY,)])
+    print_line(table(("name",), [(NASTY,)]))
     print_line(NASTY)
     talk(NASTY)
     printed = capsys.readouterr()

@@ -15,7 +15,7 @@ from benchmarks.paper import page, scale
 from benchmarks.paper.report import PaperReport
 from benchmarks.paper.values import FIGURES, TABLES
 from benchmarks.report import new_parser, print_table
-from capture_app.commands.link import print_outcome
+from capture_app.commands.link import outcome_lines
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.measure.result import Outcome, require_plots
 from capture_app.terminal import print_json, print_line, talk
@@ -105,7 +105,7 @@ def _run(options: Namespace, names: Sequence[str]) -> None:
         outcome = _measure(name, options)
         found[name] = outcome.result
         if not options.json:
-            print_outcome(outcome)
+            print_line("\n".join(outcome_lines(outcome)))
         if options.out is not None:
             for path in outcome.draw(options.out):
                 talk(f"drew {path}")

@@ -1,6 +1,7 @@
 """`capture-app cameras calibrate-time` and `characterize`: what a user's own cameras are measured to be."""
 
 import asyncio
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from capture_app.commands.options import leader_option
 from capture_app.commands.take import ready_options, take_burst
 from capture_app.errors import IncompleteError, NotApplicableError
 from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import FiniteRange, answer, json_option, table, talk
 from capture_app.text import count, duration
 from capture_app.usage import examples
 
@@ -57,9 +58,8 @@ def calibrate_time(
     light: bool,
     seconds: float | None,
     folder: Path | None,
-    wait_s: float,
-    min_nodes: int,
     as_json: bool,
+    **ready: Any,
 ) -> None:
     """Measure how late each camera's stamps are, and let the rig go by that from now on.
 
@@ -71,17 +71,15 @@ def calibrate_time(
 
     if folder is None:
         seconds = seconds or (LIGHT_S if light else MOTION_S)
-        folder = _take(leader, seconds, light, wait_s, min_nodes)
+        folder = _take(leader, seconds, light, ready)
     session = Session.open(folder)
     found, stamps, kept = asyncio.run(_calibrate(leader, session))
-    if as_json:
-        cameras: dict[str, Any] = {
-            name: {"measured": time, "stamp": stamps.get(name), "kept": kept.get(name, False)}
-            for name, time in found.cameras.items()
-        }
-        print_json({"session": str(folder), "reference": found.reference, "cameras": cameras})
-    else:
-        _show(found, stamps, kept)
+    cameras = {
+        name: {"measured": time, "stamp": stamps.get(name), "kept": kept.get(name, False)}
+        for name, time in found.cameras.items()
+    }
+    told = {"session": str(folder), "reference": found.reference, "cameras": cameras}
+    answer(as_json, told, [table(("camera", "stamps are late by"), _rows_of(found, stamps, kept))])
     if reason := next((one.reason for one in found.cameras.values() if one.reason), ""):
         missing = ", ".join(name for name, one in found.cameras.items() if one.reason)
         raise NotApplicableError(
@@ -90,8 +88,8 @@ def calibrate_time(
         )
 
 
-def _take(leader: Address, seconds: float, light: bool, wait_s: float, min_nodes: int) -> Path:
-    """Take the pictures; the folder of their session."""
+def _take(leader: Address, seconds: float, light: bool, ready: Mapping[str, Any]) -> Path:
+    """Take the pictures, when the rig is ready as asked; the folder of their session."""
     from capture_app.node.wire.messages import BurstRequest
 
     todo = "switch a torch on and off before all cameras, again and again" if light else (
@@ -103,8 +101,7 @@ def _take(leader: Address, seconds: float, light: bool, wait_s: float, min_nodes
         spare=0,
         name=NAME,
         note="taken to measure how late the cameras' stamps are",
-        wait_ready_s=wait_s,
-        nodes=min_nodes,
+        **ready,
     )
     done = asyncio.run(take_burst(leader, request))
     if done.session is None:
@@ -132,19 +129,18 @@ async def _calibrate(
     return found, stamps, kept
 
 
-def _show(found: "MeasuredTimes", stamps: "dict[str, StampAccuracy]", kept: dict[str, bool]) -> None:
+def _rows_of(
+    found: "MeasuredTimes", stamps: "dict[str, StampAccuracy]", kept: dict[str, bool]
+) -> Iterator[tuple[str, str]]:
     from capture_app.session.reading.stamp_words import describe_stamp
 
-    rows = []
     for name, time in found.cameras.items():
         if name in stamps:
-            said = describe_stamp(stamps[name]) + ("" if kept[name] else "; could not be kept")
+            yield name, describe_stamp(stamps[name]) + ("" if kept[name] else "; could not be kept")
         elif time.offset_ms is not None:
-            said = "as they were known: that is surer"
+            yield name, "as they were known: that is surer"
         else:
-            said = f"cannot be told: {time.reason}"
-        rows.append((name, said))
-    print_table(("camera", "stamps are late by"), rows)
+            yield name, f"cannot be told: {time.reason}"
 
 
 @click.command(
@@ -201,12 +197,8 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     )
     if save:
         found = measuring.save(found, DeviceProfiles())
-    if as_json:
-        print_json(found)
-        return
-    print_table((spec, ""), _rows(found))
-    if found.saved:
-        print_line("saved in this user's profiles: nodes move such cameras by them from now on")
+    kept = ["saved in this user's profiles: nodes move such cameras by them from now on"]
+    answer(as_json, found, [table((spec, ""), _rows(found)), *kept[: found.saved]])
 
 
 def _rows(found: "Character") -> list[tuple[str, str]]:

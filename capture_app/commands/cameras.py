@@ -1,8 +1,8 @@
 """`capture-app cameras`: those of this machine and of a running rig, and the rig's controls."""
 
 import asyncio
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,12 +11,13 @@ from capture_app.commands.camera_measurements import calibrate_time, characteriz
 from capture_app.commands.options import leader_option
 from capture_app.errors import BadInputError
 from capture_app.net.address import Address
-from capture_app.terminal import answer, json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import answer, json_option, table, talk
 from capture_app.text import count, duration, megabytes
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.requests import ControlledCamera
+    from capture_app.node.wire.status import NodeDetail
 
 NAMES = tuple(str(control) for control in Control)
 
@@ -28,7 +29,8 @@ def controls(leader: Address, as_json: bool) -> None:
     """Show exposure, gain, white balance and focus of all cameras of a rig."""
     from capture_app.node.requests import read_all
 
-    _show(asyncio.run(read_all(leader)), as_json)
+    found = asyncio.run(read_all(leader))
+    answer(as_json, {"cameras": found}, _lines(found))
 
 
 @click.command(
@@ -51,7 +53,8 @@ def set_command(values: tuple[str, ...], cameras: tuple[str, ...], leader: Addre
     from capture_app.node.requests import set_cameras
 
     wanted = dict(_wanted(value) for value in values)
-    _show(asyncio.run(set_cameras(leader, wanted, cameras)), as_json)
+    found = asyncio.run(set_cameras(leader, wanted, cameras))
+    answer(as_json, {"cameras": found}, _lines(found))
 
 
 @click.command(
@@ -76,7 +79,8 @@ def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) ->
     from capture_app.node.requests import match_cameras
 
     chosen = [Control(name) for name in only] or list(Control)
-    _show(asyncio.run(match_cameras(leader, camera, chosen)), as_json)
+    found = asyncio.run(match_cameras(leader, camera, chosen))
+    answer(as_json, {"cameras": found}, _lines(found))
 
 
 def _wanted(text: str) -> tuple[Control, ControlValue]:
@@ -97,17 +101,12 @@ def _wanted(text: str) -> tuple[Control, ControlValue]:
     return Control(name), number
 
 
-def _show(found: "Sequence[ControlledCamera]", as_json: bool) -> None:
-    if as_json:
-        print_json({"cameras": found})
-        return
-    if not found:
+def _lines(found: "Sequence[ControlledCamera]") -> Iterator[str]:
+    if found:
+        rows = ((one.camera, *(describe(one.state.state(control)) for control in Control)) for one in found)
+        yield table(("camera", *NAMES), rows)
+    else:
         talk("no camera is here")
-        return
-    rows: list[tuple[Any, ...]] = [
-        (one.camera, *(describe(one.state.state(control)) for control in Control)) for one in found
-    ]
-    print_table(("camera", *NAMES), rows)
     for one in found:
         for problem in dict.fromkeys(one.state.problems.values()):
             talk(f"{one.camera}: {problem}")
@@ -131,12 +130,8 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
             raise click.UsageError(f"--json comes after {ctx.invoked_subcommand}")
         return
     found = list_cameras()
-    if as_json:
-        print_json({"cameras": found})
-    else:
-        print_table(
-            ("spec", "model", "detail"), [(camera.spec, camera.model, camera.detail) for camera in found]
-        )
+    rows = [(camera.spec, camera.model, camera.detail) for camera in found]
+    answer(as_json, {"cameras": found}, [table(("spec", "model", "detail"), rows)])
 
 
 cameras.add_command(characterize)
@@ -172,7 +167,7 @@ def add(
         if name is not None:
             raise click.UsageError("--name is for one camera, not with --simulated")
         names = asyncio.run(give_order(leader, AddSimulated(cameras=simulated or 1, scene=scene)))
-    answer(as_json, {"added": names}, *names)
+    answer(as_json, {"added": names}, names)
 
 
 @cameras.command(epilog=examples("capture-app cameras remove cam0"))
@@ -200,29 +195,23 @@ def show(name: str, leader: Address, as_json: bool) -> None:
     from capture_app.node.requests import ask_detail
 
     detail = asyncio.run(ask_detail(leader, name))
-    if as_json:
-        print_json(detail)
-        return
-    rows = [
-        ("frame rate", "-" if detail.fps is None else f"{detail.fps:.1f} frames/s"),
-        ("exposure", duration(detail.exposure_ns)),
-        ("gain", "-" if detail.gain is None else f"{detail.gain:g}"),
-    ]
+    answer(as_json, detail, [table((name, ""), _facts(detail)), *(line.text for line in detail.log[-20:])])
+
+
+def _facts(detail: "NodeDetail") -> Iterator[tuple[str, str]]:
+    yield "frame rate", "-" if detail.fps is None else f"{detail.fps:.1f} frames/s"
+    yield "exposure", duration(detail.exposure_ns)
+    yield "gain", "-" if detail.gain is None else f"{detail.gain:g}"
     if detail.disk_free_bytes is not None:
-        rows.append(("spool", f"{detail.spool}, {megabytes(detail.disk_free_bytes)} free"))
+        yield "spool", f"{detail.spool}, {megabytes(detail.disk_free_bytes)} free"
     if detail.samples:
         trips_ns = sorted(trip_ns for _, trip_ns in detail.samples)
         middle = duration(trips_ns[len(trips_ns) // 2])
-        rows.append(
-            ("round trip", f"{duration(trips_ns[0])} at least, {middle} in the middle of {len(trips_ns)}")
-        )
+        yield "round trip", f"{duration(trips_ns[0])} at least, {middle} in the middle of {len(trips_ns)}"
     if detail.phase_errors_ns:
         errors_ns = sorted(map(abs, detail.phase_errors_ns))
         worst = f"{duration(errors_ns[-1])} at most, over {count(len(errors_ns), 'frame')}"
-        rows.append(("phase error", f"{duration(errors_ns[len(errors_ns) // 2])} in the middle, {worst}"))
-    print_table((name, ""), rows)
-    for line in detail.log[-20:]:
-        print_line(line.text)
+        yield "phase error", f"{duration(errors_ns[len(errors_ns) // 2])} in the middle, {worst}"
 
 
 for _command in (controls, set_command, match):

@@ -1,13 +1,14 @@
 """`capture-app demo`: from simulated cameras to a comparison."""
 
 import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.commands.options import FOLDER, run_until_stopped
-from capture_app.terminal import json_option, print_json, print_line, print_table, show_progress, talk
+from capture_app.terminal import answer, json_option, show_progress, table, talk
 from capture_app.text import ProgressStep
 from capture_app.usage import examples
 
@@ -33,10 +34,7 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
     from capture_app.demo import run_demo
 
     result = run_until_stopped(run_demo(out, cameras, _show_line))
-    if as_json:
-        print_json(result)
-    else:
-        _print_result(result)
+    answer(as_json, result, _lines(result), said=f"done in {result.seconds:.0f} s")
 
 
 def _show_line(line: str) -> None:
@@ -47,14 +45,13 @@ def _show_line(line: str) -> None:
         show_progress(step)
 
 
-def _print_result(result: "DemoResult") -> None:
+def _lines(result: "DemoResult") -> Iterator[str]:
     head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
     rows = []
     for node in result.sync.nodes:
         times_ns = (node.clock_error_ns, node.phase_error_ns, node.total_error_ns, node.hard_bound_ns)
         rows.append((node.name, *(f"{time_ns / 1000:.1f}" for time_ns in times_ns)))
-    print_table(head, rows)
-    print_line("\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n")
-    print_line(f"session  {result.session}")
-    print_line(f"report   {result.report}")
-    talk(f"done in {result.seconds:.0f} s")
+    yield table(head, rows)
+    yield "\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n"
+    yield f"session  {result.session}"
+    yield f"report   {result.report}"

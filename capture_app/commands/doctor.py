@@ -1,16 +1,21 @@
 """`capture-app doctor`: look this machine over, and say what repairs what is found."""
 
 import asyncio
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.commands.options import ADDRESS, open_option, spool_option
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.terminal import answer, json_option, talk
 from capture_app.text import count
 from capture_app.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.doctor import Finding
 
 
 @click.command(
@@ -44,12 +49,13 @@ def doctor(leaders: tuple[Address, ...], spool: Path, as_json: bool) -> None:
         talk("looking this machine over …")
     found = asyncio.run(examine(leaders, rigs, spool))
     problems = [finding for finding in found if finding.grade == "problem"]
-    if as_json:
-        print_json({"findings": found, "problems": len(problems)})
-    else:
-        for finding in found:
-            print_line(f"{finding.grade:7}  {finding.check:9}  {finding.text}")
-            if finding.remedy:
-                print_line(f"{'':20}→ {finding.remedy}")
+    answer(as_json, {"findings": found, "problems": len(problems)}, _lines(found))
     if problems:
         raise SimulshotError(f"{count(len(problems), 'problem')} found", hint="with its remedy below each")
+
+
+def _lines(found: "Sequence[Finding]") -> Iterator[str]:
+    for finding in found:
+        yield f"{finding.grade:7}  {finding.check:9}  {finding.text}"
+        if finding.remedy:
+            yield f"{'':20}→ {finding.remedy}"

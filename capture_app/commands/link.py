@@ -1,5 +1,6 @@
 """`capture-app link`: the clock over a real link, or over a recorded one."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -7,22 +8,22 @@ import click
 
 from capture_app.commands.options import ADDRESS, FOLDER, run_until_stopped
 from capture_app.net.address import DEFAULT_PORT, Address
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import FiniteRange, answer, json_option, table, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.measure.result import Outcome
 
 
-def print_outcome(outcome: "Outcome") -> None:
-    """Print the tables and notes of what was measured."""
+def outcome_lines(outcome: "Outcome") -> Iterator[str]:
+    """The tables and notes of what was measured."""
     result = outcome.result
-    print_line(f"{result.name}: {result.kind}, {result.trials} trials, seed {result.seed}")
-    for table in outcome.tables:
-        print_line(f"\n{table.title}" if table.title else "")
-        print_table(table.head, table.rows)
+    yield f"{result.name}: {result.kind}, {result.trials} trials, seed {result.seed}"
+    for one in outcome.tables:
+        yield f"\n{one.title}" if one.title else ""
+        yield table(one.head, one.rows)
     for note in outcome.notes:
-        print_line(f"\n{note}")
+        yield f"\n{note}"
 
 
 @click.command(
@@ -131,10 +132,7 @@ def link(
         talk(f"listening on {Address(host, port)}")
         run_until_stopped(measuring.serve(host, port))
         return
-    if as_json:
-        print_json(outcome.result)
-    else:
-        print_outcome(outcome)
+    answer(as_json, outcome.result, outcome_lines(outcome))
     if plot is not None:
         for path in outcome.draw(plot):
             talk(f"drew {path}")

@@ -3,6 +3,7 @@
 import asyncio
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +16,8 @@ from capture_app.terminal import (
     FiniteRange,
     answer,
     json_option,
-    print_json,
-    print_line,
-    print_table,
     show_count,
+    table,
     talk,
 )
 from capture_app.text import count, duration, pretty_json
@@ -55,15 +54,7 @@ def read(session: Path, out: Path | None, as_json: bool) -> None:
     if out is not None:
         with OutputFolder(out, replaces_only({RESULT})) as output:
             (output.folder / RESULT).write_bytes(pretty_json(found))
-    if as_json:
-        print_json(found)
-        return
-    _print_pictures(times)
-    if errors.all is None:
-        print_line("No instant has two pictures that could be read: no camera can be compared with another.")
-        return
-    _print_errors(errors)
-    _print_judgement(times, errors)
+    answer(as_json, found, _lines(times, errors))
 
 
 def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
@@ -97,42 +88,41 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
     }
 
 
-def _print_pictures(times: "SessionTimes") -> None:
-    rows = []
-    for name in times.cameras:
-        mine = [picture for picture in times.pictures if picture.camera == name]
-        refused = sum(refusal.camera == name for refusal in times.refusals)
-        if not mine:
-            rows.append((name, "0", str(refused), "-", "-", "-"))
-            continue
-        middle = sorted(mine, key=lambda picture: picture.uncertainty_ns)[len(mine) // 2]
-        rows.append(
-            (
-                name,
-                str(len(mine)),
-                str(refused),
-                f"±{duration(middle.uncertainty_ns)}",
-                duration(middle.reading.shutter.exposure_ns),
-                duration(middle.reading.shutter.row_time_ns),
-            )
-        )
+def _lines(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
     ticks, cycle = duration(times.tick_ns), duration(times.cycle_ns)
-    print_line(f"panel {times.panel}: a tick of {ticks}, the same again after {cycle}")
-    print_table(("camera", "read", "refused", "95 % error", "exposure", "row time"), rows)
-    for refusal in times.refusals:
-        print_line(f"{refusal.camera}, instant {refusal.instant}, refused: {refusal.reason}")
-
-
-def _print_errors(errors: "RigErrors") -> None:
-    assert errors.all is not None, "asked before"
-    print_line("")
+    yield f"panel {times.panel}: a tick of {ticks}, the same again after {cycle}"
+    head: tuple[str, ...] = ("camera", "read", "refused", "95 % error", "exposure", "row time")
+    yield table(head, [_camera_row(times, name) for name in times.cameras])
+    yield from (f"{one.camera}, instant {one.instant}, refused: {one.reason}" for one in times.refusals)
+    if errors.all is None:
+        yield "No instant has two pictures that could be read: no camera can be compared with another."
+        return
     head = ("cameras", "error", "mean abs", "std", "largest", "mean", "instants")
-    rows: list[tuple[str, ...]] = []
-    for table in errors.pairs:
-        rows += _rows(" - ".join(table.cameras), table)
+    rows = [row for pair in errors.pairs for row in _rows(" - ".join(pair.cameras), pair)]
     if len(errors.pairs) > 1:
         rows += _rows("all pairs", errors.all)
-    print_table(head, rows)
+    yield f"\n{table(head, rows)}\n"
+    yield (
+        f"The panel tells such a difference to ±{duration(errors.all.reading_uncertainty_ns)} (95 %): "
+        "smaller ones are not seen."
+    )
+    yield from _judgement(times, errors)
+
+
+def _camera_row(times: "SessionTimes", name: str) -> tuple[str, ...]:
+    mine = [picture for picture in times.pictures if picture.camera == name]
+    refused = sum(refusal.camera == name for refusal in times.refusals)
+    if not mine:
+        return name, "0", str(refused), "-", "-", "-"
+    middle = sorted(mine, key=lambda picture: picture.uncertainty_ns)[len(mine) // 2]
+    return (
+        name,
+        str(len(mine)),
+        str(refused),
+        f"±{duration(middle.uncertainty_ns)}",
+        duration(middle.reading.shutter.exposure_ns),
+        duration(middle.reading.shutter.row_time_ns),
+    )
 
 
 def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
@@ -151,37 +141,31 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
     ]
 
 
-def _print_judgement(times: "SessionTimes", errors: "RigErrors") -> None:
-    assert errors.all is not None, "asked before"
-    print_line("")
-    print_line(
-        f"The panel tells such a difference to ±{duration(errors.all.reading_uncertainty_ns)} (95 %): "
-        "smaller ones are not seen."
-    )
+def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
     if times.is_screen:
-        print_line(
+        yield (
             f"A screen of {1e9 / times.tick_ns:.0f} Hz changes every {duration(times.tick_ns)}, row by row; "
             "a panel of LEDs tells microseconds."
         )
     if not times.exposures_known:
-        print_line(
+        yield (
             "The session does not tell all exposures and row times: stamps may be of another moment than the "
             "middle of the exposure, which then is part of the clock's error."
         )
     if errors.within_uncertainty is None:
-        print_line("The session states no error bars to hold this against.")
+        yield "The session states no error bars to hold this against."
     else:
-        print_line(f"Clock errors inside the session's own error bars: {_of(errors.within_uncertainty)}.")
+        yield f"Clock errors inside the session's own error bars: {_of(errors.within_uncertainty)}."
     if errors.within_bound is not None:
-        print_line(f"Inside its hard bounds: {_of(errors.within_bound)}.")
+        yield f"Inside its hard bounds: {_of(errors.within_bound)}."
     if errors.totals_near_truth is not None and errors.largest_reading_error_ns is not None:
-        print_line(
+        yield (
             f"By the ground truth, totals are off by at most {duration(errors.largest_reading_error_ns)}; "
             f"inside the panel's error bars {_of(errors.totals_near_truth)}."
         )
     rate_ppm = errors.rate_error_ppm or 0.0
     if abs(rate_ppm) > RATE_LIMIT_PPM + (errors.rate_uncertainty_ppm or 0.0):
-        print_line(
+        yield (
             f"The panel runs {rate_ppm / 1e4:+.1f} % off the session's clock: is it the one that its markers "
             "tell, at that rate? If not, nothing of the above holds."
         )
@@ -233,7 +217,7 @@ def _save(file: Path, page: bytes, as_json: bool) -> None:
         file.write_bytes(page)
     except OSError as error:
         raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
-    answer(as_json, {"file": str(file)}, str(file))
+    answer(as_json, {"file": str(file)}, [str(file)])
 
 
 async def _serve(server: PageServer, as_json: bool) -> None:
@@ -242,7 +226,7 @@ async def _serve(server: PageServer, as_json: bool) -> None:
     host, port = server.server_name, server.server_port
     outside = host in ANY_HOST
     url = f"http://{Address(reachable_host(host, server.socket.family), port)}/"
-    answer(as_json, {"url": url}, url)
+    answer(as_json, {"url": url}, [url])
     if outside and sys.stderr.isatty():
         import segno
 
@@ -299,7 +283,7 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     paths = [str(file) for file in files]
     told = {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths}
     begin = f"begin with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %"
-    answer(as_json, told, *paths, said=begin)
+    answer(as_json, told, paths, said=begin)
 
 
 @click.group(epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"))

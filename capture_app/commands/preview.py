@@ -47,7 +47,7 @@ def preview(camera: str, out: Path | None, width: int, wait_s: float, leader: Ad
     except OSError as error:
         raise SimulshotError(f"cannot write {path}: {error.strerror}") from error
     facts = {"camera": seen.camera, "leader_ns": seen.leader_ns, "width": seen.width, "height": seen.height}
-    answer(as_json, facts | {"file": str(path)}, str(path))
+    answer(as_json, facts | {"file": str(path)}, [str(path)])
 
 
 async def _next_preview(leader: Address, camera: str, width: int, wait_s: float) -> "Preview":

@@ -14,7 +14,7 @@ from capture_app.commands.options import (
     sessions_option,
 )
 from capture_app.net.address import Address
-from capture_app.terminal import answer, json_option, print_json, print_table, talk
+from capture_app.terminal import answer, json_option, table
 from capture_app.usage import examples
 
 
@@ -39,7 +39,7 @@ def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...],
 
     started = asyncio.run(start_rig(sessions=sessions, host=host, port=port, cameras=cameras))
     until = f"it runs until: capture-app rig stop --leader {started.leader}"
-    answer(as_json, started, started.leader, said=until)
+    answer(as_json, started, [started.leader], said=until)
 
 
 @rig.command(
@@ -52,13 +52,9 @@ def list_command(as_json: bool) -> None:
     from capture_app.rig_process import list_rigs
 
     rigs = list_rigs()
-    if as_json:
-        print_json({"rigs": rigs})
-    elif rigs:
-        rows = [(one.leader, str(one.pid), one.sessions, one.log or "on its terminal") for one in rigs]
-        print_table(("leader", "process", "sessions", "log"), rows)
-    else:
-        talk("no rig runs on this machine")
+    rows = [(one.leader, str(one.pid), one.sessions, one.log or "on its terminal") for one in rigs]
+    lines = [table(("leader", "process", "sessions", "log"), rows)] if rows else []
+    answer(as_json, {"rigs": rigs}, lines, said="" if rigs else "no rig runs on this machine")
 
 
 @rig.command(epilog=examples("capture-app rig stop"))

@@ -50,7 +50,7 @@ async def _serve(rig: "AttachedRig", host: str, port: int, as_json: bool) -> Non
     with bind_page(host, port) as listening:
         server = PageServer(rig, listening)
         told = {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)}
-        answer(as_json, told, server.public_url)
+        answer(as_json, told, [server.public_url])
         who = "whoever uses this machine" if host in LOOPBACK_HOSTS else "whoever reaches it from the network"
         talk(f"the page shows the rig {rig.leader}; {who} controls the rig; Ctrl-C ends the page")
         await server.run()

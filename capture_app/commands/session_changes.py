@@ -32,12 +32,12 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import judge
 from capture_app.terminal import (
     FiniteRange,
+    answer,
     json_option,
     print_json,
     print_line,
-    print_result,
-    print_table,
     show_count,
+    table,
     talk,
 )
 from capture_app.text import count
@@ -56,7 +56,7 @@ _root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"),
 def rename(session: Path, name: str, as_json: bool) -> None:
     """Rename SESSION to NAME: its folder, its manifest and the results made from it."""
     folder = rename_session(session, name)
-    print_result(as_json, {"session": str(folder), "before": str(session)}, str(folder))
+    answer(as_json, {"session": str(folder), "before": str(session)}, [str(folder)])
 
 
 @click.command(epilog=examples("capture-app sessions note sessions/burst-001 'second try, with wind'"))
@@ -66,7 +66,7 @@ def rename(session: Path, name: str, as_json: bool) -> None:
 def note(session: Path, text: str, as_json: bool) -> None:
     """Save TEXT, one line, as the note of SESSION; '' removes it."""
     set_note(session, text)
-    print_result(as_json, {"session": str(session), "note": text}, f"{session}: {text or 'no note'}")
+    answer(as_json, {"session": str(session), "note": text}, [f"{session}: {text or 'no note'}"])
 
 
 @click.command(epilog=examples("capture-app sessions trash sessions/burst-001"))
@@ -100,18 +100,16 @@ def restore(session: Path | None, name: str, root: Path | None, as_json: bool) -
     if session is not None and len(session.parts) > 1:
         default = session.parent
     folder = restore_session(root or default, "" if session is None else session.name, name=name)
-    print_result(as_json, {"session": str(folder)}, str(folder))
+    answer(as_json, {"session": str(folder)}, [str(folder)])
 
 
 def list_trash(root: Path, as_json: bool) -> None:
     """Print what is in the trash of a folder of sessions."""
     found = trashed_sessions(root)
-    if as_json:
-        print_json({"root": str(root), "trash": found})
-    elif found:
-        print_table(("id", "name", "trashed (UTC)"), [(o.id, o.name, format_date(o.trashed)) for o in found])
-    else:
-        talk(f"the trash of {root} is empty")
+    rows = [(one.id, one.name, format_date(one.trashed)) for one in found]
+    lines = [table(("id", "name", "trashed (UTC)"), rows)] if rows else []
+    empty = "" if found else f"the trash of {root} is empty"
+    answer(as_json, {"root": str(root), "trash": found}, lines, said=empty)
 
 
 @click.command(
@@ -131,7 +129,7 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
             )
         click.confirm(f"Delete {count(len(found), 'session')} in {root} for good?", abort=True, err=True)
     deleted = empty_trash(root)
-    print_result(as_json, {"root": str(root), "deleted": deleted}, f"{root}: {deleted} deleted")
+    answer(as_json, {"root": str(root), "deleted": deleted}, [f"{root}: {deleted} deleted"])
 
 
 WAIT_S = 20.0
@@ -170,7 +168,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=NewsLog(talk)))
     told = {"ok": all(one.ok for one in repaired), "sessions": repaired}
-    print_result(as_json, told, *map(_describe_result, repaired))
+    answer(as_json, told, map(_describe_result, repaired))
     failed = [one for one in repaired if not one.ok]
     if failed:
         raise BadInputError(f"{failed[0].session}: {failed[0].what}")
@@ -217,7 +215,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
         "height": picture.shape[0],
         "verdict": judge(opened.session.manifest),
     }
-    print_result(as_json, told, str(out))
+    answer(as_json, told, [str(out)])
 
 
 @click.command(epilog=examples("capture-app sessions wiggle sessions/burst-001 --out wiggle.gif"))
@@ -250,7 +248,7 @@ def wiggle(
     frames = list(wiggle_frames(opened, shown, width))
     _write(out, encode_animation(frames, fps, suffix))
     told = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}
-    print_result(as_json, told, str(out))
+    answer(as_json, told, [str(out)])
 
 
 def _check_file(out: Path, suffixes: tuple[str, ...], *, replace: bool) -> str:

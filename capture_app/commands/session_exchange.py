@@ -11,11 +11,11 @@ from typing import Any
 import click
 
 from capture_app.commands.options import ANY_PATH
-from capture_app.commands.session_text import print_session
+from capture_app.commands.session_text import session_lines
 from capture_app.errors import BadInputError
 from capture_app.session.exchange import FORMATS
 from capture_app.session.reading.reader import Session
-from capture_app.terminal import FiniteRange, json_option, print_json, print_result, show_count, talk
+from capture_app.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.usage import examples
 
 
@@ -148,19 +148,15 @@ def import_command(
     )
     session = import_recording(sources, out, name, chosen, show_count("images"), talk)
     manifest = session.manifest
-    if not as_json:
-        print_session(session)
-        return
-    print_json(
-        {
-            "session": str(session.folder),
-            "cameras": [camera.name for camera in manifest.cameras],
-            "instants": len(manifest.burst.instants_ns),
-            "images": len(manifest.images),
-            "missing": len(manifest.missing),
-            "calibrated": session.calibration() is not None,
-        }
-    )
+    told = {
+        "session": str(session.folder),
+        "cameras": [camera.name for camera in manifest.cameras],
+        "instants": len(manifest.burst.instants_ns),
+        "images": len(manifest.images),
+        "missing": len(manifest.missing),
+        "calibrated": session.calibration() is not None,
+    }
+    answer(as_json, told, session_lines(session))
 
 
 def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
@@ -234,6 +230,6 @@ def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, 
 
     options = ExportOptions(link=hard_link, **chosen)
     report = export_session(Session.open(session), name, out, options, show_count("images"))
-    print_result(as_json, report, report.folder)
+    answer(as_json, report, [report.folder])
     for note in report.notes:
         talk(note)

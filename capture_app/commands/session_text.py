@@ -1,7 +1,7 @@
-"""Sessions in plain words, for people, on stdout."""
+"""Sessions in plain words, for people."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from statistics import median
 
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
@@ -9,88 +9,85 @@ from capture_app.session.format.manifest import CameraRecord, Manifest
 from capture_app.session.reading.reader import Session, SessionSummary
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels, skipped_text
-from capture_app.terminal import print_line, print_table
+from capture_app.terminal import table
 from capture_app.text import count, duration
 
 
-def print_sessions(found: Sequence[SessionSummary]) -> None:
-    """Print one line a session, and what is wrong with those that cannot be used."""
+def list_lines(found: Sequence[SessionSummary]) -> Iterator[str]:
+    """One line a session, and what is wrong with those that cannot be used."""
     rows = []
     for one in (one for one in found if not one.problem):
         numbers = map(str, (one.cameras, one.instants, one.images, one.missing))
         rows.append((one.name, format_date(one.created), *numbers, one.origin))
     if rows:
-        print_table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
-    for one in found:
-        if one.problem:
-            print_line(f"unusable: {one.problem}")
+        yield table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
+    yield from (f"unusable: {one.problem}" for one in found if one.problem)
 
 
-def print_session(session: Session) -> None:
-    """Print a session's cameras, their error bars, and how far apart the images of an instant are."""
+def session_lines(session: Session) -> Iterator[str]:
+    """A session's cameras, their error bars, and how far apart the images of an instant are."""
     manifest = session.manifest
     instants = manifest.burst.instants_ns
     span_ns = instants[-1] - instants[0] if instants else 0
-    lines = [
-        f"{manifest.name}: {manifest.origin}, {format_date(manifest.created)} UTC, {manifest.software}",
+    yield f"{manifest.name}: {manifest.origin}, {format_date(manifest.created)} UTC, {manifest.software}"
+    yield (
         f"{count(len(instants), 'instant')} over {duration(span_ns)}, "
-        f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart",
+        f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart"
+    )
+    yield (
         f"{count(len(manifest.cameras), 'camera')}, {count(len(manifest.images), 'image')}, "
-        f"{len(manifest.missing)} missing",
-        *filter(None, (skipped_text(manifest.burst.skipped),)),
-        *_describe_spread(session),
-        judge(manifest).headline,
-        "calibrated" if session.calibration() is not None else "not calibrated",
-    ]
-    if manifest.note:
-        lines.append(manifest.note)
-    print_line("\n".join([*lines, ""]))
+        f"{len(manifest.missing)} missing"
+    )
+    skipped, verdict = skipped_text(manifest.burst.skipped), judge(manifest)
+    calibrated = "calibrated" if session.calibration() is not None else "not calibrated"
+    yield from filter(
+        None, (skipped, *_describe_spread(session), verdict.headline, calibrated, manifest.note)
+    )
+    yield ""
     head = ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped")
-    print_table(head, [_camera_row(manifest, camera) for camera in manifest.cameras])
+    yield table(head, [_camera_row(manifest, camera) for camera in manifest.cameras])
     for camera in manifest.cameras:
         stamp = camera.facts.stamp
         if stamp is not None and not stamp.is_exact:
-            print_line(f"{camera.name} stamps its frames {describe_stamp(stamp)}")
+            yield f"{camera.name} stamps its frames {describe_stamp(stamp)}"
     if manifest.missing:
-        print_line("\nmissing:")
-        for gone in manifest.missing[:12]:
-            print_line(f"  {gone.camera}, instant {gone.instant}: {gone.reason}")
+        yield "\nmissing:"
+        yield from (f"  {one.camera}, instant {one.instant}: {one.reason}" for one in manifest.missing[:12])
         if len(manifest.missing) > 12:
-            print_line(f"  and {len(manifest.missing) - 12} more")
+            yield f"  and {len(manifest.missing) - 12} more"
 
 
-def _describe_spread(session: Session) -> list[str]:
+def _describe_spread(session: Session) -> Iterator[str]:
     """How far apart in time the images of one instant are, first to last, and what that costs."""
-    manifest = session.manifest
+    manifest, times = session.manifest, session.manifest.burst.common_times
     if len(manifest.cameras) < 2 or not manifest.images:
-        return []
-    times = manifest.burst.common_times
+        return
+    verdict, sync = judge(manifest), find_sync_record(manifest)
     if times is not None and times.unknown:
-        return [judge(manifest).sentence, *describe_common_times(times)]
-    sync = find_sync_record(manifest)
+        yield from (verdict.sentence, *describe_common_times(times))
+        return
     images = session.images_by_instant()
     spreads = [spread for spread, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1]
     if not spreads:
-        return []
+        return
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
-    verdict = judge(manifest)
-    lines = [f"{by}images of one instant are {_describe_spreads(spreads)}", verdict.sentence]
-    if verdict.stamps:
-        lines.append(verdict.stamps)
+    yield from (
+        f"{by}images of one instant are {_describe_spreads(spreads)}",
+        verdict.sentence,
+        verdict.stamps,
+    )
     if true_spreads := _true_spreads(session):
         cost = pixels(max(true_spreads), PX_PER_S)
-        lines.append(f"by the ground truth they are {_describe_spreads(true_spreads)}: {cost}")
+        yield f"by the ground truth they are {_describe_spreads(true_spreads)}: {cost}"
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
-        lines.append(
+        yield (
             "rolling shutter: rows of the same number are up to "
             f"{duration(sync.row_spread_ns)} apart, because readout times differ"
         )
     if times is not None:
-        lines += describe_common_times(times)
+        yield from describe_common_times(times)
     counts = ((sync.dropped, "dropped"), (sync.substituted, "substituted"), (sync.late, "late"))
-    if any(number for number, _ in counts):
-        lines.append(", ".join(f"{number} {what}" for number, what in counts if number))
-    return lines
+    yield ", ".join(f"{number} {what}" for number, what in counts if number)
 
 
 def describe_common_times(times: CommonTimes) -> list[str]:

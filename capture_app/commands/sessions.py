@@ -19,13 +19,13 @@ from capture_app.commands.session_changes import (
     wiggle,
 )
 from capture_app.commands.session_exchange import export, import_command
-from capture_app.commands.session_text import print_session, print_sessions
+from capture_app.commands.session_text import list_lines, session_lines
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.manifest import session_schema_text
 from capture_app.session.reading.reader import Session, list_sessions
 from capture_app.session.reading.verdict import judge
-from capture_app.terminal import json_option, print_json, print_line, show_count, talk
+from capture_app.terminal import answer, json_option, print_json, print_line, show_count, talk
 from capture_app.usage import examples
 
 DEFAULT_ROOT = Path("sessions")
@@ -55,12 +55,8 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
         list_trash(root, as_json)
         return
     found = [] if nothing_yet else list_sessions(root)
-    if as_json:
-        print_json({"root": str(root), "sessions": found})
-    elif found:
-        print_sessions(found)
-    else:
-        talk(f"no sessions in {root}")
+    nothing = "" if found else f"no sessions in {root}"
+    answer(as_json, {"root": str(root), "sessions": found}, list_lines(found), said=nothing)
     for path in unfinished_outputs(root):
         talk(f"{path} is being written, or what a killed run left of it: capture-app sessions repair {root}")
 
@@ -71,11 +67,8 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
 def show(session: Path, as_json: bool) -> None:
     """Show the cameras of a session and how well they were synchronized."""
     opened = Session.open(session)
-    if as_json:
-        verdict = judge(opened.manifest)
-        print_json({"session": str(session), "manifest": opened.manifest, "verdict": verdict})
-    else:
-        print_session(opened)
+    told = {"session": str(session), "manifest": opened.manifest, "verdict": judge(opened.manifest)}
+    answer(as_json, told, session_lines(opened))
 
 
 @sessions.command(epilog=examples("capture-app sessions verify sessions/burst-001 sessions/burst-002"))
@@ -154,9 +147,8 @@ def render(
         folder = str(rendered.session.folder)
         results.append({"session": folder, "same_bytes_as_before": rendered.same})
         if not as_json:
-            if rendered.same is not None:
-                print_line(f"{folder}: {'unchanged' if rendered.same else 'changed'}")
-            else:
-                print_session(rendered.session)
+            before = [f"{folder}: {'unchanged' if rendered.same else 'changed'}"]
+            for line in session_lines(rendered.session) if rendered.same is None else before:
+                print_line(line)
     if as_json:
         print_json({"sessions": results})

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -10,13 +11,11 @@ from msgspec import to_builtins
 
 from capture_app.commands.options import leader_option, run_until_stopped
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json, print_json_line, print_line, print_table, talk
+from capture_app.terminal import answer, json_option, print_json_line, print_line, table, talk
 from capture_app.text import clock_offset, count
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from capture_app.node.wire.status import NodeStatus, RigStatus
 
 NO_TIME = "-"
@@ -42,10 +41,8 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
     rig = asyncio.run(ask_status(leader))
     if as_json and watch:
         print_json_line({"event": "status", "rig": rig})
-    elif as_json:
-        print_json(rig)
     else:
-        _print_rig(rig)
+        answer(as_json, rig, _lines(rig))
     if watch:
         run_until_stopped(_watch(leader, rig, as_json))
 
@@ -80,36 +77,29 @@ def _clock_time(unix_ns: int) -> str:
     return f"{datetime.fromtimestamp(unix_ns / 1e9, UTC).astimezone():%H:%M:%S}"
 
 
-def _print_rig(rig: "RigStatus") -> None:
+def _lines(rig: "RigStatus") -> Iterator[str]:
     from capture_app.node.leader.snapshots import in_tree_order
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
     rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"
-    print_line(f"{who}, {count(len(rig.nodes), 'node')}, {rate}")
+    yield f"{who}, {count(len(rig.nodes), 'node')}, {rate}"
     if rig.is_open:
-        print_line("OPEN: it asks no machine who it is")
-    for line in dict.fromkeys((rig.message, rig.advice)):
-        if line:
-            print_line(line)
+        yield "OPEN: it asks no machine who it is"
+    yield from filter(None, dict.fromkeys((rig.message, rig.advice)))
     if rig.nodes:
-        _print_nodes(list(in_tree_order(rig.nodes)))
+        rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
+        # What no node of a rig has is no column.
+        shown = [one for one in rows[0] if one not in _OPTIONAL or any(row[one] != NO_TIME for row in rows)]
+        yield table(shown, [[row[name] for name in shown] for row in rows])
     if rig.app_phones:
-        print_table(
+        yield table(
             ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"), _phone_rows(rig)
         )
     for ahead in rig.ahead:
         begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns), signed=False)
         cancel = f"capture-app burst --cancel {ahead.burst}"
-        print_line(f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back")
-    for path in rig.sessions:
-        print_line(f"saved {path}")
-
-
-def _print_nodes(nodes: "Sequence[NodeStatus]") -> None:
-    rows = [_node_row(node) for node in nodes]
-    # What no node of a rig has is no column.
-    shown = [name for name in rows[0] if name not in _OPTIONAL or any(row[name] != NO_TIME for row in rows)]
-    print_table(shown, [[row[name] for name in shown] for row in rows])
+        yield f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back"
+    yield from (f"saved {path}" for path in rig.sessions)
 
 
 def _phone_rows(rig: "RigStatus") -> list[tuple[str, ...]]:

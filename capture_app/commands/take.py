@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 
 from capture_app.commands.options import leader_option
 from capture_app.errors import (
@@ -25,7 +25,7 @@ from capture_app.errors import (
     ungrouped_errors,
 )
 from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
+from capture_app.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
 _wait_option = click.option(
     "--wait-s",
+    "wait_ready_s",
     type=FiniteRange(0.0, 3600.0),
     default=0.0,
     metavar="S",
@@ -47,6 +48,7 @@ _wait_option = click.option(
 )
 _nodes_option = click.option(
     "--min-nodes",
+    "nodes",
     type=click.IntRange(1),
     metavar="N",
     default=1,
@@ -168,6 +170,7 @@ MOST_FRAMES = 100_000
 )
 @click.option(
     "--at-ns",
+    "at_leader_ns",
     type=int,
     metavar="NS",
     show_default="now",
@@ -200,21 +203,12 @@ MOST_FRAMES = 100_000
 @json_option
 def burst(
     leader: Address,
-    frames: int,
-    spacing: int,
-    interval_s: float | None,
-    spare: int | None,
     consecutive: bool,
-    at_ns: int | None,
-    before: int,
-    name: str,
-    note: str,
     repeat: int,
     every_s: float | None,
     cancel: int | None,
-    wait_s: float,
-    min_nodes: int,
     as_json: bool,
+    **chosen: Any,
 ) -> None:
     """Take a burst and print the path of its session, which is on the leader's machine.
 
@@ -227,22 +221,13 @@ def burst(
     if cancel is not None:
         _cancel(leader, cancel, as_json)
         return
-    if at_ns is not None and repeat > 1:
+    request = BurstRequest(**chosen)
+    if request.at_leader_ns is not None and repeat > 1:
         raise click.UsageError("--at-ns is for one burst, not with --repeat")
-    if consecutive and spare:
+    if consecutive and request.spare:
         raise click.UsageError("--consecutive skips nothing: leave out --spare")
-    request = BurstRequest(
-        frames=frames,
-        spacing=spacing,
-        interval_s=interval_s,
-        spare=0 if consecutive else spare,
-        at_leader_ns=at_ns,
-        before=before,
-        name=name,
-        note=note,
-        wait_ready_s=wait_s,
-        nodes=min_nodes,
-    )
+    if consecutive:
+        request = replace(request, spare=0)
     results: list[dict[str, Any]] = []
 
     def show(done: "BurstStatus") -> None:
@@ -262,10 +247,8 @@ def _cancel(leader: Address, number: int, as_json: bool) -> None:
     from capture_app.node.wire.operating import CancelBurst
 
     asyncio.run(give_order(leader, CancelBurst(burst=number)))
-    if as_json:
-        print_json({"cancelled": number})
-    else:
-        talk(f"burst {number} is cancelled; what had come is saved")
+    told = f"burst {number} is cancelled; what had come is saved"
+    answer(as_json, {"cancelled": number}, said=told)
 
 
 async def _take_bursts(
@@ -337,16 +320,12 @@ MOST_S = 31 * 86_400.0
 @json_option
 def record(
     leader: Address,
-    seconds: float | None,
     fps: float | None,
     every_s: float | None,
-    name: str,
-    note: str,
     detach: bool,
     stop: bool,
-    wait_s: float,
-    min_nodes: int,
     as_json: bool,
+    **chosen: Any,
 ) -> None:
     """Record a video with every camera, and print the path of its session, on the leader's machine.
 
@@ -360,26 +339,15 @@ def record(
         return
     if fps is not None and every_s is not None:
         raise click.UsageError("give --fps or --every-s, not both")
-    request = BurstRequest(
-        seconds=seconds,
-        interval_s=every_s if fps is None else 1 / fps,
-        spare=0,
-        name=name,
-        note=note,
-        wait_ready_s=wait_s,
-        nodes=min_nodes,
-        video=True,
-    )
+    interval_s = every_s if fps is None else 1 / fps
+    request = BurstRequest(interval_s=interval_s, spare=0, video=True, **chosen)
     done = asyncio.run(_Recording(leader, detach).take(request))
     if done.done:
-        shown = show_take(done, as_json)
-        if as_json:
-            print_json(shown)
+        answer(as_json, show_take(done, as_json))
         require_whole("recording", done)
-    elif as_json:
-        print_json({**asdict(done), "verdict": None})
     else:
-        talk(f"recording {done.burst} goes on; end it with: capture-app record --stop")
+        goes_on = f"recording {done.burst} goes on; end it with: capture-app record --stop"
+        answer(as_json, {**asdict(done), "verdict": None}, said=goes_on)
 
 
 def _stop(leader: Address, as_json: bool) -> None:
@@ -387,10 +355,7 @@ def _stop(leader: Address, as_json: bool) -> None:
     from capture_app.node.wire.operating import EndBurst
 
     asyncio.run(give_order(leader, EndBurst()))
-    if as_json:
-        print_json({"stopped": True})
-    else:
-        talk("the recording ends")
+    answer(as_json, {"stopped": True}, said="the recording ends")
 
 
 class _Recording:

@@ -16,7 +16,7 @@ from capture_app.commands.joining import (
 from capture_app.commands.options import ADDRESS, leader_option
 from capture_app.errors import UnknownMachineError
 from capture_app.net.address import Address
-from capture_app.terminal import answer, json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import answer, json_option, table
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import show_code
 from capture_app.trust.trust import Trust
@@ -47,19 +47,18 @@ def list_command(as_json: bool) -> None:
     """List the machines that are known here, and this machine's own pin."""
     mine = _trust()
     machines = mine.known.all()
-    if as_json:
-        shown = [
-            {"pin": one.pin, "name": one.name, "roles": one.roles, "added_unix_s": one.added_unix_s}
-            for one in machines
-        ]
-        print_json({"pin": mine.identity.pin, "machines": shown})
-        return
-    print_line(f"pin of this machine: {mine.identity.pin}")
-    if machines:
-        rows = [(one.name, ", ".join(one.roles), one.pin, _day(one.added_unix_s)) for one in machines]
-        print_table(("machine", "may be", "pin", "since"), rows)
-    else:
-        talk("no other machine is known here")
+    shown = [
+        {"pin": one.pin, "name": one.name, "roles": one.roles, "added_unix_s": one.added_unix_s}
+        for one in machines
+    ]
+    rows = [(one.name, ", ".join(one.roles), one.pin, _day(one.added_unix_s)) for one in machines]
+    known = [table(("machine", "may be", "pin", "since"), rows)] if rows else []
+    answer(
+        as_json,
+        {"pin": mine.identity.pin, "machines": shown},
+        [f"pin of this machine: {mine.identity.pin}", *known],
+        said="" if rows else "no other machine is known here",
+    )
 
 
 @trust.command(epilog=examples(f"capture-app trust add {EXAMPLE_PIN}"))
@@ -98,12 +97,10 @@ def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
         raise click.UsageError("a leader invites, and is not invited")
     invited = asyncio.run(ask_invitation(leader, role))
     line = joining_command(asyncio.run(ask_status(leader)).leader, role, invited.code)
-    if as_json:
-        print_json({"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line})
-        return
-    print_line(show_code(invited.code))
-    talk(f"for one machine, within {invited.good_for_s // 60} minutes; there: {line}")
-    if qr:
+    told = {"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line}
+    there = f"for one machine, within {invited.good_for_s // 60} minutes; there: {line}"
+    answer(as_json, told, [show_code(invited.code)], said=there)
+    if qr and not as_json:
         import segno
 
         segno.make(line, error="l", boost_error=False, micro=False).terminal(sys.stdout, compact=True)
@@ -119,8 +116,7 @@ def pair(leader: Address, code: str | None, as_json: bool) -> None:
     if code is None and not sys.stdin.isatty():
         raise click.UsageError("--code is needed where there is no terminal to ask on")
     roles = ask_and_pair(leader) if code is None else pair_with(leader, code)
-    if as_json:
-        print_json({"leader": str(leader), "roles": roles})
+    answer(as_json, {"leader": str(leader), "roles": roles})
 
 
 def _trust() -> Trust:

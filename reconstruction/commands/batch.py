@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from capture_app.errors import ExitCode, SimulshotError
-from capture_app.terminal import json_option, print_json, print_line
+from capture_app.terminal import answer, json_option
 from capture_app.usage import examples
 from reconstruction.commands.options import (
     CONDITION_HELP,
@@ -98,14 +98,9 @@ def batch(
     else:
         chosen = LocalExecutor(jobs)
     result = run(sessions, out, BatchOptions(**options), chosen)
-    if as_json:
-        print_json(result)
-    else:
-        inapplicable = f", {result.not_applicable} not applicable" if result.not_applicable else ""
-        print_line(
-            f"{result.computed} computed, {result.reused} reused, {result.failed} failed{inapplicable}"
-        )
-        print_line(f"summary: {out / 'summary.html'}")
+    inapplicable = f", {result.not_applicable} not applicable" if result.not_applicable else ""
+    counts = f"{result.computed} computed, {result.reused} reused, {result.failed} failed{inapplicable}"
+    answer(as_json, result, [counts, f"summary: {out / 'summary.html'}"])
     code = exit_code(result)
     if code is not ExitCode.OK:
         failure = SimulshotError(

@@ -7,7 +7,7 @@ import click
 from capture_app.board.boards import CharucoBoard, Checkerboard
 from capture_app.board.options import board_options
 from capture_app.errors import SimulshotError
-from capture_app.terminal import json_option, print_json, print_line
+from capture_app.terminal import answer, json_option
 from capture_app.usage import examples
 
 
@@ -41,11 +41,15 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     except OSError as error:
         raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
     options = calibrate_options(board)
-    if as_json:
-        facts = {"width_mm": printed.width, "height_mm": printed.height, "options": options}
-        print_json({"file": str(file), "squares": board.shape, "square_mm": 1000 * board.square_m, **facts})
-        return
-    print_line(str(file))
-    print_line("print it at 100 %, and measure the bar below the board: it is 100 mm long")
+    told = {
+        "file": str(file),
+        "squares": board.shape,
+        "square_mm": 1000 * board.square_m,
+        "width_mm": printed.width,
+        "height_mm": printed.height,
+        "options": options,
+    }
+    lines = [str(file), "print it at 100 %, and measure the bar below the board: it is 100 mm long"]
     if options:
-        print_line(f"give these options to calibrate and coverage: {' '.join(options)}")
+        lines.append(f"give these options to calibrate and coverage: {' '.join(options)}")
+    answer(as_json, told, lines)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.board.options import board_options
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table
+from capture_app.terminal import FiniteRange, answer, json_option, table
 from capture_app.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
@@ -153,14 +153,11 @@ def calibrate(
         **chosen,
     )
     if coverage:
-        _show_coverage(cover(session, options), as_json)
-        return
-    result = run(session, options)
-    if as_json:
-        print_json(result)
-        return
-    for line in _summary(result):
-        print_line(line)
+        found = cover(session, options)
+        answer(as_json, found, _coverage_lines(found))
+    else:
+        result = run(session, options)
+        answer(as_json, result, _summary(result))
 
 
 def _summary(result: "CalibrateResult") -> Iterator[str]:
@@ -189,14 +186,10 @@ def _summary(result: "CalibrateResult") -> Iterator[str]:
         yield "kept for later sessions of these cameras"
 
 
-def _show_coverage(found: "BoardCoverage", as_json: bool) -> None:
+def _coverage_lines(found: "BoardCoverage") -> Iterator[str]:
     from capture_app.board.coverage import coverage_table
 
-    if as_json:
-        print_json(found)
-        return
-    print_table(*coverage_table(found))
-    for line in found.missing:
-        print_line(f"missing: {line}")
+    yield table(*coverage_table(found))
+    yield from (f"missing: {line}" for line in found.missing)
     if found.enough:
-        print_line("nothing is missing")
+        yield "nothing is missing"

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.terminal import FiniteRange, answer, json_option
 from capture_app.usage import examples
 from reconstruction.commands import options
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
@@ -83,8 +83,4 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     from reconstruction.compare.comparison import compare as run
 
     result = run(session, out, CompareOptions(**chosen))
-    if as_json:
-        print_json(result)
-        return
-    print_line(result.verdict)
-    print_line(f"report: {out / result.report}")
+    answer(as_json, result, [result.verdict, f"report: {out / result.report}"])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.terminal import Progress, json_option, print_json, print_line, talk
+from capture_app.terminal import Progress, answer, json_option, talk
 from capture_app.text import count
 from capture_app.usage import examples
 from reconstruction.commands import options
@@ -42,16 +42,13 @@ def stereo(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
         talk(f"{camera} is left out: {why}")
     if result.pairs_left_out:
         talk(f"left out: {describe_left_out(result.pairs_left_out)}")
-    if as_json:
-        print_json(result)
-        return
-    print_line(
+    lines = [
         f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
         f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
-    )
+    ]
     if result.within_2pct is not None:
-        print_line(f"within 2 % of the truth: {100 * result.within_2pct:.1f} %")
-    print_line(f"depth: {out / result.depth}, picture: {out / result.picture}")
+        lines.append(f"within 2 % of the truth: {100 * result.within_2pct:.1f} %")
+    answer(as_json, result, [*lines, f"depth: {out / result.depth}, picture: {out / result.picture}"])
 
 
 def _parse_all_or_some(text: str) -> tuple[int, ...]:
@@ -141,26 +138,18 @@ def multiview(
     result = run(session, out, MultiviewOptions(offsets_ms=offsets_ms, **chosen), Progress(1))
     for camera, why in result.left_out.items():
         talk(f"{camera} is left out: {why}")
-    if as_json:
-        print_json(result)
-        return
-    print_line(f"{len(result.views)} depth maps, {result.fused_points} points in {result.seconds:.1f} s")
-    if result.within_2pct is not None:
-        print_line(
-            f"{result.reference}: {100 * result.within_2pct:.1f} % of its pixels within 2 % of the true depth"
-        )
-    print_line(f"result: {out}")
+    lines = [f"{len(result.views)} depth maps, {result.fused_points} points in {result.seconds:.1f} s"]
+    if (right := result.within_2pct) is not None:
+        lines.append(f"{result.reference}: {100 * right:.1f} % of its pixels within 2 % of the true depth")
+    answer(as_json, result, [*lines, f"result: {out}"])
 
 
 def _show_sequence(result: "SequenceResult", out: Path, as_json: bool) -> None:
     for one in result.instants:
         if one.reason:
             talk(f"instant {one.instant} has no cloud: {one.reason}")
-    if as_json:
-        print_json(result)
-        return
     kept = f", {result.kept} of them made before" if result.kept else ""
-    print_line(f"{count(result.clouds, 'cloud')}{kept} in {result.seconds:.1f} s")
+    lines = [f"{count(result.clouds, 'cloud')}{kept} in {result.seconds:.1f} s"]
     if result.mover_f_score_1cm is not None:
-        print_line(f"movers: F {result.mover_f_score_1cm:.2f} at 1 cm, the middle of all instants")
-    print_line(f"result: {out}")
+        lines.append(f"movers: F {result.mover_f_score_1cm:.2f} at 1 cm, the middle of all instants")
+    answer(as_json, result, [*lines, f"result: {out}"])

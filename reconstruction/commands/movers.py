@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_line
+from capture_app.terminal import answer, json_option
 from capture_app.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, out_option, session_argument
 
@@ -24,9 +24,5 @@ def movers(session: Path, out: Path, as_json: bool) -> None:
     from reconstruction.session.motion import write_masks
 
     result = write_masks(Dataset.open(session), out)
-    if as_json:
-        print_json(result)
-        return
-    for camera, share in result.moving.items():
-        print_line(f"{camera}: {100 * share:.1f} % of its pixels move")
-    print_line(f"{result.masks} masks: {out}")
+    moving = (f"{camera}: {100 * share:.1f} % of its pixels move" for camera, share in result.moving.items())
+    answer(as_json, result, [*moving, f"{result.masks} masks: {out}"])

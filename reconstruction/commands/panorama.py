@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.terminal import FiniteRange, answer, json_option
 from capture_app.text import count
 from capture_app.usage import examples
 from reconstruction.commands.options import (
@@ -51,18 +51,21 @@ def panorama(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any
     from reconstruction.panorama.command import panorama as run
 
     result = run(sources, out, PanoramaOptions(**options))
-    if as_json:
-        print_json(result)
-        return
     made = result.synced
-    print_line(f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels")
-    for name, why in result.left_out.items():
-        print_line(f"left out: {name}: {why}")
-    first = "" if result.offset is None else ", synchronized"
-    for which, one in ((first, made), (f", {result.actual_offset_ms:.0f} ms late", result.offset)):
-        if one is not None and one.misfit.median_px is not None:
-            print_line(f"misfit where images overlap{which}: {_misfit_words(one.misfit, one.mover_misfit)}")
-    print_line(f"picture: {out / made.panorama}")
+    sides = [("" if result.offset is None else ", synchronized", made)]
+    if result.offset is not None:
+        sides.append((f", {result.actual_offset_ms:.0f} ms late", result.offset))
+    lines = [
+        f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels",
+        *(f"left out: {name}: {why}" for name, why in result.left_out.items()),
+        *(
+            f"misfit where images overlap{which}: {_misfit_words(one.misfit, one.mover_misfit)}"
+            for which, one in sides
+            if one.misfit.median_px is not None
+        ),
+        f"picture: {out / made.panorama}",
+    ]
+    answer(as_json, result, lines)
 
 
 def _misfit_words(misfit: "Misfit", moving: "Misfit | None") -> str:

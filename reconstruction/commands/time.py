@@ -1,12 +1,17 @@
 """`reconstruct time`."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_line
+from capture_app.terminal import answer, json_option
 from capture_app.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, session_argument
+
+if TYPE_CHECKING:
+    from reconstruction.time_offsets.command import TimeResult
 
 
 @click.command(
@@ -38,20 +43,20 @@ def time_command(session: Path, reference: str | None, apply: bool, as_json: boo
     from reconstruction.time_offsets.command import measure_times
 
     result = measure_times(session, reference, apply=apply)
-    if as_json:
-        print_json(result)
-        return
+    aligned = f"{session}: aligned by what moves" if result.applied else ""
+    answer(as_json, result, filter(None, (*_lines(result), aligned)))
+
+
+def _lines(result: "TimeResult") -> Iterator[str]:
     for name, found in result.cameras.items():
         if found.offset_ms is None or found.sd_ms is None:
-            print_line(f"{name}: cannot be told: {found.reason}")
+            yield f"{name}: cannot be told: {found.reason}"
         elif name == result.reference:
-            print_line(f"{name}: the reference")
+            yield f"{name}: the reference"
         else:
             more = ""
             if found.rate_ppm is not None and found.rate_sd_ppm is not None:
                 more = f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:
                 more = f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
-            print_line(f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)")
-    if result.applied:
-        print_line(f"{session}: aligned by what moves")
+            yield f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"

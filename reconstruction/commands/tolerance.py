@@ -1,11 +1,12 @@
 """`reconstruct tolerance`."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.terminal import FiniteRange, answer, json_option
 from capture_app.usage import examples
 from reconstruction.commands.options import (
     checksums_option,
@@ -16,6 +17,9 @@ from reconstruction.commands.options import (
     time_shift_option,
 )
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
+
+if TYPE_CHECKING:
+    from reconstruction.scores.comparison_results import OffsetTolerance
 
 
 @click.command(epilog=examples("reconstruct tolerance sessions/burst-001 --out tolerance"))
@@ -43,22 +47,23 @@ def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) ->
     """Measure how late one camera may be before the motion in SESSION spoils the depth."""
     from reconstruction.compare.tolerance import ToleranceOptions
     from reconstruction.compare.tolerance import measure_tolerance as run
+
+    result = run(session, out, ToleranceOptions(**options))
+    report = [] if out is None else [f"report: {out / result.report}"]
+    answer(as_json, result, [*_lines(result), *report])
+
+
+def _lines(result: "OffsetTolerance") -> Iterator[str]:
     from reconstruction.report.findings import late_or_early
     from reconstruction.report.tolerance_report import tolerance_sentence
 
-    result = run(session, out, ToleranceOptions(**options))
-    if as_json:
-        print_json(result)
-        return
     for instant in result.timing.instants if result.timing else ():
         late = late_or_early(instant.late_ms, 2 * instant.sd_ms)
-        print_line(f"instant {instant.instant:3d}: {result.cameras[1]} is {late}")
+        yield f"instant {instant.instant:3d}: {result.cameras[1]} is {late}"
     for point in result.points:
         found = point.interval(result.measure, "offset")
         value = "n/a" if found is None else f"{100 * found.value:5.1f} %"
         ends = () if found is None or found.low is None else found.ends
         around = f"  ({' to '.join(f'{100 * end:.1f}' for end in ends)})" if ends else ""
-        print_line(f"{point.late_ms or 0.0:6.1f} ms  {value}{around}")
-    print_line(tolerance_sentence(result))
-    if out is not None:
-        print_line(f"report: {out / result.report}")
+        yield f"{point.late_ms or 0.0:6.1f} ms  {value}{around}"
+    yield tolerance_sentence(result)

@@ -50,6 +50,9 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
+# Tests wait half of their time for processes and screens: more workers than cores.
+WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
+
 .PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
@@ -72,7 +75,7 @@ demo: $(VENV)/.installed
 	$(BIN)/capture-app demo --out $(OUT)
 
 test: $(VENV)/.installed-dev
-	$(BIN)/pytest -n auto --dist worksteal
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal
 
 test-v4l2: $(VENV)/.installed-dev
 	$(BIN)/pytest -m v4l2 tests/end_to_end
@@ -98,7 +101,7 @@ test-slurm: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slurm tests/slurm
 
 test-slow: $(VENV)/.installed-dev
-	$(BIN)/pytest -n auto --dist worksteal -m slow
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m slow
 
 test-docs: $(VENV)/.installed-dev
 	$(BIN)/pytest -m "slow or not slow" -n auto tests/documentation

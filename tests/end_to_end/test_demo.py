@@ -62,6 +62,7 @@ async def test_a_comparison_that_fails_ends_with_its_own_words(tmp_path: Path) -
     assert caught.value.exit_code == ExitCode.BAD_INPUT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals) -> None:
     parent = await asyncio.create_subprocess_exec(

@@ -75,6 +75,7 @@ def test_nothing_is_waited_for_in_silence(tmp_path: Path) -> None:
             assert "capture-app trust pair" in line
 
 
+@pytest.mark.slow
 def test_a_node_joins_the_open_leader_of_its_network(tmp_path: Path) -> None:
     with evening(tmp_path) as two:
         leader = two.lead("--open")

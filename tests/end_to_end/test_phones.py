@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from capture_app.session.reading.reader import Session
 from tests.phones.stand_in import JPEG, StandInPhone
 from tests.waiting import until
@@ -10,6 +12,7 @@ from tests.waiting import until
 from .conftest import Start
 
 
+@pytest.mark.slow
 async def test_a_phone_joins_a_leader_by_the_page_that_it_shows(start: Start, tmp_path: Path) -> None:
     sessions = tmp_path / "sessions"
     where = ("--host", "127.0.0.1", "--port", "0", "--sessions", str(sessions))

@@ -65,6 +65,7 @@ async def test_frames_of_long_bursts_and_recordings_are_all_there(start: Start, 
     assert "30, 15, 10" in " ".join(odd.said)
 
 
+@pytest.mark.slow
 async def test_a_recording_without_an_end_is_ended_by_a_command_or_ctrl_c(
     start: Start, tmp_path: Path
 ) -> None:

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -12,6 +14,7 @@ from tests.waiting import until
 from .conftest import PATIENCE_S, Start
 
 
+@pytest.mark.slow
 async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(start: Start, tmp_path: Path) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
     await join_ready(start, address, "a", "b")
@@ -35,6 +38,7 @@ async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(start: S
     assert (await burst(start, address, "--frames", "1", "--min-nodes", "2"))["received"] == 2
 
 
+@pytest.mark.slow
 async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_again(
     start: Start, tmp_path: Path
 ) -> None:

@@ -82,6 +82,7 @@ async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
     assert done["burst"] == number(done), "its number is its session's, in whichever run of the leader"
 
 
+@pytest.mark.slow
 async def test_a_node_that_dies_in_a_burst_leaves_a_session_that_says_so(
     start: Start, tmp_path: Path
 ) -> None:
@@ -121,6 +122,7 @@ async def test_a_leader_with_a_camera_of_its_own(
     assert (tmp_path / "data/simulshot" / FILE).is_file(), "what its long frames did is known on the next use"
 
 
+@pytest.mark.slow
 async def test_a_sequence_of_named_takes(start: Start, tmp_path: Path) -> None:
     _, address = await lead(start, tmp_path / "sessions")
     await join_ready(start, address, "a")

@@ -110,6 +110,7 @@ def test_what_nodes_use_is_kept(tmp_path: Path) -> None:
     assert not save(other, DeviceProfiles(tmp_path)).saved
 
 
+@pytest.mark.slow
 def test_the_command_prints_what_it_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -104,6 +104,7 @@ async def test_a_stream_that_is_closed_is_not_kept_for_what_nobody_takes_in() ->
         assert await answer_to(address, Ping(2)) == (Pong(2), b"")
 
 
+@pytest.mark.slow
 async def test_a_slow_peer_gets_all_of_a_long_message() -> None:
     """It takes longer than the port waits for one that takes nothing in."""
     size = 24 << 20

@@ -61,6 +61,7 @@ async def test_phones_join_align_take_a_burst_vanish_and_come_back(place: Place)
     await until(lambda: "ready" in again.states or "coarse" in again.states)
 
 
+@pytest.mark.slow
 async def test_a_page_in_the_background_is_told_and_comes_back(place: Place) -> None:
     phone = await place.phone()
     await phone.join()
@@ -73,6 +74,7 @@ async def test_a_page_in_the_background_is_told_and_comes_back(place: Place) -> 
     await until(lambda: place.state("left") not in (NodeState.FAILED, NodeState.LOST))
 
 
+@pytest.mark.slow
 async def test_a_phone_that_is_turned_joins_anew(place: Place) -> None:
     phone = await place.phone()
     await phone.join()

@@ -94,6 +94,7 @@ def pictures_sent(text: str) -> int:
     return int(said[1]) if said else 0
 
 
+@pytest.mark.slow
 async def test_a_browser_joins_by_the_code_and_takes_a_burst(
     place: Place, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

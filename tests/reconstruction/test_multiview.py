@@ -107,6 +107,7 @@ def test_what_cannot_be_used_is_one_clear_line(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["apart", "lonely", "out"]
 
 
+@pytest.mark.slow
 def test_full_disk_leaves_nothing_behind(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct
 ) -> None:

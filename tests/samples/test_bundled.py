@@ -80,6 +80,7 @@ def test_naive_is_as_far_apart_as_the_paper_found(capsys: pytest.CaptureFixture[
     assert "by the ground truth" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pinwheel", "led_panel"])
 def test_an_image_rendered_again_has_the_same_bytes(name: str, tmp_path: Path) -> None:
     recipe = read_recipe(SAMPLES / name)

@@ -23,6 +23,7 @@ def recipe_of(**changes: Any) -> Recipe:
     return Recipe(**{"created": "2026-01-01T00:00:00.000Z", **values, **changes})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trigger", Trigger)
 def test_a_recipe_gives_the_same_bytes_again(trigger: Trigger, tmp_path: Path) -> None:
     first = render(recipe_of(trigger=trigger), tmp_path / "a").session

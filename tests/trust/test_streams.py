@@ -169,6 +169,7 @@ async def test_half_a_greeting_holds_no_stream_for_long(
     assert not caplog.records, "none of it is an error of the leader's"
 
 
+@pytest.mark.slow
 async def test_connections_that_show_nothing_keep_no_room_and_nobody_out(leader: Trust) -> None:
     loop = asyncio.get_running_loop()
     async with served(leader) as (address, _):

@@ -138,6 +138,7 @@ def test_somebody_elses_folder_is_not_touched(
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+@pytest.mark.slow
 def test_nothing_moving_is_said_plainly(scene: Scene, tmp_path: Path, reconstruct: Reconstruct) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
     session = write_session(tmp_path, scene, pair, instants=3, truth=False, frozen=True)

@@ -172,6 +172,7 @@ def test_a_session_of_one_camera_is_refused_in_one_line(
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("name", "count", "imported"), [("boat", 6, False), ("weir_", 3, False), ("weir_", 3, True)]

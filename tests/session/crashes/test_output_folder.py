@@ -102,6 +102,7 @@ def killed(root: Path, every: int, every_in_next: int) -> list[dict[str, Any]]:
     return runs
 
 
+@pytest.mark.slow
 def test_killed_at_some_steps_one_result_is_whole_and_leftovers_are_mentioned(tmp_path: Path) -> None:
     assert len(killed(tmp_path, 4, 0)) > 40
     assert any(one["next"] == -9 for one in killed(tmp_path, 29, 23))

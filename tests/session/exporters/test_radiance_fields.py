@@ -93,6 +93,7 @@ def test_n3dv(make: Make, export: Export, tmp_path: Path) -> None:
     assert "cam01 is mid" in report.notes
 
 
+@pytest.mark.slow
 def test_n3dv_says_only_which_cameras_it_renames(export: Export, tmp_path: Path) -> None:
     sample = Path(__file__).parents[3] / "sample_sessions" / "jumper"
     shutil.copytree(sample, tmp_path / "jumper")
@@ -108,6 +109,7 @@ def test_n3dv_says_only_which_cameras_it_renames(export: Export, tmp_path: Path)
     assert all(old != new for new, old in renamed)
 
 
+@pytest.mark.slow
 def test_n3dv_counts_instants_not_images(make: Make, export: Export, tmp_path: Path) -> None:
     export(make(missing=(), substitutes={}), "n3dv")
     with av.open(str(tmp_path / "out" / "cam01.mp4")) as container:

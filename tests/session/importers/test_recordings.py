@@ -157,6 +157,7 @@ def ball_in(session: Session, camera: str) -> list[tuple[float, float] | None]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_the_ball_of_ball_launch_is_where_both_cameras_see_it(shared: Path, tmp_path: Path) -> None:
     folder = shared / "footage" / "ball_launch"

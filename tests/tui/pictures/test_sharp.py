@@ -100,6 +100,7 @@ def test_any_other_terminal_gets_glyphs(terminal: tuple[bytes, bool]) -> None:
     assert not list(pictures_in(sent))
 
 
+@pytest.mark.slow
 def test_over_ssh_only_who_wants_it() -> None:
     assert PLACEHOLDER in sent_to(KITTY, "sharp", SSH_CONNECTION="::1 1 ::1 22")
     assert PLACEHOLDER not in sent_to(KITTY, SSH_CONNECTION="::1 1 ::1 22")

@@ -4,6 +4,7 @@ import asyncio
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from textual.widgets import Button, Static
 from textual.widgets._toast import Toast
 
@@ -23,6 +24,7 @@ def line_of(studio: Studio) -> str:
     return studio.view.query_one("#shoot-advice", Lines).plain[0]
 
 
+@pytest.mark.slow
 async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
     rig = ready_rig(3)
     rig.nodes = (

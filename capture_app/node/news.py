@@ -66,6 +66,7 @@ _NODE_LINES: dict[type, str] = {
     events.NodeReturned: "{0.name} is back",
     events.NodeLost: "lost {0.name}: {0.reason}",
     events.NodeForgotten: "forgot {0.name}, which was lost",
+    events.NodeRefused: "refused {0.name} {0.where}: {0.reason}",
     events.BurstRefused: "burst {0.burst}: without {0.name}: {0.reason}",
 }
 
@@ -111,6 +112,8 @@ def follower_line(event: TimeClientEvent, parent: Address) -> str:
             return f"joined {parent}"
         case events.LeaderLost():
             return f"lost {parent} ({event.reason}): in holdover"
+        case events.LeaderSaid():
+            return f"{parent} says: {event.text}"
         case events.JoinRefused():
             return f"{parent} refused this relay: {event.reason}"
         case clock_events.ClockSynced():
@@ -176,7 +179,7 @@ class Log:
         return tuple(reversed(found))
 
 
-_WARNINGS = events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused
+_WARNINGS = events.NodeLost | events.NodeRefused | events.BurstRefused | HostOffRate | DatagramsRefused
 
 
 class NewsLog(Log):

@@ -128,7 +128,7 @@ def is_node(who: Peer, member: Member | None, instance: int) -> bool:
         return False
     if who.via and who.node != (member.name, instance):
         return False
-    return member.principal is None or member.principal.pin == (who.via or who.pin)
+    return member.principal is None or (member.principal.pin, member.pin) == (who.via or who.pin, who.pin)
 
 
 def speaks_for(who: Peer, message: Message) -> pairing.SpeaksFor | None:

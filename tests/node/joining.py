@@ -12,7 +12,10 @@ from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import (
     ControlMessage,
+    Heartbeat,
     Hello,
+    NodeState,
+    Report,
     TimeReply,
     TimeRequest,
     Trigger,
@@ -75,6 +78,7 @@ async def _stay(leader: Address, name: str, instance: int, here: asyncio.Event, 
                         message = decode(data if trust is None else keys.open(data, leader))
                         if isinstance(message, Welcome) and message.instance == instance:
                             await send(TimeRequest(message.client, 0, 0))
+                            await send(Heartbeat(message.client, Report(state=NodeState.SYNCING)))
                         if isinstance(message, TimeReply):
                             here.set()
                         if isinstance(message, Trigger):

@@ -72,12 +72,12 @@ class BurstSession:
         ]
         return cls(plans.burst_of(writer.plan), shares, writer, disk, lost=plans.lost_images(writer, shares))
 
-    async def write_plan(self, leader: int, note: str = "") -> None:
+    async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
         """Put on disk what this is to become; `leader` is the run of the leader that nodes know it by.
 
-        Raises DiskFullError where there is no room for it.
+        `pins` are the machines that the cameras are of. Raises DiskFullError where there is no room for it.
         """
-        self._plan = plans.plan_of(self.burst, self._writer, leader, note)
+        self._plan = plans.plan_of(self.burst, self._writer, leader, note, pins or {})
         await self._save_plan(self._choice.wanted)
 
     # What there is to tell
@@ -136,6 +136,11 @@ class BurstSession:
         return not any(share.instants for share in self._shares.values())
 
     # What comes in
+
+    def check_machine(self, camera: str, pin: str) -> None:
+        """Raise BadInputError for a part that is another machine's to bring."""
+        if self._plan is not None:
+            plans.check_machine(self._plan, camera, pin)
 
     def stream_opened(self, camera: str) -> None:
         """That camera is connected: its images may take their time."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from capture_app.errors import SimulshotError
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.node.burst.camera_share import CameraShare
 from capture_app.session.format.burst_plan import BurstPlan, InstantRange
 from capture_app.session.format.calibration import Calibration
@@ -18,8 +18,10 @@ Lost = dict[tuple[str, int], MissingImage]
 """By camera and instant, what an earlier run of the leader did not get, or lost, and why."""
 
 
-def plan_of(burst: Burst, writer: SessionWriter, leader: int, note: str) -> BurstPlan:
-    """The plan of a new burst, by the run of its leader; `note` is for the manifest."""
+def plan_of(
+    burst: Burst, writer: SessionWriter, leader: int, note: str, pins: Mapping[str, str]
+) -> BurstPlan:
+    """The plan of a new burst, by the run of its leader; `note` is for the manifest, `pins` by camera."""
     return BurstPlan(
         name=writer.name,
         created=writer.created,
@@ -28,9 +30,19 @@ def plan_of(burst: Burst, writer: SessionWriter, leader: int, note: str) -> Burs
         number=burst.number,
         burst=burst_record(burst),
         cameras=(),
+        pins={name: pin for name, pin in pins.items() if pin},
         spare=burst.spare,
         note=note,
     )
+
+
+def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:
+    """Raise BadInputError for a camera's part that is another machine's to bring; nobody has an empty pin."""
+    if pin and plan.pins.get(camera, pin) != pin:
+        raise BadInputError(
+            f"{camera} of {plan.name} is another machine's camera",
+            hint="only the machine that took part in the burst can bring its pictures",
+        )
 
 
 def burst_record(burst: Burst) -> BurstRecord:

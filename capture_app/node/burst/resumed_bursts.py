@@ -8,6 +8,7 @@ from capture_app.errors import BadInputError, DiskFullError, SimulshotError, Try
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import PATIENCE_NS
 from capture_app.node.burst.intake import DiskThreads
+from capture_app.node.burst.plans import check_machine
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
@@ -59,23 +60,25 @@ class ResumedBursts:
         for session in self.sessions():
             await session.finished.wait()
 
-    async def answer_finished(self, report: CameraReport) -> ReportAck | None:
+    async def answer_finished(self, report: CameraReport, pin: str) -> ReportAck | None:
         """Answer for a finished session with all images of the report's camera, without opening it again.
 
-        None where there is none, or it lacks some of them.
+        None where there is none, or it lacks some of them. Raises BadInputError for another machine's camera.
         """
         key = (report.leader, report.burst)
         session = self._open.get(key)
         if session is not None and not session.finished.is_set():
             return None
-        return await asyncio.to_thread(self._whole_share, key, report.plan.camera.name)
+        return await asyncio.to_thread(self._whole_share, key, report.plan.camera.name, pin)
 
-    def _whole_share(self, key: Key, camera: str) -> ReportAck | None:
+    def _whole_share(self, key: Key, camera: str, pin: str) -> ReportAck | None:
         folder = self._find(key)
-        if folder is None or not (folder / MANIFEST).is_file():
+        if folder is None:
             return None
+        # Before anything is opened again for it.
+        check_machine(plan := read_plan(folder), camera, pin)
         try:
-            plan, session = read_plan(folder), Session.open(folder)
+            session = Session.open(folder)
         except SimulshotError:
             return None
         records = [record for record in session.manifest.images if record.camera == camera]

@@ -108,6 +108,7 @@ def true_clock(clock: NodeClock, facts: CameraFacts) -> SimulatedClock | None:
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
     events.JoinRefused: ("join-refused", ("reason",)),
+    events.LeaderSaid: ("leader-said", ("text",)),
     events.LeaderLost: ("leader-lost", ("reason",)),
     events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
@@ -143,6 +144,8 @@ def event_words(event: events.ClientEvent[Any]) -> str:
     match event:
         case events.LeaderLost() | events.JoinRefused() | events.AlignmentFailed():
             return f"{event_line(event)['event']}: {event.reason}"
+        case events.LeaderSaid():
+            return f"the leader says: {event.text}"
         case events.StrangeTrigger():
             return f"refused a trigger for burst {event.burst}: it is not of the leader that is followed"
         case clock_events.ClockRateUnusual():

@@ -257,7 +257,8 @@ class ActiveBursts:
         self._begin_following(session)
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
-            await session.write_plan(self.engine.config.instance, note)
+            pins = {name: member.pin for name, member in self.engine.members.items() if name in burst.clients}
+            await session.write_plan(self.engine.config.instance, note, pins)
         except SimulshotError as error:
             await session.finish_now(error.what, silent=False)
             raise
@@ -322,12 +323,19 @@ class ActiveBursts:
             return session.status
         return self._finished[burst]
 
-    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
+    async def find_session(self, message: CameraReport | ImageUpload, pin: str) -> BurstSession:
         """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
 
-        Raises BadInputError where there is no such burst, a CancelledBurstError where it was cancelled,
-        TryAgainError where its session is in use.
+        `pin` is the machine's that brings it. Raises BadInputError where there is no such burst or its camera
+        is another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its session
+        is in use.
         """
+        session = await self._find_session(message)
+        camera = message.record.camera if isinstance(message, ImageUpload) else message.plan.camera.name
+        session.check_machine(camera, pin)
+        return session
+
+    async def _find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
         of_this_run = message.leader == self.engine.config.instance
         if of_this_run and message.burst in self._cancelled:
             raise CancelledBurstError(f"burst {message.burst} was cancelled")
@@ -338,12 +346,12 @@ class ActiveBursts:
             return self.resumed.open_session_of(message)
         return await self.resumed.reopen(message, self.now_ns())
 
-    async def answer_finished(self, report: CameraReport) -> ReportAck | None:
+    async def answer_finished(self, report: CameraReport, pin: str) -> ReportAck | None:
         """Answer a report of a saved session that has all images of its camera: nothing of it is changed."""
         session = self._bursts.get(report.burst)
         if session is not None and report.leader == self.engine.config.instance:
             return None
-        return await self.resumed.answer_finished(report)
+        return await self.resumed.answer_finished(report, pin)
 
     def note_spool_space(self, space: SpoolSpace) -> None:
         """Note how much room a node has, for the next burst, and tell where that cannot be used."""

@@ -5,6 +5,7 @@ import secrets
 from socket import socket
 from typing import Self
 
+from capture_app.errors import SimulshotError
 from capture_app.net.address import Address, own_machine_address, reachable_host
 from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
@@ -19,19 +20,22 @@ from capture_app.node.leader.readiness import RateReview, reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState
-from capture_app.node.news import FollowerNews
+from capture_app.node.news import DiskNews, FollowerNews
 from capture_app.node.pairing import Enrolment
 from capture_app.node.wire.messages import ToLeader
 from capture_app.node.wire.status import RigStatus
-from capture_app.sync.rig.events import BurstRefused
+from capture_app.sync.rig.events import BurstRefused, NodeForgotten, NodeJoined, NodeReturned
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
 
 class LeaderNode:
     """A running leader: `async with await LeaderNode.start(options)` serves until the block ends."""
 
-    def __init__(self, options: LeaderOptions, engine: Leader, bound: socket) -> None:
+    def __init__(
+        self, options: LeaderOptions, engine: Leader, bound: socket, names: CameraNames | None
+    ) -> None:
         """Put the parts together, for a port that is bound; `start` does it all."""
         self.options = options
         port = engine.config.transfer_port
@@ -40,7 +44,7 @@ class LeaderNode:
         self.address = Address(reachable_host(options.host, bound.family), port)
         """Where other machines do."""
         self.news = options.news
-        self._engine, self._clock = engine, options.clock
+        self._engine, self._clock, self._names = engine, options.clock, names
         self._rates = RateReview()
         self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
         self._keys = KeyIssuer(options.trust, sealed, self.news)
@@ -64,6 +68,7 @@ class LeaderNode:
         BadInputError where this machine's key cannot be had.
         """
         options.trust.server_context()
+        names = None if options.trust.folder is None else CameraNames(options.trust.folder)
         datagrams, listening = bind_port(options.host, options.port, or_free=options.or_free_port)
         config = LeaderConfig(
             instance=secrets.randbits(32),
@@ -71,7 +76,8 @@ class LeaderNode:
             rig=options.rig,
             beacons=None if options.beacons is None else options.beacons.group,
         )
-        leader = cls(options, Leader(config, random.Random(secrets.randbits(64))), listening)
+        rng, owners = random.Random(secrets.randbits(64)), None if names is None else names.owners
+        leader = cls(options, Leader(config, rng, owners=owners), listening, names)
         try:
             for follower in options.followers:
                 follower.start(options.clock, leader)
@@ -134,6 +140,11 @@ class LeaderNode:
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, BurstRefused):
                 self.bursts.note_refusal(event)
+            if isinstance(event, NodeJoined | NodeReturned | NodeForgotten) and self._names is not None:
+                try:
+                    self._names.keep()
+                except SimulshotError as error:
+                    self.news.note(DiskNews(None, str(error)))
             self.news.note(event)
         for news in self._rates.look(self._engine, now_ns):
             self.news.note(news)

@@ -8,7 +8,6 @@ from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.wire import operating
 from capture_app.sync.rig.leader import Leader
-from capture_app.sync.wire.messages import NodeState
 
 FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 
@@ -22,6 +21,7 @@ class OperatorOrders:
         """Set when an operator wants this leader to end."""
         self._engine, self._bursts, self._local, self._pump = engine, bursts, local, pump
         self._options = bursts.options
+        self._own_pin = "" if self._options.trust.is_open else self._options.trust.identity.pin
 
     async def carry_out(self, order: operating.Order) -> operating.Done | operating.PhoneInvited:
         """Do what is asked, and return when it is done. Raises the errors of what is asked."""
@@ -56,25 +56,28 @@ class OperatorOrders:
         return self._local
 
     def _taken(self) -> list[str]:
-        """Names of nodes that are here; a lost one may come back under its name."""
-        views = self._engine.clients(self._options.clock.now_ns())
-        return [view.name for view in views if view.report.state is not NodeState.LOST]
+        """Names of nodes that are here, and of other machines; a lost one may come back under its name."""
+        here = [name for name in self._engine.members if self._is_here(name)]
+        return here + [name for name, pin in self._engine.owners.items() if pin != self._own_pin]
+
+    def _is_here(self, name: str) -> bool:
+        member = self._engine.members.get(name)
+        return member is not None and not member.lost
 
     async def _remove(self, name: str) -> None:
         if self._local is not None and name in self._local.names:
             await self._local.remove(name)
             # It says goodbye as it ends; one that had to be killed is noticed by its silence.
             for _ in range(FORGET_CHECKS):
-                if name not in self._taken():
+                if not self._is_here(name):
                     break
                 await asyncio.sleep(FORGET_CHECK_S)
-            if all(view.name != name for view in self._engine.clients(self._options.clock.now_ns())):
+            if name not in self._engine.members:
                 return
-        for view in self._engine.clients(self._options.clock.now_ns()):
-            if view.name == name and view.report.state is not NodeState.LOST:
-                raise BadInputError(
-                    f"{name} runs on {view.address[0]}, not as a process of the leader's",
-                    hint="stop its capture-app node there",
-                )
+        if self._is_here(name):
+            raise BadInputError(
+                f"{name} runs on {self._engine.members[name].address[0]}, not as a process of the leader's",
+                hint="stop its capture-app node there",
+            )
         self._engine.forget(name)
         self._pump.turn()

@@ -115,7 +115,7 @@ class LeaderService:
     async def _take_image(
         self, channel: Channel[messages.ToLeader], message: messages.ImageUpload
     ) -> "asyncio.Future[str]":
-        session = await self._bursts.find_session(message)
+        session = await self._bursts.find_session(message, channel.who.pin)
         saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
         saving.add_done_callback(lambda _: self._bursts.tell_progress(session))
         return saving
@@ -133,7 +133,7 @@ class LeaderService:
             case messages.KeyRequest():
                 await channel.send(self._keys.hand_out(channel.who, message))
             case messages.CameraReport():
-                await channel.send(await self._take_report(message, working_on))
+                await channel.send(await self._take_report(message, channel.who.pin, working_on))
             case messages.NodeStream():
                 await channel.send(messages.ReportAck())
             case messages.SpoolSpace():
@@ -142,10 +142,12 @@ class LeaderService:
             case _:
                 await self._answer_operator(channel, message)
 
-    async def _take_report(self, report: messages.CameraReport, working_on: WorkingOn) -> messages.ReportAck:
-        if (done := await self._bursts.answer_finished(report)) is not None:
+    async def _take_report(
+        self, report: messages.CameraReport, pin: str, working_on: WorkingOn
+    ) -> messages.ReportAck:
+        if (done := await self._bursts.answer_finished(report, pin)) is not None:
             return done
-        session = await self._bursts.find_session(report)
+        session = await self._bursts.find_session(report, pin)
         key, camera = (report.leader, report.burst), report.plan.camera.name
         if key not in working_on or working_on[key][0] is not session:
             session.stream_opened(camera)

@@ -14,7 +14,7 @@ from capture_app.session.format.checks import read_struct
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 
 PLAN = "burst.json"
-PLAN_VERSION = 1
+PLAN_VERSION = 2
 
 
 class MissingRun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -70,6 +70,8 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The burst's number in that run."""
     burst: BurstRecord
     cameras: tuple[CameraPlan, ...]
+    pins: dict[str, str] = {}
+    """By camera, the machine that alone brings its part; empty where nobody was asked who it is."""
     note: str = ""
     """What the manifest is to keep as a note."""
     spare: Count = 0

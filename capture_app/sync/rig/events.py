@@ -37,6 +37,13 @@ class JoinRefused:
 
 
 @dataclass(frozen=True, slots=True)
+class LeaderSaid:
+    """The leader has something to say to whoever looks after this client."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class LeaderLost:
     """The leader fell silent, forgot this client or is followed no more; the client asks to join again."""
 
@@ -123,6 +130,7 @@ class StrangeTrigger:
 ClientEvent = (
     Joined
     | JoinRefused
+    | LeaderSaid
     | LeaderLost
     | ClockEvent
     | FramesDropped
@@ -140,6 +148,17 @@ class NodeJoined:
 
     name: str
     """The client's, here and below."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRefused:
+    """A client may not join under its name; it keeps asking, and is told of now and then."""
+
+    name: str
+    where: str
+    """At which host, or below which relay."""
+    reason: str
+    """As the client is told, with what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,4 +213,13 @@ class BurstRefused:
     """As the client said it, or that it was lost or silent."""
 
 
-LeaderEvent = NodeJoined | NodeReturned | NodeMoved | NodeLost | NodeForgotten | BurstAccepted | BurstRefused
+LeaderEvent = (
+    NodeJoined
+    | NodeRefused
+    | NodeReturned
+    | NodeMoved
+    | NodeLost
+    | NodeForgotten
+    | BurstAccepted
+    | BurstRefused
+)

@@ -9,13 +9,15 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from msgspec import structs
+
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError
 from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import GridChoice
 from capture_app.sync.reference_broadcast import Broadcaster
-from capture_app.sync.rig.events import LeaderEvent, NodeLost
+from capture_app.sync.rig.events import LeaderEvent, NodeForgotten, NodeLost, NodeRefused
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
@@ -31,6 +33,7 @@ from capture_app.sync.wire.codec import (
     version_answer,
 )
 from capture_app.sync.wire.messages import (
+    MOST_TEXT,
     WITHOUT_CAMERA,
     ArrivalReport,
     ControlMessage,
@@ -40,6 +43,7 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
+    Notice,
     RigConfigMessage,
     TimeRequest,
     TriggerAck,
@@ -225,6 +229,8 @@ class Outbox:
 
 
 _MS = 1_000_000
+TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000 * _MS, 600_000 * _MS, 256
+"""Of each machine that is refused one reason is told in so long, the same one again later."""
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
 
 
@@ -247,14 +253,23 @@ class Leader:
     A relay's has an `uplink`: what its clients say goes there too, and bursts come from there.
     """
 
-    def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
+    def __init__(
+        self,
+        config: LeaderConfig,
+        rng: random.Random,
+        uplink: Uplink | None = None,
+        owners: dict[str, str] | None = None,
+    ) -> None:
+        """`owners` are the pins of the machines that names are of, from before; it is kept up to date."""
         self.config = config
         self.current = CurrentConfig(config.instance, config.rig)
         self.malformed = 0
         self.impostures = 0
         """Messages in the name of another than who sealed them."""
         self._uplink = uplink
-        self._roster = Roster(rng)
+        self._roster = Roster(rng, owners)
+        self._told: dict[str, tuple[str, int]] = {}
+        """By machine or host, why it was refused last, and when that was told."""
         self._orders = Orders(config.instance, self._roster)
         self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._review = GridReview(self.current, self._roster, self._orders)
@@ -319,13 +334,16 @@ class Leader:
                 self._note_lost(self._roster.mark_lost(member, "it left"))
 
     def forget(self, name: str) -> None:
-        """Forget a lost member. Raises BadInputError where there is none of that name, or it is here."""
+        """Forget a lost member, and whose its name was: any machine may have that from now on.
+
+        Raises BadInputError where there is none of that name, or it is here.
+        """
         member = self._roster.members.get(name)
-        if member is None:
-            raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
-        if not member.lost:
+        if member is not None and not member.lost:
             raise BadInputError(f"{name} is here", hint="stop it first: it would join again")
-        self._events.append(self._roster.forget(member))
+        if self._roster.owners.pop(name, None) is None and member is None:
+            raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
+        self._events.append(NodeForgotten(name) if member is None else self._roster.forget(member))
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
@@ -388,6 +406,11 @@ class Leader:
         """All members by name, lost ones too."""
         return self._roster.members
 
+    @property
+    def owners(self) -> dict[str, str]:
+        """By each name that was ever taken, the pin of the machine whose it is."""
+        return self._roster.owners
+
     def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
         self.outbox.send(message, member.address)
@@ -442,6 +465,29 @@ class Leader:
         if not passed_on:
             self.acknowledge(member)
 
+    def put_away(self, member: Member) -> None:
+        """Forget a member, here or lost, whose name is another machine's."""
+        if not member.lost:
+            self.drop_member(member, "its name is another machine's")
+        self._events.append(self._roster.forget(member))
+
+    def _tell_refusal(self, hello: Hello, reason: str, address: Address, now_ns: int) -> None:
+        """Refuse a client; now and then tell whoever runs this, and a camera whose name it wants."""
+        self.refuse(hello, reason, address)
+        who = hello.pin or address[0]
+        told, told_ns = self._told.get(who, ("", now_ns - TOLD_AGAIN_NS))
+        if now_ns - told_ns < (TOLD_AGAIN_NS if told == reason else TOLD_EVERY_NS):
+            return
+        if len(self._told) >= MOST_TOLD:
+            del self._told[next(iter(self._told))]
+        self._told[who] = reason, now_ns
+        where = f"at {address[0]}" if hello.via is None else f"below {hello.via}"
+        self._events.append(NodeRefused(hello.name, where, reason))
+        owner = self._roster.members.get(hello.name)
+        if owner is not None and not owner.lost and owner.instance != hello.instance:
+            text = f"another camera {where} wants to be {hello.name}, too: give one another --name"
+            self.send(owner, Notice(owner.number, text[:MOST_TEXT]))
+
     def _note_lost(self, event: NodeLost) -> None:
         self._events.append(event)
         self._review.is_due = True
@@ -452,16 +498,23 @@ class Leader:
         if principal is not None and not principal.may_introduce(hello):
             self.impostures += 1
             return
-        refusal = self._roster.refusal(hello, principal)
+        # What a client says of its own machine does not count: its seal does.
+        sealed_by = "" if principal is None else principal.pin
+        hello = structs.replace(hello, pin=(hello.via and sealed_by and hello.pin) or sealed_by)
+        refusal = self._roster.refusal(hello)
+        if refusal and self._uplink is not None and self._roster.is_of_another_machine(hello):
+            self._uplink.ask(hello)
         refusal = refusal or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
-            self.refuse(hello, refusal, address)
+            self._tell_refusal(hello, refusal, address, now_ns)
             return
         # A relay's grid is the root's.
         if self._uplink is None and self.current.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
         self._events.extend(self._roster.make_room(hello))
         member, event = self._roster.admit(hello, address, now_ns, principal)
+        if self._uplink is None and hello.pin:
+            self._roster.claim(hello)
         if event is not None:
             self._events.append(event)
         config, current = self.config, self.current.message(self.pace_ns)

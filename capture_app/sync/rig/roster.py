@@ -10,7 +10,15 @@ from capture_app.names import is_name
 from capture_app.sync.phase.frame_grid import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeMoved, NodeReturned
-from capture_app.sync.wire.messages import CLOCK_ONLY, PROBE_NUMBER, WITHOUT_CAMERA, Hello, NodeState, Report
+from capture_app.sync.wire.messages import (
+    CLOCK_ONLY,
+    MOST_TEXT,
+    PROBE_NUMBER,
+    WITHOUT_CAMERA,
+    Hello,
+    NodeState,
+    Report,
+)
 from capture_app.sync.wire.principal import Principal
 
 Address = tuple[str, int]
@@ -22,6 +30,8 @@ CLOCK_SILENT_NS = 150_000 * _MS
 FORGET_LOST_NS = 600_000 * _MS
 """A lost member that was not heard for so long is forgotten: by then somebody has put it away."""
 MAX_CLIENTS = 10_000
+MOST_OF_ONE = 100
+"""How many names one machine has: it takes no room of others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +67,12 @@ class Member:
     """Whether it has said more than hello, by the number that it was told: it is where it says it is."""
     principal: Principal | None = None
     """Who seals its messages; None in a rig without seals."""
+    pin: str = ""
+    """That of its machine, whoever seals for it."""
 
-    def is_of_another_machine(self, principal: Principal | None) -> bool:
-        """Whether this member came without a relay, and from another machine than this principal's."""
-        own = self.principal
-        return self.via is None and own is not None and principal is not None and own.pin != principal.pin
+    def is_of_another_machine(self, hello: Hello) -> bool:
+        """Whether a hello comes from another machine than this member's."""
+        return self.pin not in ("", hello.pin)
 
 
 def van_der_corput(index: int) -> float:
@@ -76,8 +87,10 @@ def van_der_corput(index: int) -> float:
 class Roster:
     """All members by name; the lost ones stay for FORGET_LOST_NS, so that they can return."""
 
-    def __init__(self, rng: random.Random) -> None:
+    def __init__(self, rng: random.Random, owners: dict[str, str] | None = None) -> None:
         self.members: dict[str, Member] = {}
+        self.owners = {} if owners is None else owners
+        """By each name that was ever taken, the pin of its machine; of a relay, which asks above, none."""
         self.immovable: dict[str, Member] = {}
         """Members whose streams cannot be moved to every grid: the grid is moved to suit them."""
         self.present_count = 0
@@ -104,20 +117,42 @@ class Roster:
         member = self._by_number.get(number)
         return None if member is None or member.lost else member
 
-    def refusal(self, hello: Hello, principal: Principal | None = None) -> str:
+    def is_of_another_machine(self, hello: Hello) -> bool:
+        """Whether the name that a client asks for is that of another machine's."""
+        member = self.members.get(hello.name)
+        if member is not None and member.is_of_another_machine(hello):
+            return True
+        return self.owners.get(hello.name, hello.pin) != hello.pin
+
+    def refusal(self, hello: Hello) -> str:
         """Return why a client cannot be taken in, empty where it can."""
         known = self.members.get(hello.name)
+        if self.is_of_another_machine(hello):
+            return (
+                f"two machines are called {hello.name}: give this one another --name; or, when the other is"
+                f" off for good, on the leader: capture-app cameras remove {hello.name}"
+            )[:MOST_TEXT]
         if known is not None and not known.lost and known.instance != hello.instance:
             return f"another camera named {hello.name} is here: give this one another --name"
-        if known is not None and hello.via is None and known.is_of_another_machine(principal):
-            return f"{hello.name} is the name of another machine's camera: choose another, or forget that one"
         if not is_name(hello.name):
             return "its name is not a valid name"
+        if known is None and self._is_full(hello.pin) and self._least_needed(hello.pin) is None:
+            return f"its machine has {MOST_OF_ONE} cameras here already"
         if known is None and len(self.members) >= MAX_CLIENTS and self._least_needed() is None:
             return "the rig is full"
         if not MIN_PERIOD_NS <= hello.camera.period_ns <= MAX_PERIOD_NS:
             return f"a frame period of {hello.camera.period_ns} ns is not possible"
         return ""
+
+    def claim(self, hello: Hello) -> None:
+        """Keep whose name it is for good; of what one machine had long ago the first is free again."""
+        if self.owners.get(hello.name) != hello.pin:
+            self.owners[hello.name] = hello.pin
+            gone = [
+                name for name, pin in self.owners.items() if pin == hello.pin and name not in self.members
+            ]
+            for name in gone[:-MOST_OF_ONE]:
+                del self.owners[name]
 
     def confirm(self, member: Member) -> bool:
         """Note that a member has said more than hello; whether that is new."""
@@ -127,16 +162,28 @@ class Roster:
 
     def make_room(self, hello: Hello) -> list[NodeForgotten]:
         """Forget one that is not needed where a new client that is not refused would be one too many."""
-        if hello.name in self.members or len(self.members) < MAX_CLIENTS:
+        if hello.name in self.members:
             return []
-        member = self._least_needed()
-        return [] if member is None else [self.forget(member)]
+        forgotten: list[NodeForgotten] = []
+        for pin in (hello.pin, ""):
+            full = self._is_full(pin) if pin else len(self.members) >= MAX_CLIENTS
+            member = self._least_needed(pin) if full else None
+            if member is not None:
+                forgotten.append(self.forget(member))
+        return forgotten
 
-    def _least_needed(self) -> Member | None:
-        """Return one that has said no more than hello, else the one that has been lost for the longest."""
-        if self._unconfirmed:
-            return next(iter(self._unconfirmed.values()))
-        lost = (member for member in self.members.values() if member.lost)
+    def _is_full(self, pin: str) -> bool:
+        return bool(pin) and sum(member.pin == pin for member in self.members.values()) >= MOST_OF_ONE
+
+    def _least_needed(self, pin: str = "") -> Member | None:
+        """Return one that has said no more than hello, else the one that has been lost for the longest.
+
+        Of one machine, where its `pin` is given.
+        """
+        for member in self._unconfirmed.values():
+            if pin in ("", member.pin):
+                return member
+        lost = (member for member in self.members.values() if member.lost and pin in ("", member.pin))
         return min(lost, key=lambda member: member.last_heard_ns, default=None)
 
     def admit(
@@ -161,7 +208,7 @@ class Roster:
         member = Member(
             hello.name, hello.instance, number, address, hello.camera, report, now_ns, slot, hello.via
         )
-        member.principal = principal
+        member.principal, member.pin = principal, hello.pin
         self._joins += 1
         self._count(member, 1)
         self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)

@@ -7,7 +7,7 @@ from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
+from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost, LeaderSaid
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
@@ -32,6 +32,7 @@ from capture_app.sync.wire.messages import (
     Hello,
     JoinRefusal,
     NodeState,
+    Notice,
     Report,
     TimeReply,
     Trigger,
@@ -51,7 +52,7 @@ NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP thr
 MOST_EVENTS = 256
 """Newest events that are kept for a node that does not take them."""
 
-TimeClientEvent = Joined | JoinRefused | LeaderLost | ClockEvent
+TimeClientEvent = Joined | JoinRefused | LeaderSaid | LeaderLost | ClockEvent
 
 
 class TimeClient:
@@ -175,12 +176,9 @@ class TimeClient:
                 self._note_clock(now_ns)
             case UnknownMember() if self.is_addressed(message):
                 self.lose("the leader was restarted", now_ns)
-            case HeartbeatAck() | AgreedArrival() | Trigger() if self.is_addressed(message):
+            case HeartbeatAck() | AgreedArrival() | Trigger() | Notice() if self.is_addressed(message):
                 self._heard_ns = now_ns
-                if isinstance(message, HeartbeatAck):
-                    self._take_answer(message, now_ns)
-                elif isinstance(message, AgreedArrival):
-                    self.timekeeper.listener.accept(message)
+                self._take_word(message, now_ns)
             case _:
                 pass
 
@@ -308,6 +306,14 @@ class TimeClient:
         if config.grid.period_ns != self.followed.grid.period_ns:
             return "the leader has another grid of instants"
         return "the relay follows another leader" if config.path[0] != self.followed.path[0] else ""
+
+    def _take_word(self, message: HeartbeatAck | AgreedArrival | Trigger | Notice, now_ns: int) -> None:
+        if isinstance(message, HeartbeatAck):
+            self._take_answer(message, now_ns)
+        elif isinstance(message, AgreedArrival):
+            self.timekeeper.listener.accept(message)
+        elif isinstance(message, Notice):
+            self._events.append(LeaderSaid(message.text))
 
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
         config = FollowedConfig.of_message(answer.config)

@@ -26,7 +26,8 @@ class Uplink:
         self._numbers: dict[str, tuple[Member, int]] = {}
         self._members: dict[int, Member] = {}
         self._introduced: dict[int, Hello] = {}
-        self._refused: dict[int, str] = {}
+        self._refused: dict[tuple[str, str | int], str] = {}
+        """By name and machine, or the run where the rig asks nobody who it is."""
         self._outbox: deque[bytes] = deque()
 
     def restart(self, *, has_parent: bool) -> None:
@@ -48,9 +49,9 @@ class Uplink:
             encode(self._with_relay(hello))
         except WireError:
             return TOO_LONG
-        reason = self._refused.get(hello.instance, "")
+        reason = self._refused.get(_who(hello), "")
         if reason:
-            self._ask(hello)
+            self.ask(hello)
         return reason
 
     def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
@@ -59,7 +60,7 @@ class Uplink:
             return False
         known, number = self._numbers.get(member.name, (None, 0))
         if isinstance(message, Hello) or known is not member:
-            self._ask(Hello(member.name, member.instance, member.camera, member.via))
+            self.ask(Hello(member.name, member.instance, member.camera, member.via, member.pin))
             return False
         return self._send(replace(message, client=number)) and isinstance(message, Heartbeat)
 
@@ -76,14 +77,20 @@ class Uplink:
         member = self._members.get(number)
         return None if member is None or member.lost else member
 
-    def note_welcome(self, instance: int, number: int, members: dict[str, Member]) -> None:
-        """Note that the parent took a member in, or a client that it had refused before."""
+    def note_welcome(self, instance: int, number: int, members: dict[str, Member]) -> Member | None:
+        """Note that the parent took a member in, or a client that was refused before.
+
+        Return the member of another machine that has its name here.
+        """
         hello = self._introduced.pop(instance, None)
-        self._refused.pop(instance, None)
-        member = None if hello is None else members.get(hello.name)
+        if hello is None:
+            return None
+        self._refused.pop(_who(hello), None)
+        member = members.get(hello.name)
         if member is not None and member.instance == instance and not member.lost:
             self._numbers[member.name] = member, number
             self._members[number] = member
+        return member if member is not None and member.is_of_another_machine(hello) else None
 
     def note_refusal(self, instance: int, reason: str, members: dict[str, Member]) -> Member | None:
         """Note that the parent refused a client; return the member that is to be dropped, if there is one."""
@@ -92,7 +99,7 @@ class Uplink:
             return None
         if len(self._refused) >= self._most_members:
             self._refused.clear()
-        self._refused[instance] = reason
+        self._refused[_who(hello)] = reason
         member = members.get(hello.name)
         return member if member is not None and member.instance == instance and not member.lost else None
 
@@ -102,7 +109,8 @@ class Uplink:
         if member is not None:
             self._numbers.pop(member.name, None)
 
-    def _ask(self, hello: Hello) -> None:
+    def ask(self, hello: Hello) -> None:
+        """Ask the parent whether a client may join: its answer counts, whoever has the name here."""
         if len(self._introduced) >= self._most_members:
             # No answers, or made-up names: clients that are there say hello again.
             self._introduced.clear()
@@ -118,3 +126,7 @@ class Uplink:
         except WireError:
             return False
         return True
+
+
+def _who(hello: Hello) -> tuple[str, str | int]:
+    return hello.name, hello.pin or hello.instance

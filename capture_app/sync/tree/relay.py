@@ -24,6 +24,7 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
+    Notice,
     Trigger,
     UnknownMember,
     Welcome,
@@ -126,7 +127,10 @@ class Relay:
         uplink, members = self.uplink, self.leader.members
         match message:
             case Welcome() if message.instance != self.member.config.instance:
-                uplink.note_welcome(message.instance, message.client, members)
+                usurper = uplink.note_welcome(message.instance, message.client, members)
+                if usurper is not None:
+                    # The root knows whose the name is, and this one had it here.
+                    self.leader.put_away(usurper)
             case JoinRefusal() if message.instance != self.member.config.instance:
                 refused = uplink.note_refusal(message.instance, message.reason, members)
                 if refused is not None:
@@ -139,7 +143,7 @@ class Relay:
                 self.member.receive_message(mine, address, now_ns)
                 self._update_terms()
                 self.leader.acknowledge(member)
-            case Trigger() if member := uplink.member(message.client):
+            case Trigger() | Notice() if member := uplink.member(message.client):
                 self.leader.send(member, msgspec.structs.replace(message, client=member.number))
             case _:
                 self.member.receive_message(message, address, now_ns)

@@ -26,6 +26,7 @@ from capture_app.sync.wire.messages import (
     Heartbeat,
     Hello,
     JoinRefusal,
+    Notice,
     TimeReply,
     TimeRequest,
     TriggerAck,
@@ -33,7 +34,7 @@ from capture_app.sync.wire.messages import (
 from capture_app.text import REPLACEMENT, UNREADABLE
 
 MAGIC = b"sS"
-VERSION = 3
+VERSION = 4
 TOKEN_BYTES = 8
 KIND_VERSION = 0
 _ASKING = 0
@@ -163,6 +164,8 @@ def _printable(message: ControlMessage) -> ControlMessage:
             return replace(message, report=replace(report, message=_plain(report.message)))
         case JoinRefusal(reason=reason) if not reason.isprintable():
             return replace(message, reason=_plain(reason))
+        case Notice(text=text) if not text.isprintable():
+            return replace(message, text=_plain(text))
         case TriggerAck(refusal=reason) if not reason.isprintable():
             return replace(message, refusal=_plain(reason))
     return message

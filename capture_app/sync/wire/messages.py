@@ -123,7 +123,8 @@ class NodeState(StrEnum):
     FAILED = "failed"
 
 
-Text = Annotated[str, Meta(max_length=200)]
+MOST_TEXT = 200
+Text = Annotated[str, Meta(max_length=MOST_TEXT)]
 Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """The number of a client, as time messages carry it."""
@@ -144,6 +145,8 @@ RELAY = "relay"
 WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 PROBE_NUMBER = 0
 """The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
+Pin = Annotated[str, Meta(pattern="^[a-z2-7-]{0,39}$")]
+"""By which a machine is known; empty in a rig that asks nobody."""
 HeightShare = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -173,6 +176,8 @@ class Hello(Struct, frozen=True, tag="hello"):
     camera: CameraFacts
     via: Name | None = None
     """The relay that it joined, where a relay passes this on; None where the client sends it itself."""
+    pin: Pin = ""
+    """That of its machine, as a relay has seen it; what a client says of itself does not count."""
 
 
 class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
@@ -302,6 +307,13 @@ class TriggerAck(Struct, frozen=True, tag="trigger-ack"):
     refusal: Text = ""
 
 
+class Notice(Struct, frozen=True, tag="notice"):
+    """What whoever looks after a client should know."""
+
+    client: int
+    text: Text
+
+
 class Goodbye(Struct, frozen=True, tag="goodbye"):
     """A client leaves of its own will."""
 
@@ -317,6 +329,7 @@ ControlMessage = (
     | UnknownMember
     | Trigger
     | TriggerAck
+    | Notice
     | Goodbye
     | Beacon
     | ArrivalReport

@@ -85,7 +85,7 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
             await bursts.cancel(number)
         late = replace(report("b", 0, 1), burst=number)
         with pytest.raises(CancelledBurstError):
-            await bursts.find_session(late)
+            await bursts.find_session(late, "")
         again = await order(bursts)
         assert again.burst.number > number
 

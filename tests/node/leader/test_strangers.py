@@ -186,13 +186,13 @@ async def test_a_report_leaves_a_finished_session_as_it_is(tmp_path: Path) -> No
     before = contents(session.folder)
     resumed = ResumedBursts(tmp_path, lambda _: None, bursts.DISK)
     lie = bursts.report("a", missing=())
-    told = await resumed.answer_finished(lie.with_plan(camera=replace(lie.plan.camera, facts=ODD)))
+    told = await resumed.answer_finished(lie.with_plan(camera=replace(lie.plan.camera, facts=ODD)), "")
     assert told is not None
     assert [(of.instant, of.stored) for of in told.receipts] == [(0, True), (1, True)]
     assert {of.sha256 for of in told.receipts} == {hashlib.sha256(bursts.IMAGE).hexdigest()}
     assert resumed.sessions() == ()
     assert contents(session.folder) == before
-    assert await resumed.answer_finished(replace(lie, burst=9)) is None
+    assert await resumed.answer_finished(replace(lie, burst=9), "") is None
 
 
 async def test_a_late_report_changes_only_what_was_missing_of_its_camera(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ async def test_a_late_report_changes_only_what_was_missing_of_its_camera(tmp_pat
     first = {camera.name: camera for camera in Session.open(session.folder).manifest.cameras}
     resumed = ResumedBursts(tmp_path, lambda _: None, bursts.DISK)
     told = bursts.report("b", 0, 1)
-    assert await resumed.answer_finished(told) is None, "it lacks them"
+    assert await resumed.answer_finished(told, "") is None, "it lacks them"
     late = await resumed.reopen(told, 0)
     await late.accept_report(told, 0)
     odd = bursts.report("a", 0, 1)

@@ -7,7 +7,7 @@ from msgspec import structs
 
 from benchmarks.simulated.clock_tree import ROOT
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstAccepted, JoinRefused, NodeLost, NodeMoved
+from capture_app.sync.rig.events import BurstAccepted, JoinRefused, LeaderSaid, NodeLost, NodeMoved
 from capture_app.sync.rig.leader import RigConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.codec import decode
@@ -57,7 +57,9 @@ def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
     rig.run_until(lambda: first.client.state is NodeState.READY)
     second = rig.camera("cam", two, at="other")
     rig.run(4.0)
-    assert first.client.state is NodeState.READY
+    assert first.client.time.is_member
+    (said,) = (event for event in first.events if isinstance(event, LeaderSaid))
+    assert "another camera below two wants to be cam" in said.text
     assert second.client.state is NodeState.JOINING
     refusal = "another camera named cam is here: give this one another --name"
     assert JoinRefused(refusal) in second.events

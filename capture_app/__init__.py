@@ -1,3 +1,22 @@
-"""Take pictures of the same instant with many ordinary cameras."""
+"""Take pictures of the same instant with many ordinary cameras.
+
+What Python code calls is here, and loaded when it is first named: docs/python.md.
+"""
+
+import importlib
+from typing import Any
 
 __version__ = "0.1.0"
+_PUBLIC = {
+    "AsyncRig": "rig",
+    "Rig": "rig",
+    "SimulshotError": "errors",
+    "open_session": "session.reading.opened",
+}
+__all__ = ["AsyncRig", "Rig", "SimulshotError", "__version__", "open_session"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)

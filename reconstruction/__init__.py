@@ -1,1 +1,16 @@
-"""Reconstruct recorded sessions and compare synchronized with offset frames."""
+"""Reconstruct recorded sessions and compare synchronized with offset frames.
+
+What Python code calls is here, and loaded when it is first named: docs/python.md.
+"""
+
+import importlib
+from typing import Any
+
+_PUBLIC = {"Condition": "session.conditions", "open_session": "opened"}
+__all__ = ["Condition", "open_session"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)

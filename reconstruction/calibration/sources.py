@@ -46,6 +46,11 @@ class CalibrationSource(StrEnum):
     """Another name of `BOARD`."""
     KEPT = "kept"
 
+    @classmethod
+    def named(cls, text: str) -> "CalibrationSource | Path":
+        """The source of this name, else a path."""
+        return cls(text) if text in set(cls) else Path(text)
+
 
 @dataclass(frozen=True)
 class Candidate:

@@ -147,7 +147,7 @@ def calibrate(
         )
 
     options = CalibrateOptions(
-        source=CalibrationSource(source) if source in set(CalibrationSource) else Path(source),
+        source=CalibrationSource.named(source),
         distance=None if distance_m is None else KnownDistance(dict(marks), distance_m),
         vertical=dict(marks) if vertical else None,
         **chosen,

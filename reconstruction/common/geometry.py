@@ -34,9 +34,7 @@ class View:
     @classmethod
     def from_calibration(cls, camera: CameraCalibration, width: int, height: int) -> Self:
         """The view of a camera whose images are width x height px, scaled from its calibration's size."""
-        sx, sy = width / camera.width, height / camera.height
-        cx, cy = (camera.cx + 0.5) * sx - 0.5, (camera.cy + 0.5) * sy - 0.5
-        matrix = np.array([[camera.fx * sx, 0.0, cx], [0.0, camera.fy * sy, cy], [0.0, 0.0, 1.0]])
+        matrix = camera.matrix(width, height)
         distortion = np.zeros(5)
         distortion[: len(camera.distortion)] = camera.distortion[:5]
         return cls(width, height, matrix, distortion, np.array(camera.rotation), np.array(camera.translation))

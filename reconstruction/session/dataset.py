@@ -11,7 +11,6 @@ import numpy as np
 
 from capture_app.camera_facts import unshared_uncertainties_ns
 from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
-from capture_app.session.files.strangers import read_arrays
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
@@ -223,18 +222,17 @@ class Dataset:
         Raises:
             BadInputError: the file is broken.
         """
-        path = self.ground_truth_file(camera, instant)
-        if path is None:
-            return None
+        record = self._records.get((camera, instant))
+        truth = self.session.read_ground_truth(camera, record.instant) if record is not None else None
+        if truth is None or self._scale == 1.0:
+            return truth
+        size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
         try:
-            data = read_arrays(path)
-            depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
-            if self._scale < 1.0:
-                size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
-                depth, movers = (np.asarray(cv2.resize(a, size, interpolation=how)) for a in (depth, movers))
-            return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
-        except (ValueError, KeyError, cv2.error) as error:
+            depth, movers = (cv2.resize(a, size, interpolation=how) for a in (truth[0], np.uint8(truth[1])))
+        except cv2.error as error:
+            path = self.ground_truth_file(camera, instant)
             raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
+        return np.asarray(depth), np.asarray(movers) > 0
 
     def ground_truth_file(self, camera: str, instant: int) -> Path | None:
         """Where the ground truth of an image is, which keeps the instant it was saved under; None without."""

@@ -1,10 +1,15 @@
 """The calibration of a rig, `calibration.json`: intrinsics and `cam_from_rig` of each camera."""
 
 import math
+from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
@@ -29,6 +34,15 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     rotation: Matrix3
     translation: Vector3
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def matrix(self, width: int, height: int) -> "NDArray[np.float64]":
+        """The camera matrix, 3 x 3, for pictures of width x height px, which may be others than its own."""
+        import numpy as np  # slow to import, and this module is in every command's way
+
+        sx, sy = width / self.width, height / self.height
+        # What scales are the pixels' edges, half a pixel from their centres.
+        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
+        return np.array([[self.fx * sx, 0.0, cx], [0.0, self.fy * sy, cy], [0.0, 0.0, 1.0]])
 
 
 def check_lens(where: str, camera: CameraCalibration) -> None:

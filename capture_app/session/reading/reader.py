@@ -4,12 +4,13 @@ import fcntl
 import os
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Self
 
 import msgspec
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.names import is_name
-from capture_app.session.files.strangers import read_regular
+from capture_app.session.files.strangers import read_arrays, read_regular
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, inside, read_struct
 from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
@@ -26,6 +27,10 @@ from capture_app.session.format.manifest import (
     VideoRecord,
 )
 from capture_app.text import UNREADABLE
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class SessionSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,7 +59,7 @@ class Session:
         self._cameras = {camera.name: camera for camera in manifest.cameras}
 
     @classmethod
-    def open(cls, path: Path) -> "Session":
+    def open(cls, path: Path) -> Self:
         """Open a session's folder.
 
         Raises BadInputError where it is no session or its manifest cannot be trusted, and
@@ -151,6 +156,25 @@ class Session:
             return None
         path = self.folder / ground_truth_path(camera, instant)
         return path if path.is_file() else None
+
+    def read_ground_truth(
+        self, camera: str, instant: int
+    ) -> "tuple[NDArray[np.float32], NDArray[np.bool_]] | None":
+        """True depth (m, 0 = unknown) and movers of a simulated image, or None.
+
+        Raises BadInputError where the file is broken.
+        """
+        path = self.ground_truth(camera, instant)
+        if path is None:
+            return None
+        import numpy as np  # slow to import, and this module is in every command's way
+
+        try:
+            data = read_arrays(path)
+            depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
+        except (ValueError, KeyError) as error:
+            raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
+        return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
 
     def true_times(self) -> TrueTimes | None:
         """The true times of a simulated session, or None. Raises BadInputError where they are broken."""

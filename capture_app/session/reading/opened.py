@@ -1,0 +1,230 @@
+"""A session as Python code reads it: each frame as an array, decoded when it is asked for and not before."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.session.format.manifest import CameraRecord, ImageRecord
+from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import Verdict, judge
+
+TimeName = Literal[
+    "leader_ns",
+    "local_ns",
+    "residual_ns",
+    "uncertainty_ns",
+    "hard_bound_ns",
+    "exposure_start_ns",
+    "exposure_ns",
+    "true_ns",
+]
+"""What can be asked of all frames at once: fields of `ImageRecord`, and the truth of simulated sessions."""
+Pixels = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
+class Frame:
+    """One camera's frame at one instant; its picture is decoded whenever it is asked for.
+
+    Of one that is missing everything but `camera`, `instant` and `missing` raises IncompleteError.
+    """
+
+    camera: str
+    instant: int
+    """Its number in the burst, from 0."""
+    missing: str
+    """Why there is no such frame; empty for one that is there."""
+    _record: ImageRecord | None
+    _session: "OpenSession"
+
+    def __repr__(self) -> str:
+        there = f"missing: {self.missing}" if self.missing else f"leader_ns={self.leader_ns}"
+        return f"<Frame {self.camera} instant {self.instant}, {there}>"
+
+    @property
+    def record(self) -> ImageRecord:
+        """All that the manifest says of it."""
+        if self._record is None:
+            raise IncompleteError(f"{self.camera} has no frame of instant {self.instant}: {self.missing}")
+        return self._record
+
+    @property
+    def leader_ns(self) -> int:
+        """When it was taken, ns in the leader's clock."""
+        return self.record.leader_ns
+
+    @property
+    def uncertainty_ns(self) -> int | None:
+        """95 % error of that time, ns; None where nobody knows it."""
+        return self.record.uncertainty_ns
+
+    @property
+    def hard_bound_ns(self) -> int | None:
+        """The most that the time can be wrong, ns; None where nothing bounds it."""
+        return self.record.hard_bound_ns
+
+    @property
+    def exposure_ns(self) -> int | None:
+        """How long each row was exposed, ns; None where the camera does not tell."""
+        return self.record.exposure_ns
+
+    @property
+    def is_substitute(self) -> bool:
+        """Whether the camera dropped the frame nearest to the instant, and this is the next best."""
+        return self.record.substitute
+
+    @property
+    def true_ns(self) -> int | None:
+        """When a simulated frame was truly taken, ns; by the leader's clock where that is the host's."""
+        return self._session.all_true_ns.get((self.camera, self.record.instant))
+
+    def bgr(self) -> Pixels:
+        """The picture, uint8 height x width x 3 in OpenCV's order; of a grey camera three equal channels.
+
+        Raises BadInputError where it cannot be read, or is no picture.
+        """
+        try:
+            picture = decode_image(self._session.image_bytes(self.record), colour=True)
+        except OSError as error:
+            raise BadInputError(f"cannot read {self.record.path}: {error.strerror or error}") from error
+        if picture is None:
+            hint = "capture-app sessions verify checks every image"
+            raise BadInputError(f"{self.record.path} is not a picture", hint=hint)
+        return picture
+
+    def rgb(self) -> Pixels:
+        """The picture, uint8 height x width x 3 with red first. Raises BadInputError as `bgr`."""
+        return np.ascontiguousarray(self.bgr()[..., ::-1])
+
+    def truth(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]] | None:
+        """True depth (m along the camera's axis, 0 = none) and what moves, of a simulated frame, or None."""
+        return self._session.read_ground_truth(self.camera, self.record.instant)
+
+
+@dataclass(frozen=True)
+class InstantFrames:
+    """One instant of the burst: the frames of all cameras, those that are missing among them."""
+
+    number: int
+    leader_ns: int
+    """The instant that all frames were meant for, ns in the leader's clock."""
+    frames: dict[str, Frame]
+    """By camera, in the session's order."""
+
+    def bgr(self) -> Pixels:
+        """All pictures, uint8 cameras x height x width x 3 in OpenCV's order.
+
+        Raises IncompleteError where one is missing, BadInputError where their sizes differ.
+        """
+        pictures = [frame.bgr() for frame in self.frames.values()]
+        if len({picture.shape for picture in pictures}) > 1:
+            raise BadInputError(
+                "the cameras' pictures are of several sizes", hint="ask each frame for its own"
+            )
+        return np.stack(pictures)
+
+    def rgb(self) -> Pixels:
+        """All pictures, uint8 cameras x height x width x 3 with red first. Raises as `bgr`."""
+        return np.ascontiguousarray(self.bgr()[..., ::-1])
+
+
+@dataclass(frozen=True)
+class CameraMatrices:
+    """A calibrated camera as OpenCV has it: x right, y down, z forward, the first pixel's centre at 0, 0."""
+
+    camera_matrix: npt.NDArray[np.float64]
+    """3 x 3, px of the pictures as they are saved."""
+    distortion: npt.NDArray[np.float64]
+    """k1, k2, p1, p2, k3."""
+    cam_from_rig: npt.NDArray[np.float64]
+    """4 x 4: takes a point of the rig's frame to the camera's, in `unit`s."""
+    unit: str
+    """m, or arbitrary."""
+
+
+@dataclass(frozen=True)
+class CameraFrames:
+    """One camera of a session: its frames of all instants, those that are missing among them."""
+
+    name: str
+    record: CameraRecord
+    """What the camera is, and how its clock and phase stood."""
+    frames: tuple[Frame, ...]
+    """By instant."""
+    calibration: CameraMatrices | None
+
+
+class OpenSession(Session):
+    """A session, by `instants` and by `cameras`; `open_session` makes it."""
+
+    @cached_property
+    def instants(self) -> tuple[InstantFrames, ...]:
+        """All instants in their order."""
+        records = {(image.camera, image.instant): image for image in self.manifest.images}
+        reasons = {(gone.camera, gone.instant): gone.reason for gone in self.manifest.missing}
+
+        def frame(camera: str, instant: int) -> Frame:
+            record = records.get((camera, instant))
+            missing = "" if record is not None else reasons.get((camera, instant), "nothing says why")
+            return Frame(camera, instant, missing, record, self)
+
+        return tuple(
+            InstantFrames(k, leader_ns, {camera: frame(camera, k) for camera in self._cameras})
+            for k, leader_ns in enumerate(self.manifest.burst.instants_ns)
+        )
+
+    @cached_property
+    def cameras(self) -> dict[str, CameraFrames]:
+        """All cameras by name, in the session's order. Raises BadInputError for a broken calibration."""
+        return {
+            name: CameraFrames(
+                name, record, tuple(instant.frames[name] for instant in self.instants), self._matrices(record)
+            )
+            for name, record in self._cameras.items()
+        }
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the take is good for, in words and numbers."""
+        return judge(self.manifest)
+
+    def times(self, name: TimeName = "leader_ns") -> "np.ma.MaskedArray[tuple[int, int], np.dtype[np.int64]]":
+        """One time of every frame, int64 ns, cameras x instants; masked where it is missing or not known."""
+        rows = [camera.frames for camera in self.cameras.values()]
+        told = [
+            [None if one.missing else getattr(one if name == "true_ns" else one.record, name) for one in row]
+            for row in rows
+        ]
+        unknown = [[time is None for time in row] for row in told]
+        return np.ma.MaskedArray([[time or 0 for time in row] for row in told], unknown, np.int64)
+
+    @cached_property
+    def all_true_ns(self) -> dict[tuple[str, int], int]:
+        """The true times of a simulated session's frames, by camera and instant; empty for any other."""
+        truth = self.true_times()
+        return {} if truth is None else {(one.camera, one.instant): one.true_ns for one in truth.images}
+
+    def _matrices(self, camera: CameraRecord) -> CameraMatrices | None:
+        rig = self.calibration()
+        of = rig.cameras.get(camera.name) if rig is not None else None
+        if rig is None or of is None:
+            return None
+        cam_from_rig = np.eye(4)
+        cam_from_rig[:3, :3], cam_from_rig[:3, 3] = of.rotation, of.translation
+        matrix = of.matrix(camera.facts.width, camera.facts.height)
+        return CameraMatrices(matrix, np.array(of.distortion[:5]), cam_from_rig, rig.unit)
+
+
+def open_session(path: str | PathLike[str]) -> OpenSession:
+    """Open a session's folder; pictures are read when they are asked for.
+
+    Raises BadInputError where it is no session, IncompleteError where its capture never finished.
+    """
+    return OpenSession.open(Path(path))

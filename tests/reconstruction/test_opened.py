@@ -1,0 +1,58 @@
+"""The commands as methods of an open session: results with arrays, and not a word on the terminal."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.session.reading.opened import open_session as open_for_pictures
+from reconstruction import open_session
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_sessions" / "jumper"
+
+
+def test_depth_comes_as_arrays_and_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
+    made = open_session(open_for_pictures(SAMPLE)).stereo(instant=1, pair=("cam00", "cam01"))
+    depth, filled, confidence = made.depth, made.filled, made.confidence
+    assert (made.result.reference, made.result.instant, made.result.unit) == ("cam00", 1, "m")
+    assert depth.dtype == np.float32
+    assert depth.shape == filled.shape == confidence.shape == (480, 640)
+    assert (depth > 0).mean() == pytest.approx(made.result.coverage)
+    assert (filled > 0).mean() > (depth > 0).mean()
+    assert 0.5 < confidence.max() <= 1
+    assert capfd.readouterr() == ("", "")
+    folder = made.folder
+    assert folder.is_dir()
+    del made
+    assert not folder.exists()
+
+
+def test_files_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
+    made = open_session(SAMPLE).panorama(tmp_path / "panorama", instant=1)
+    picture = made.image(made.result.synced.panorama)
+    assert picture.shape == (made.result.synced.height, made.result.synced.width, 3)
+    file = tmp_path / "panorama" / made.result.synced.panorama
+    del made
+    assert file.is_file()
+
+
+def test_a_calibration_that_was_made_is_the_sessions(tmp_path: Path) -> None:
+    folder = tmp_path / "jumper"
+    shutil.copytree(SAMPLE, folder)
+    (folder / "calibration.json").unlink()
+    session = open_session(str(folder))
+    assert session.cameras["cam01"].calibration is None
+    result = session.calibrate(str(SAMPLE), keep=False)
+    assert result.stored
+    assert session.cameras["cam01"].calibration is not None
+    with pytest.raises(BadInputError, match="--replace"):
+        session.calibrate("session", keep=False, scale_by_board=True)
+
+
+def test_a_mistake_is_an_error_of_ours(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="no session at"):
+        open_session(tmp_path / "none")
+    with pytest.raises(BadInputError, match="99"):
+        open_session(SAMPLE).stereo(instant=99)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.errors import ExitCode, SimulshotError
+from capture_app.output import finish_output
 from capture_app.text import ProgressStep, pretty_json, printable, terminal_json
 from capture_app.usage import Verbosity, set_verbosity, verbosity
 
@@ -210,6 +211,13 @@ def run_command_line(command: click.Command, name: str, arguments: Sequence[str]
         if isinstance(stream, io.TextIOWrapper):
             # A terminal whose encoding lacks a character shows another one instead.
             stream.reconfigure(errors="replace")
+    try:
+        return _run(command, name, arguments)
+    finally:
+        finish_output()
+
+
+def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
     try:
         code = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
     except SimulshotError as error:

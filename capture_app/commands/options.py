@@ -16,6 +16,7 @@ from platformdirs import user_state_path
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, name_like
 from capture_app.net.address import DEFAULT_PORT, Address, parse_address
+from capture_app.output import wait_for_no_reader
 from capture_app.terminal import ParsedType
 from capture_app.trust.trust import OPEN_VARIABLE
 
@@ -191,6 +192,7 @@ def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamS
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:
     """Run until it is done, and return its result, or until SIGINT or SIGTERM, then close all in order.
 
+    What it prints waits for no reader: neither cameras nor a signal do.
     `until_eof` stops it also when stdin, a pipe, closes: whoever started this process has ended.
     """
 
@@ -203,6 +205,7 @@ def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) 
             loop.add_reader(sys.stdin.fileno(), _stop_at_eof, loop, task)
         return await task
 
+    wait_for_no_reader()
     try:
         return asyncio.run(stoppable())
     except asyncio.CancelledError:

@@ -207,7 +207,9 @@ MAGIC = b"SSH1"
 MAX_PAYLOAD_BYTES = 64 << 20
 CHUNK_BYTES = 1 << 18
 """The most that is read of a stream at once, and half of what is kept of it unread."""
-CONNECT_TIMEOUT_S = 5.0
+CONNECT_TIMEOUT_S, OPEN_TIMEOUT_S = 5.0, 1.0
+SAYS_NOTHING = "nothing there says a word"
+WHAT_HANGS = "the leader hangs, is stopped (Ctrl-Z), or is no leader: look at it, or start it again"
 CLOSE_TIMEOUT_S = 30.0
 """Until what was sent last is taken in, of a stream that is closed."""
 _TOO_SLOW = "the rest of a message did not come in time"
@@ -437,9 +439,13 @@ async def connect(
             hint="check the name, or give its IP address",
         ) from error
     except TimeoutError as error:
-        raise NetworkError(
-            f"no answer from a leader at {address} within {timeout_s:g} s", hint="check address and firewall"
-        ) from error
+        what = f"no answer from a leader at {address} within {timeout_s:g} s"
+        hint = "check address and firewall"
+        with contextlib.suppress(OSError):
+            async with asyncio.timeout(OPEN_TIMEOUT_S):
+                (await asyncio.open_connection(*address))[1].close()
+            what, hint = f"the port of {address} is open, but {SAYS_NOTHING}", WHAT_HANGS
+        raise NetworkError(what, hint=hint) from error
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise NetworkError(

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
 
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import Address, resolve
-from capture_app.net.channel import open_identified
+from capture_app.net.channel import SAYS_NOTHING, WHAT_HANGS, open_identified
 from capture_app.net.udp import MAX_BYTES, client_socket
 from capture_app.sync.wire.codec import (
     TOKEN_BYTES,
@@ -104,8 +104,11 @@ async def _find_obstacle(
         for task in (datagrams, streams):
             task.cancel()
         await asyncio.gather(datagrams, streams, return_exceptions=True)
-    if by_udp is by_tcp is Answer.CAME:
-        return await _why_unknown(address, trust, patience_s)
+    if by_tcp is Answer.CAME and by_udp in (Answer.CAME, Answer.SILENCE):
+        # One that hangs takes streams, as its kernel does that, and says nothing on them.
+        found = await _why_unknown(leader, address, trust, patience_s)
+        if by_udp is Answer.CAME or (found is not None and SAYS_NOTHING in found.what):
+            return found
     return obstacle(leader, by_udp, by_tcp, is_there=_is_neighbour_there(address.host))
 
 
@@ -187,13 +190,20 @@ def _other_version(version: int) -> Obstacle:
     return Obstacle(what, remedy)
 
 
-async def _why_unknown(leader: Address, trust: Trust, patience_s: float) -> Obstacle | None:
-    """Return that the leader and this machine are not paired, None where they are or need not be."""
+async def _why_unknown(leader: Address, address: Address, trust: Trust, patience_s: float) -> Obstacle | None:
+    """Return that the leader and this machine are not paired, None where they are or need not be.
+
+    Or that it says nothing at all.
+    """
     if trust.is_open:
         return None
     try:
         async with asyncio.timeout(patience_s):
-            _, writer, _ = await open_identified(leader, trust, as_stranger=False)
+            _, writer, _ = await open_identified(address, trust, as_stranger=False)
+    except TimeoutError:
+        return Obstacle(f"the port of {leader} is open, but {SAYS_NOTHING}", WHAT_HANGS)
+    except UnknownMachineError as error:
+        return Obstacle(error.what, error.hint)
     except OSError as error:
         return obstacle(leader, Answer.CAME, _answer_of(error), is_there=True)
     writer.close()

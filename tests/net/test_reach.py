@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from capture_app.errors import NetworkError
 from capture_app.net.address import Address
+from capture_app.net.channel import connect
 from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.sync.wire.codec import VERSION, version_mismatch
@@ -148,3 +150,20 @@ def test_firewalls_and_wrong_addresses_are_told_apart_on_a_real_network() -> Non
     assert "this machine's own firewall lets nothing out to 10.77.0.1:47050" in own_firewall
     assert "no machine answers at 10.77.0.99" in no_machine
     assert "this machine has no network that leads to 10.99.0.1" in no_network
+
+
+async def test_a_port_that_is_open_and_silent_is_told_from_a_firewall(tmp_path: Path) -> None:
+    """As of a leader that is stopped, or hangs: its kernel takes streams and keeps datagrams."""
+    node = Trust(tmp_path)
+    datagrams, listening = bind_port("127.0.0.1", 0)
+    address = Address("127.0.0.1", listening.getsockname()[1])
+    try:
+        found = await find_obstacle(address, patience_s=1.5, trust=node)
+        with pytest.raises(NetworkError, match="is open, but nothing there says a word") as error:
+            await connect(address, Ping, trust=node, timeout_s=0.5)
+    finally:
+        datagrams.close()
+        listening.close()
+    assert found is not None
+    assert found.what == f"the port of {address} is open, but nothing there says a word"
+    assert "firewall" not in found.remedy + error.value.hint

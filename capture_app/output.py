@@ -1,0 +1,139 @@
+"""What a process that runs for long prints: no write waits for whoever reads it.
+
+A pipe that nobody reads, a pager, a terminal whose other end sleeps: what is printed waits in a queue for a
+thread of its own. What finds no room there is left out, and how much that was is said when reading goes on.
+"""
+
+import contextlib
+import io
+import logging
+import os
+import stat
+import sys
+import threading
+import time
+from collections import deque
+from typing import Any, cast
+
+MOST_BYTES = 1 << 16
+"""How much waits for a reader."""
+LAST_S = 1.0
+"""How long the end of a process waits for a reader."""
+
+
+class PatientOutput(io.RawIOBase):
+    """The place of a stream's file: takes all at once, and lets a thread write it."""
+
+    def __init__(self, handle: int, most_bytes: int = MOST_BYTES) -> None:
+        self._handle, self._most_bytes = handle, most_bytes
+        self._queue: deque[bytes] = deque()
+        self._waiting = self._left_out = 0
+        self._in_json = False
+        self._error: OSError | None = None
+        self._changed = threading.Condition()
+        threading.Thread(target=self._write_all, name="output", daemon=True).start()
+
+    def writable(self) -> bool:
+        """Whether it can be written to."""
+        return True
+
+    def fileno(self) -> int:
+        """Return the file of the stream."""
+        return self._handle
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return os.isatty(self._handle)
+
+    def write(self, data: Any) -> int:
+        """Take lines, or leave them out where too much waits. Raises OSError once the reader has gone."""
+        lines = bytes(data)
+        with self._changed:
+            if self._error is not None:
+                raise self._error
+            # A reader that begins again gets the notice first, and then what follows it without a gap.
+            room = self._most_bytes // 2 if self._left_out else self._most_bytes
+            if self._waiting and self._waiting + len(lines) > room:
+                self._left_out += lines.count(b"\n")
+                self._in_json = lines.startswith(b"{")
+            else:
+                self._add(self._take_notice())
+                self._add(lines)
+                self._changed.notify_all()
+        return len(lines)
+
+    def finish(self, within_s: float = LAST_S) -> None:
+        """Wait until all is written, at most so long."""
+        ends_s = time.monotonic() + within_s
+        with self._changed:
+            while self._waiting and self._error is None and (left_s := ends_s - time.monotonic()) > 0:
+                self._changed.wait(left_s)
+
+    def _add(self, lines: bytes) -> None:
+        if lines:
+            self._queue.append(lines)
+            self._waiting += len(lines)
+
+    def _take_notice(self) -> bytes:
+        count, self._left_out = self._left_out, 0
+        if not count:
+            return b""
+        if self._in_json:
+            return b'{"event":"left-out","lines":%d}\n' % count
+        return b"(%d lines were left out here: nobody read them)\n" % count
+
+    def _write_all(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._queue)
+                lines = self._queue.popleft()
+            try:
+                left = memoryview(lines)
+                while left:
+                    left = left[os.write(self._handle, left) :]
+            except OSError as error:
+                with self._changed:
+                    self._error = error
+                    self._changed.notify_all()
+                return
+            with self._changed:
+                self._waiting -= len(lines)
+                if not self._queue:
+                    self._add(self._take_notice())
+                self._changed.notify_all()
+
+
+_before: dict[str, tuple[io.TextIOWrapper, PatientOutput]] = {}
+
+
+def wait_for_no_reader() -> None:
+    """Let no write to stdout or stderr, nor what is logged there, wait from now on, until `finish_output`."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        with contextlib.suppress(OSError, ValueError):
+            if name in _before or not isinstance(stream, io.TextIOWrapper):
+                continue
+            if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                continue  # a file takes all
+            stream.flush()
+            output = PatientOutput(stream.fileno())
+            _before[name] = stream, output
+            _put(
+                name, io.TextIOWrapper(cast(Any, output), stream.encoding, stream.errors, write_through=True)
+            )
+
+
+def finish_output() -> None:
+    """Give a reader a moment to take the rest, and let writes wait again."""
+    for name, (stream, output) in tuple(_before.items()):
+        output.finish()
+        _put(name, stream)
+    _before.clear()
+
+
+def _put(name: str, stream: io.TextIOWrapper) -> None:
+    was = getattr(sys, name)
+    setattr(sys, name, stream)
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, logging.StreamHandler) and handler.stream is was:
+            handler.setStream(stream)

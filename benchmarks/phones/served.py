@@ -34,21 +34,24 @@ async def serve(leader: str, host: str, folder: Path) -> None:
     gateway = PhoneGateway(admission, add)
     listening = socket.create_server((host, 0))
     certificate = own_certificate(folder, (host,), datetime.now(UTC))
-    await gateway.start(listening, certificate.server_context())
-    print(json.dumps({"url": f"https://{host}:{listening.getsockname()[1]}/#{admission.secret}"}), flush=True)
-    while True:
-        await asyncio.sleep(1.0)
-        for phone in phones:
-            if phone.came.is_set():
-                page_us = phone.clock.page_us(time.monotonic_ns())
-                told = {
-                    "page_us": page_us,
-                    "gateway_ns": phone.clock.gateway_ns(page_us),
-                    "uncertainty_ns": phone.clock.uncertainty_ns(page_us),
-                    "hard_bound_ns": phone.clock.hard_bound_ns(page_us),
-                    "samples": phone.clock.samples,
-                }
-                print(json.dumps(told), flush=True)
+    async with gateway.serving(listening, certificate.server_context()):
+        print(
+            json.dumps({"url": f"https://{host}:{listening.getsockname()[1]}/#{admission.secret}"}),
+            flush=True,
+        )
+        while True:
+            await asyncio.sleep(1.0)
+            for phone in phones:
+                if phone.came.is_set():
+                    page_us = phone.clock.page_us(time.monotonic_ns())
+                    told = {
+                        "page_us": page_us,
+                        "gateway_ns": phone.clock.gateway_ns(page_us),
+                        "uncertainty_ns": phone.clock.uncertainty_ns(page_us),
+                        "hard_bound_ns": phone.clock.hard_bound_ns(page_us),
+                        "samples": phone.clock.samples,
+                    }
+                    print(json.dumps(told), flush=True)
 
 
 if __name__ == "__main__":

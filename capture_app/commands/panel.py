@@ -1,8 +1,8 @@
 """`capture-app panel`: show the time to cameras, read it from their pictures, build a panel of LEDs."""
 
 import asyncio
+import socket
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ import click
 
 from capture_app.commands.options import ANY_PATH, FOLDER, run_until_stopped
 from capture_app.errors import SimulshotError
-from capture_app.panel.screen import DEFAULT_PORT, PageServer
+from capture_app.panel.screen import DEFAULT_PORT
 from capture_app.terminal import (
     FiniteRange,
     answer,
@@ -201,13 +201,14 @@ def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
     Open it on one screen that all cameras see, in full screen. It measures the screen's refresh rate, numbers
     the refreshes and draws each one's number. With --host 0.0.0.0 a phone can show it: scan the code.
     """
-    from capture_app.panel.screen import page_headers, page_html
+    from capture_app.net.address import listen_tcp
+    from capture_app.panel.screen import page_html
 
     if save is not None:
         _save(save, page_html(), as_json)
         return
-    with PageServer(host, port, page_html(), page_headers()) as server:
-        run_until_stopped(_serve(server, as_json))
+    with listen_tcp(host, port) as listening:
+        run_until_stopped(_serve(listening, as_json))
 
 
 def _save(file: Path, page: bytes, as_json: bool) -> None:
@@ -220,25 +221,22 @@ def _save(file: Path, page: bytes, as_json: bool) -> None:
     answer(as_json, {"file": str(file)}, [str(file)])
 
 
-async def _serve(server: PageServer, as_json: bool) -> None:
+async def _serve(listening: socket.socket, as_json: bool) -> None:
     from capture_app.net.address import ANY_HOST, Address, reachable_host
+    from capture_app.panel.screen import served_page
 
-    host, port = server.server_name, server.server_port
+    host, port = listening.getsockname()[:2]
     outside = host in ANY_HOST
-    url = f"http://{Address(reachable_host(host, server.socket.family), port)}/"
-    answer(as_json, {"url": url}, [url])
-    if outside and sys.stderr.isatty():
-        import segno
+    url = f"http://{Address(reachable_host(host, listening.family), port)}/"
+    async with served_page(listening):
+        answer(as_json, {"url": url}, [url])
+        if outside and sys.stderr.isatty():
+            import segno
 
-        segno.make(url, micro=False).terminal(sys.stderr, compact=True)
-    who = "every machine of the network" if outside else "this machine only (--host 0.0.0.0: phones too)"
-    talk(f"the page is for {who}; Ctrl-C ends it")
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    try:
+            segno.make(url, micro=False).terminal(sys.stderr, compact=True)
+        who = "every machine of the network" if outside else "this machine only (--host 0.0.0.0: phones too)"
+        talk(f"the page is for {who}; Ctrl-C ends it")
         await asyncio.Event().wait()
-    finally:
-        server.shutdown()
 
 
 @click.command(epilog=examples("capture-app panel sketch --out panel"))

@@ -11,8 +11,7 @@ import click
 
 from capture_app.commands.joining import find_leader, inviting_phones, make_known, pairing_options
 from capture_app.commands.options import leaders_option, open_option, run_until_stopped, spool_option
-from capture_app.errors import NetworkError
-from capture_app.net.address import ANY_HOST, Address, reachable_host
+from capture_app.net.address import ANY_HOST, Address, listen_tcp, reachable_host
 from capture_app.terminal import ParsedType, json_option, log_line
 from capture_app.usage import examples
 
@@ -98,7 +97,7 @@ async def _run(
     from capture_app.phones.certificate import load_certificate, own_certificate
     from capture_app.phones.gateway import PhoneGateway
 
-    listening = _listen(host, port)
+    listening = listen_tcp(host, *((DEFAULT_PORT, 0) if port is None else (port,)))
     shown = reachable_host(host, listening.family) if host in ANY_HOST else host
     where = Address(shown, listening.getsockname()[1])
     if certificate_file is None:
@@ -109,7 +108,6 @@ async def _run(
     admission = Admission(time.monotonic)
     nodes = PhoneNodes(leaders, spool, log_line)
     gateway = PhoneGateway(admission, nodes.add, size)
-    await gateway.start(listening, certificate.server_context())
 
     async def invitation() -> PhoneInvited:
         # The secret is read first: it may be a new one, whose time begins then.
@@ -117,23 +115,10 @@ async def _run(
         return PhoneInvited(url=url, fingerprint=certificate.fingerprint, good_for_s=admission.good_for_s)
 
     try:
-        async with inviting_phones(invitation, as_json):
+        async with (
+            gateway.serving(listening, certificate.server_context()),
+            inviting_phones(invitation, as_json),
+        ):
             await asyncio.Event().wait()
     finally:
-        await gateway.stop()
         await nodes.close()
-
-
-def _listen(host: str, port: int | None) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    tries = (DEFAULT_PORT, 0) if port is None else (port,)
-    for number in tries:
-        try:
-            return socket.create_server((host, number), family=family)
-        except OSError as error:
-            if number == tries[-1]:
-                raise NetworkError(
-                    f"cannot listen on {Address(host, number)}: {error.strerror}",
-                    hint="choose another with --host and --port; --port 0 takes a free one",
-                ) from error
-    raise AssertionError

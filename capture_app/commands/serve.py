@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import ADDRESS, attached_sessions_option, run_until_stopped
-from capture_app.net.address import LOOPBACK_HOSTS, Address
+from capture_app.net.address import LOOPBACK_HOSTS, Address, listen_tcp
 from capture_app.terminal import answer, json_option, talk
 from capture_app.usage import examples
 
@@ -45,9 +45,9 @@ def serve(host: str, port: int, leader: Address | None, sessions: Path | None, a
 
 
 async def _serve(rig: "AttachedRig", host: str, port: int, as_json: bool) -> None:
-    from capture_app.tui.web import PageServer, bind_page
+    from capture_app.tui.web import PageServer
 
-    with bind_page(host, port) as listening:
+    with listen_tcp(host, port) as listening:
         server = PageServer(rig, listening)
         told = {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)}
         answer(as_json, told, [server.public_url])

@@ -29,7 +29,6 @@ from capture_app.session.library.trash import (
     trashed_sessions,
 )
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.session.reading.verdict import judge
 from capture_app.terminal import (
     FiniteRange,
     answer,
@@ -213,7 +212,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
         "instants": opened.instants,
         "width": picture.shape[1],
         "height": picture.shape[0],
-        "verdict": judge(opened.session.manifest),
+        "verdict": opened.verdict,
     }
     answer(as_json, told, [str(out)])
 

@@ -1,6 +1,7 @@
 """Where a leader listens: `HOST:PORT`, with IPv6 hosts in brackets."""
 
 import asyncio
+import contextlib
 import re
 import socket
 from collections.abc import Callable
@@ -74,6 +75,25 @@ def reachable_host(
         ("10.255.255.255", "127.0.0.1") if family == socket.AF_INET else ("2001:db8::1", "::1")
     )
     return find_source(outside, family) or next(iter(find_own(family)), loopback)
+
+
+def listen_tcp(host: str, *ports: int) -> socket.socket:
+    """Return a socket that listens on the first of these ports that is free; port 0 takes any.
+
+    Raises NetworkError, about the last of them.
+    """
+    *usual, last = ports
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for port in usual:
+        with contextlib.suppress(OSError):
+            return socket.create_server((host, port), family=family)
+    try:
+        return socket.create_server((host, last), family=family)
+    except (OSError, UnicodeError) as error:
+        raise NetworkError(
+            f"cannot listen on {Address(host, last)}: {getattr(error, 'strerror', None) or error}",
+            hint="choose another with --host and --port; --port 0 takes a free one",
+        ) from error
 
 
 def own_machine_address(host: str, family: socket.AddressFamily, port: int) -> Address:

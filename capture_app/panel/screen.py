@@ -1,17 +1,17 @@
 """The page that draws the panel of a screen, whatever its refresh rate, and a server for it alone."""
 
+import asyncio
 import base64
+import contextlib
 import hashlib
+import logging
 import socket
-from collections.abc import Mapping
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from capture_app.errors import NetworkError
 from capture_app.panel.pattern import (
     PANELS,
     RATE_TOLERANCE,
@@ -22,8 +22,22 @@ from capture_app.panel.pattern import (
     screen_panel,
 )
 
+if TYPE_CHECKING:
+    from aiohttp import web
+
 HERE = Path(__file__).parent / "page"
 SCRIPTS = ("counter.js", "drawing.js", "page.js")
+DEFAULT_PORT = 8010
+HEADERS = {
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+"""What a page cannot give itself."""
+_faults = logging.getLogger(f"{__name__}.http")
+_faults.disabled = True
+"""What strangers send wrongly is no news."""
 
 
 def page_html() -> bytes:
@@ -41,16 +55,6 @@ def page_html() -> bytes:
     for name, text in parts.items():
         page = page.replace(f"@{name}@", text)
     return page.encode()
-
-
-def page_headers() -> dict[str, str]:
-    """Return the headers that a page cannot give itself."""
-    return {
-        "Content-Security-Policy": "frame-ancestors 'none'",
-        "X-Content-Type-Options": "nosniff",
-        "Referrer-Policy": "no-referrer",
-        "Cache-Control": "no-store",
-    }
 
 
 def _policy(script: str, style: str) -> str:
@@ -83,68 +87,22 @@ def _screen(panel: Panel) -> dict[str, Any]:
     }
 
 
-DEFAULT_PORT = 8010
-REQUEST_S = 10.0
-"""A client that has not sent its request by then is let go."""
+@contextlib.asynccontextmanager
+async def served_page(listening: socket.socket) -> AsyncIterator[None]:
+    """Serve the page at `/`, and nothing else, on a socket that listens, while the block runs."""
+    from aiohttp import web
 
+    page = await asyncio.to_thread(page_html)
 
-class PageServer(ThreadingHTTPServer):
-    """Serves one page at `/`, and nothing else; `serve_forever` until `shutdown`."""
+    async def send(_: "web.Request") -> "web.Response":
+        return web.Response(body=page, headers=HEADERS, content_type="text/html", charset="utf-8")
 
-    daemon_threads = True
-
-    def __init__(self, host: str, port: int, page: bytes, headers: Mapping[str, str]) -> None:
-        """Listen; port 0 takes any that is free. Raises NetworkError."""
-        self.page = page
-        self.headers = dict(headers)
-        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        try:
-            super().__init__((host, port), _PageHandler)
-        except (OSError, UnicodeError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            where = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-            raise NetworkError(
-                f"cannot listen on {where}: {reason}",
-                hint="choose another with --host and --port; --port 0 takes a free one",
-            ) from error
-
-    def server_bind(self) -> None:
-        """Bind without asking the name service for this machine's name, which may take long."""
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.socket.bind(self.server_address)
-        self.server_address = self.socket.getsockname()
-        self.server_name, self.server_port = str(self.server_address[0]), int(self.server_address[1])
-
-    def handle_error(self, request: object, client_address: object) -> None:
-        """A client that leaves in the middle is no error of ours."""
-
-
-class _PageHandler(BaseHTTPRequestHandler):
-    server: PageServer
-    timeout = REQUEST_S
-    server_version = "simulshot"
-    sys_version = ""
-
-    def do_GET(self) -> None:
-        """Send the page."""
-        self._answer(with_body=True)
-
-    def do_HEAD(self) -> None:
-        """Send what a GET would, without the page."""
-        self._answer(with_body=False)
-
-    def _answer(self, *, with_body: bool) -> None:
-        if self.path.partition("?")[0] != "/":
-            self.send_error(HTTPStatus.NOT_FOUND)
-            return
-        self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
-        self.send_header("Content-Length", str(len(self.server.page)))
-        for name, value in self.server.headers.items():
-            self.send_header(name, value)
-        self.end_headers()
-        if with_body:
-            self.wfile.write(self.server.page)
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Requests are not worth a line on stderr."""
+    app = web.Application()
+    app.router.add_get("/", send)
+    runner = web.AppRunner(app, access_log=None, logger=_faults)
+    await runner.setup()
+    try:
+        await web.SockSite(runner, listening).start()
+        yield
+    finally:
+        await runner.cleanup()

@@ -9,7 +9,7 @@ import logging
 import socket
 import ssl
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import AsyncIterator, Callable
 from http import HTTPStatus
 from pathlib import Path
 
@@ -36,10 +36,7 @@ LOOK_EVERY_S = 0.5
 class Door:
     """Accepts connections for a web server, and closes those that stay without being trusted."""
 
-    def __init__(self, server: web.Server) -> None:
-        self._web = server
-        self._server: asyncio.Server | None = None
-        self._sweeping: asyncio.Task[None] | None = None
+    def __init__(self) -> None:
         self._since_s: dict[asyncio.BaseTransport, float] = {}
         self._trusted: set[asyncio.BaseTransport] = set()
         self._stamped: dict[asyncio.BaseTransport, _StampedProtocol] = {}
@@ -49,41 +46,44 @@ class Door:
         stamped = self._stamped.get(transport) if transport is not None else None
         return time.monotonic_ns() if stamped is None else stamped.received_ns
 
-    async def open(self, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
-        """Accept what comes on a socket that listens."""
-        self._server = await asyncio.get_running_loop().create_server(
-            lambda: _StampedProtocol(self._web(), self._stamped),
+    @contextlib.asynccontextmanager
+    async def opened(
+        self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None
+    ) -> AsyncIterator[None]:
+        """Accept what comes on a socket that listens, until the block ends."""
+        accepting = await asyncio.get_running_loop().create_server(
+            lambda: _StampedProtocol(server(), self._stamped),
             sock=listening,
             ssl=tls,
             ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
         )
-        self._sweeping = asyncio.create_task(self._sweep())
+        sweeping = asyncio.create_task(self._sweep(server))
+        try:
+            yield
+        finally:
+            accepting.close()
+            sweeping.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await sweeping
 
     def trust(self, transport: asyncio.BaseTransport | None) -> None:
         """Let a connection stay: it is a phone's that was let in."""
         if transport is not None:
             self._trusted.add(transport)
 
-    async def close(self) -> None:
-        """Accept nothing more."""
-        if self._server is not None:
-            self._server.close()
-        if self._sweeping is not None:
-            self._sweeping.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._sweeping
-
-    async def _sweep(self) -> None:
+    async def _sweep(self, server: web.Server) -> None:
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
             now_s = asyncio.get_running_loop().time()
-            open_now = {one.transport for one in self._web.connections if one.transport is not None}
+            open_now = {one.transport for one in server.connections if one.transport is not None}
             self._trusted &= open_now
             known = self._since_s
             self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
             oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
             late = [one for one in oldest_first if now_s - self._since_s[one] >= STRANGER_S]
-            _abort((*late, *oldest_first[MOST_STRANGERS:]))
+            for transport in (*late, *oldest_first[MOST_STRANGERS:]):
+                if isinstance(transport, asyncio.WriteTransport):
+                    transport.abort()
 
 
 class _StampedProtocol(asyncio.Protocol):
@@ -118,12 +118,6 @@ class _StampedProtocol(asyncio.Protocol):
         if self._transport is not None:
             self._open_now.pop(self._transport, None)
         self._handler.connection_lost(exc)
-
-
-def _abort(transports: Iterable[asyncio.BaseTransport]) -> None:
-    for transport in transports:
-        if isinstance(transport, asyncio.WriteTransport):
-            transport.abort()
 
 
 PAGE = Path(__file__).parent / "page"
@@ -167,34 +161,32 @@ class PhoneGateway:
         self._on_phone = on_phone
         self._size = size
         self._phones: dict[str, Phone] = {}
-        self._door: Door | None = None
+        self._door = Door()
         self._links: set[web.WebSocketResponse] = set()
         self._link_of: dict[str, web.WebSocketResponse] = {}
         """That of each phone, by its key."""
         self._closing: set[asyncio.Task[bool]] = set()
-        self._runner: web.AppRunner | None = None
 
-    async def start(self, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
-        """Serve on a socket that listens, until `stop`."""
+    @contextlib.asynccontextmanager
+    async def serving(self, listening: socket.socket, tls: ssl.SSLContext | None) -> AsyncIterator[None]:
+        """Serve on a socket that listens until the block ends; then all pages are told."""
         app = web.Application(middlewares=[_guard], client_max_size=4096)
         for part in PARTS:
             app.router.add_get(f"/{part}", self._send_part)
         app.router.add_post("/join", self._join)
         app.router.add_get("/link/{ticket}", self._link)
-        self._runner = web.AppRunner(app, access_log=None, logger=_server_log(), keepalive_timeout=5.0)
-        await self._runner.setup()
-        assert self._runner.server is not None
-        self._door = Door(self._runner.server)
-        await self._door.open(listening, tls)
-
-    async def stop(self) -> None:
-        """Tell all pages, and close."""
-        for link in tuple(self._links):
-            await link.close(code=1001, message=b"The leader has ended. This page waits for it.")
-        if self._door is not None:
-            await self._door.close()
-        if self._runner is not None:
-            await self._runner.cleanup()
+        runner = web.AppRunner(app, access_log=None, logger=_server_log(), keepalive_timeout=5.0)
+        await runner.setup()
+        assert runner.server is not None
+        try:
+            async with self._door.opened(runner.server, listening, tls):
+                try:
+                    yield
+                finally:
+                    for link in tuple(self._links):
+                        await link.close(code=1001, message=b"The leader has ended. This page waits for it.")
+        finally:
+            await runner.cleanup()
 
     async def _send_part(self, request: web.Request) -> web.Response:
         name, kind = PARTS[request.path.lstrip("/")]
@@ -229,15 +221,11 @@ class PhoneGateway:
             self._links.discard(socket_)
         return socket_
 
-    def _received_ns(self, transport: asyncio.BaseTransport | None) -> int:
-        return time.monotonic_ns() if self._door is None else self._door.received_ns(transport)
-
     async def _serve(
         self, link: web.WebSocketResponse, admitted: Admitted, transport: asyncio.BaseTransport | None
     ) -> None:
         hello = await _hello(link)
-        if self._door is not None:
-            self._door.trust(transport)
+        self._door.trust(transport)
         self._replace_link(admitted, link)
 
         async def send(message: str | bytes) -> None:
@@ -255,7 +243,7 @@ class PhoneGateway:
             self._on_phone(phone)
         try:
             async for message in link:
-                received_ns = self._received_ns(transport)
+                received_ns = self._door.received_ns(transport)
                 if message.type is WSMsgType.BINARY:
                     told = wire.decode_binary(message.data)
                     if isinstance(told, wire.Ping):
@@ -263,7 +251,10 @@ class PhoneGateway:
                         await send(wire.pong(told.number))
                     phone.take_binary(told, received_ns)
                 elif message.type is WSMsgType.TEXT:
-                    phone.take_text(_later_text(message.data))
+                    said = wire.decode_text(message.data)
+                    if isinstance(said, wire.Hello):
+                        raise ValueError("a second hello")
+                    phone.take_text(said)
         finally:
             phone.link_closed(send, by_user=link.close_code == LEFT)
 
@@ -282,13 +273,6 @@ async def _hello(link: web.WebSocketResponse) -> wire.Hello:
     if not isinstance(hello, wire.Hello):
         raise ValueError("a page begins with its hello")
     return hello
-
-
-def _later_text(data: str) -> wire.Opened | wire.Controls | wire.Away:
-    said = wire.decode_text(data)
-    if isinstance(said, wire.Hello):
-        raise ValueError("a second hello")
-    return said
 
 
 def _server_log() -> logging.Logger:

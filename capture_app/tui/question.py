@@ -28,6 +28,14 @@ class Dialog(Screen[Result]):
     Keys that are still on their way when it closes are not its own any more.
     """
 
+    def __init__(self, *parts: Widget) -> None:
+        super().__init__()
+        self._parts = parts
+
+    def compose(self) -> ComposeResult:
+        """Its parts."""
+        yield from self._parts
+
     def dismiss(self, result: Result | None = None) -> AwaitComplete:
         """Close and give the result; nothing where it is not on top."""
         return super().dismiss(result) if self.is_active else AwaitComplete()
@@ -48,15 +56,11 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
     """
 
     def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
-        super().__init__()
         self._box = Vertical(*children)
         if title:
             self._box.border_title = Content(printable(title))
         self._box.border_subtitle = Content(subtitle)
-
-    def compose(self) -> ComposeResult:
-        """The box."""
-        yield self._box
+        super().__init__(self._box)
 
 
 @dataclass(frozen=True, slots=True)

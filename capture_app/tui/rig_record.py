@@ -70,30 +70,27 @@ def phases_at(phases: Iterable[tuple[float, int | None]], times: Iterable[float]
     return found
 
 
+@dataclass
 class Told(Message, bubble=False):
     """Something that is shown is not as it was: the rig, its link or its news, a picture, the runs."""
 
-    def __init__(self, what: object) -> None:
-        """`what`: an update of the rig, or the runs."""
-        super().__init__()
-        self.what = what
+    what: object
+    """An update of the rig, or the runs."""
 
 
+@dataclass
 class SessionsRequested(Message):
     """A view asks to see the sessions of a folder, or one session in it."""
 
-    def __init__(self, folder: Path, session: str | None = None) -> None:
-        super().__init__()
-        self.folder = folder
-        self.session = session
+    folder: Path
+    session: str | None = None
 
 
+@dataclass
 class Mishap(Message):
     """An action failed: the shell shows why, and what to do, and keeps it in the news."""
 
-    def __init__(self, error: Exception) -> None:
-        super().__init__()
-        self.error = error
+    error: Exception
 
 
 @contextmanager

@@ -10,20 +10,8 @@ from aiohttp import web
 from aiohttp.typedefs import Handler
 from textual_serve.server import Server
 
-from capture_app.errors import NetworkError
 from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, Address, reachable_host
 from capture_app.rig_process import AttachedRig
-
-
-def bind_page(host: str, port: int) -> socket.socket:
-    """Return a socket that listens there; port 0 takes any that is free. Raises NetworkError."""
-    try:
-        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-    except OSError as error:
-        where = Address(host, port)
-        raise NetworkError(
-            f"cannot listen on {where}: {error.strerror}", hint="choose another with --host and --port"
-        ) from error
 
 
 class PageServer(Server):

@@ -58,14 +58,15 @@ async def serving(folder: Path, size: tuple[int, int] = (320, 240)) -> AsyncGene
         gateway = PhoneGateway(admission, nodes.add, size)
         listening = socket.create_server(("127.0.0.1", 0))
         certificate = own_certificate(folder, (), datetime.datetime.now(datetime.UTC))
-        await gateway.start(listening, certificate.server_context())
         place = Place(leader, admission, f"https://127.0.0.1:{listening.getsockname()[1]}/", said)
         try:
-            yield place
+            async with gateway.serving(listening, certificate.server_context()):
+                try:
+                    yield place
+                finally:
+                    for phone in place.phones:
+                        await phone.vanish()
         finally:
-            for phone in place.phones:
-                await phone.vanish()
-            await gateway.stop()
             await nodes.close()
 
 

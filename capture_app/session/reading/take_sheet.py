@@ -9,6 +9,7 @@ from capture_app.names import natural_order
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import judge
 from capture_app.text import duration
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class TakeSheet:
 
     def __init__(self, session: Session) -> None:
         """Raises BadInputError where the session's calibration is broken."""
-        self.session = session
+        self.session, self.verdict = session, judge(session.manifest)
         self.cameras = arc_order(session)
         images = {(image.camera, image.instant): image for image in session.manifest.images}
         missing = {(gone.camera, gone.instant): gone.reason for gone in session.manifest.missing}

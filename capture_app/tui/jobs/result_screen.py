@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import ClassVar
 
 from textual import events
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
@@ -20,12 +19,11 @@ from capture_app.errors import BadInputError
 from capture_app.text import printable
 from capture_app.tui.jobs.results import ResultPicture, ResultTable, StudyResult, read_result
 from capture_app.tui.jobs.run import Run
-from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import Mishap, telling
 from capture_app.tui.widgets.cells import Image
-from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, Source
+from capture_app.tui.widgets.whole_screen import WholeScreen
 
 
 def verdict_lines(text: str, width: int) -> list[Content]:
@@ -98,7 +96,7 @@ WIDE = 150
 """From this width on pictures and figures stand side by side."""
 
 
-class ResultScreen(Dialog[None]):
+class ResultScreen(WholeScreen[None]):
     """Shows one result; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -111,8 +109,6 @@ class ResultScreen(Dialog[None]):
         Binding("escape,backspace", "dismiss", "Back", id="result.back", key_display="esc"),
     ]
     DEFAULT_CSS = """
-    ResultScreen { background: $background; }
-    ResultScreen #result-title { dock: top; height: 1; background: $panel; }
     ResultScreen #result-words { width: 1fr; height: 1fr; padding: 1 2 0 2; scrollbar-size-vertical: 1; }
     ResultScreen #result-pictures { width: 1fr; height: 1fr; }
     ResultScreen #result-sides { height: 1; padding: 0 2; }
@@ -124,32 +120,22 @@ class ResultScreen(Dialog[None]):
     """
 
     def __init__(self, run: Run, result: StudyResult) -> None:
-        super().__init__()
+        self._verdict = Lines(id="result-verdict")
+        self._words = Lines(id="result-figures")
+        self._sides = Lines(id="result-sides")
+        self._picture = Picture(words="no picture", id="result-picture")
+        self._caption = Lines(id="result-caption")
+        self._text = VerticalScroll(self._words, id="result-words")
+        pictures = (self._verdict, self._sides, self._picture, self._caption)
+        self._pictures = Vertical(*pictures, id="result-pictures")
+        super().__init__(Horizontal(self._text, self._pictures))
         self._run, self._result = run, result
         self._at = 0
         self.shows_offset = False
         """The offset side is seen."""
         self._figures = not result.pictures
         self._blinks = False
-        self._title = Lines(id="result-title")
-        self._verdict = Lines(id="result-verdict")
-        self._words = Lines(id="result-figures")
-        self._sides = Lines(id="result-sides")
-        self._caption = Lines(id="result-caption")
-        self._picture = Picture(words="no picture", id="result-picture")
         self._sources: dict[Path, Source] = {}
-
-    def compose(self) -> ComposeResult:
-        """Title, words, the picture with its sides above and its caption below, keys."""
-        yield self._title
-        with Horizontal():
-            yield VerticalScroll(self._words, id="result-words")
-            with Vertical(id="result-pictures"):
-                yield self._verdict
-                yield self._sides
-                yield self._picture
-                yield self._caption
-        yield KeyFooter()
 
     def on_mount(self) -> None:
         """Begin to blink, as soon as that is wanted."""
@@ -219,16 +205,15 @@ class ResultScreen(Dialog[None]):
     def _lay_out(self) -> None:
         self.set_class(self._is_wide, "-wide")
         both = self._is_wide and bool(self._result.pictures)
-        self.query_one("#result-words").display = both or self._figures
-        self.query_one("#result-pictures").display = both or not self._figures
+        self._text.display = both or self._figures
+        self._pictures.display = both or not self._figures
         if self._figures and not both:
-            self.query_one("#result-words").focus()
+            self._text.focus()
         self.call_after_refresh(self._show)
 
     def _show(self) -> None:
-        words = self.query_one("#result-words")
-        width = max(24, words.scrollable_content_region.width or self.size.width - 4)
-        self._title.show(
+        width = max(24, self._text.scrollable_content_region.width or self.size.width - 4)
+        self.title_line.show(
             [
                 Content.assemble(
                     (f" {self._run.command.title} ", "reverse bold $primary"),

@@ -2,22 +2,19 @@
 
 from typing import ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 
 from capture_app.session.library.listing import SessionState
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.session.reading.verdict import judge
 from capture_app.text import count, printable
 from capture_app.tui.library.session_rows import STATES, Entry
-from capture_app.tui.question import Dialog
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.contact_sheet import ContactSheet
-from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.look import LookScreen, Motion
+from capture_app.tui.widgets.whole_screen import WholeScreen
 
 LOW = 30
 """Below this height pictures need the room more than words."""
@@ -61,7 +58,7 @@ class TakePane(Vertical):
             lines += Content.styled(f"{sign}: {printable(card.problem)}", sign.style).wrap(width)
             lines += Content(f"→ {printable(card.remedy)}").wrap(width)
         elif sheet is not None and sheet.session.folder == card.folder:
-            verdict = judge(sheet.session.manifest)
+            verdict = sheet.verdict
             sign = GRADES[verdict.grade]
             lines += Content.assemble(
                 (f"{sign.glyph} ", f"bold {sign.style}"), (printable(verdict.headline), "bold")
@@ -77,7 +74,7 @@ class TakePane(Vertical):
         self._words.show(lines)
 
 
-class TakeScreen(Dialog[None]):
+class TakeScreen(WholeScreen[None]):
     """Shows a session; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -87,22 +84,11 @@ class TakeScreen(Dialog[None]):
         Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
         Binding("escape,backspace", "dismiss", "Back", id="take.back", key_display="esc"),
     ]
-    DEFAULT_CSS = """
-    TakeScreen { background: $background; }
-    TakeScreen #take-title { dock: top; height: 1; background: $panel; }
-    """
 
     def __init__(self, entry: Entry, sheet: TakeSheet) -> None:
-        super().__init__()
-        self._entry, self._sheet = entry, sheet
-        self._title = Lines(id="take-title")
         self._pane = TakePane()
-
-    def compose(self) -> ComposeResult:
-        """Title, words and sheet, keys."""
-        yield self._title
-        yield self._pane
-        yield KeyFooter()
+        super().__init__(self._pane)
+        self._entry, self._sheet = entry, sheet
 
     def on_mount(self) -> None:
         """Show it."""
@@ -113,7 +99,7 @@ class TakeScreen(Dialog[None]):
         """Show as much of the title as fits."""
         card = self._entry.card
         what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
-        self._title.show(
+        self.title_line.show(
             [
                 Content.assemble(
                     (f" {printable(card.name)} ", "reverse bold $primary"),

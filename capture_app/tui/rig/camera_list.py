@@ -229,12 +229,11 @@ class CameraList(Vertical, can_focus=True):
         Binding("enter", "open", "Look closely", id="rig.open", tooltip="its clock, phase and picture"),
     ]
 
+    @dataclass
     class Opened(Message):
         """The user wants to see a camera closely."""
 
-        def __init__(self, name: str) -> None:
-            super().__init__()
-            self.name = name
+        name: str
 
     def __init__(self, record: RigRecord) -> None:
         self._record = record

@@ -5,7 +5,6 @@ import textwrap
 from typing import ClassVar
 
 from textual import events, work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
@@ -50,31 +49,18 @@ class CameraScreen(Dialog[None]):
     ]
 
     def __init__(self, name: str, source: RigLink, record: RigRecord) -> None:
-        super().__init__()
+        self._facts = Lines(id="camera-facts")
+        self._wedge, self._histogram, self._log = Lines(), Lines(), Lines()
+        self._picture = Picture(words="waiting for a picture", id="camera-picture")
+        shown = {"wedge": self._wedge, "view": self._picture, "histogram": self._histogram, "log": self._log}
+        self._panels = [Vertical(one, id=f"camera-{what}", classes="panel") for what, one in shown.items()]
+        super().__init__(self._facts, Container(*self._panels, id="camera-grid"), KeyFooter())
         self._camera = name
         self._source = source
         self._record = record
         self._detail = NodeDetail(camera=name)
         self._problem = ""
         """Why the camera's details are not known."""
-        self._facts = Lines(id="camera-facts")
-        self._wedge, self._histogram, self._log = Lines(), Lines(), Lines()
-        self._picture = Picture(words="waiting for a picture", id="camera-picture")
-        self._panels = [
-            Vertical(content, id=f"camera-{name}", classes="panel")
-            for name, content in (
-                ("wedge", self._wedge),
-                ("view", self._picture),
-                ("histogram", self._histogram),
-                ("log", self._log),
-            )
-        ]
-
-    def compose(self) -> ComposeResult:
-        """Facts above two plots, a picture and a log."""
-        yield self._facts
-        yield Container(*self._panels, id="camera-grid")
-        yield KeyFooter()
 
     def on_mount(self) -> None:
         """Begin to ask."""

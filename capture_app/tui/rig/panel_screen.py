@@ -1,15 +1,13 @@
 """How to check a rig with a panel: its page, served while one looks here, and what to do then."""
 
-import asyncio
-import threading
-from contextlib import suppress
+from contextlib import AsyncExitStack
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from capture_app.errors import NetworkError, SimulshotError
-from capture_app.net.address import Address, reachable_host
-from capture_app.panel.screen import DEFAULT_PORT, PageServer, page_headers, page_html
+from capture_app.errors import SimulshotError
+from capture_app.net.address import Address, listen_tcp, reachable_host
+from capture_app.panel.screen import DEFAULT_PORT, served_page
 from capture_app.tui.rig.joining import GuideScreen
 
 ALL = "0.0.0.0"  # noqa: S104 - a phone is another machine
@@ -28,20 +26,19 @@ class PanelScreen(GuideScreen):
 
     def __init__(self) -> None:
         super().__init__("panel", "Check the rig with a panel", 40)
-        self._server: PageServer | None = None
+        self._serving = AsyncExitStack()
         self.url = ""
 
     async def on_mount(self) -> None:
         """Serve the page."""
         where = "Open this on ONE screen that all cameras see, and go full screen; on a phone by the code:"
         try:
-            self._server = await asyncio.to_thread(_listen)
+            listening = self._serving.enter_context(listen_tcp(ALL, DEFAULT_PORT, 0))
         except SimulshotError as error:
             where = f"{error}. Type in a terminal: capture-app panel show"
         else:
-            host = reachable_host(ALL, self._server.socket.family)
-            self.url = f"http://{Address(host, self._server.server_port)}/"
-            threading.Thread(target=self._server.serve_forever, daemon=True).start()
+            await self._serving.enter_async_context(served_page(listening))
+            self.url = f"http://{Address(reachable_host(ALL, listening.family), listening.getsockname()[1])}/"
         self.show(
             self.url,
             (f"1  {where}", ""),
@@ -55,13 +52,4 @@ class PanelScreen(GuideScreen):
 
     async def on_unmount(self) -> None:
         """Stop serving."""
-        if self._server is not None:
-            await asyncio.to_thread(self._server.shutdown)
-            self._server.server_close()
-
-
-def _listen() -> PageServer:
-    page, headers = page_html(), page_headers()
-    with suppress(NetworkError):
-        return PageServer(ALL, DEFAULT_PORT, page, headers)
-    return PageServer(ALL, 0, page, headers)
+        await self._serving.aclose()

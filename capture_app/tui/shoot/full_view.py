@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from textual import work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
@@ -14,7 +13,6 @@ from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.status import NodeStatus, Preview
 from capture_app.session.reading.decoding import decode_image
 from capture_app.text import duration, printable
-from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import RigRecord, Told
 from capture_app.tui.signs import SIGNS, cameras_of
 from capture_app.tui.widgets.cells import Image
@@ -30,9 +28,9 @@ from capture_app.tui.widgets.focus_aids import (
     sharpness,
     zebra,
 )
-from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import NOISE, Picture
+from capture_app.tui.widgets.whole_screen import WholeScreen
 
 KEPT = 12
 """Previews of each camera: some seconds."""
@@ -73,7 +71,7 @@ BLINK_S = 0.5
 HISTOGRAM_ROWS = 3
 
 
-class FullView(Dialog[str]):
+class FullView(WholeScreen[str]):
     """What a camera sees now; Escape closes it and gives the camera that was last seen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -86,13 +84,14 @@ class FullView(Dialog[str]):
         Binding("b", "blink", "Blink with next", id="finder.blink", tooltip="this camera and the next"),
     ]
     DEFAULT_CSS = """
-    FullView { background: $background; }
-    FullView > #finder-title { height: 1; background: $panel; padding: 0 1; }
+    FullView > .title { padding: 0 1; }
     FullView > #finder-meters { height: auto; padding: 0 1; }
     """
 
     def __init__(self, rig: RigLink, record: RigRecord, cameras: Sequence[str], camera: str) -> None:
-        super().__init__()
+        self._picture = Picture(words="no picture yet", noise=NOISE)
+        self._meters = Lines(id="finder-meters")
+        super().__init__(self._picture, self._meters)
         self._rig, self._record = rig, record
         self._cameras = tuple(cameras)
         self._at = self._cameras.index(camera)
@@ -102,16 +101,6 @@ class FullView(Dialog[str]):
         self._blinks = False
         self._pairs: InstantPairs | None = None
         self._shows_second = False
-        self._title = Lines(id="finder-title")
-        self._picture = Picture(words="no picture yet", noise=NOISE)
-        self._meters = Lines(id="finder-meters")
-
-    def compose(self) -> ComposeResult:
-        """Who it is, the picture, the meters and the keys."""
-        yield self._title
-        yield self._picture
-        yield self._meters
-        yield KeyFooter()
 
     def on_mount(self) -> None:
         """Ask for its pictures."""
@@ -206,7 +195,7 @@ class FullView(Dialog[str]):
             names = f"blinking {printable(self.camera)} ↔ {printable(self._partner)}"
             parts.insert(1, Content.styled(f"{names}, {apart}", "bold"))
         parts += [Content.styled(f"{aid} on", "$warning") for aid, on in self._aids.items() if on]
-        self._title.show([Content(" · ").join(parts)])
+        self.title_line.show([Content(" · ").join(parts)])
 
     def _show_meters(self) -> None:
         if self._pairs is not None:

@@ -1,6 +1,7 @@
 """Previews of all cameras side by side, each as large as the room allows."""
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import events
@@ -101,12 +102,11 @@ class PreviewGrid(Container, can_focus=True):
     PreviewGrid { layout: grid; grid-gutter: 0 1; width: 1fr; height: 1fr; }
     """
 
+    @dataclass
     class Chosen(Message):
         """The user opened a camera."""
 
-        def __init__(self, camera: str) -> None:
-            super().__init__()
-            self.camera = camera
+        camera: str
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)

@@ -12,17 +12,9 @@ from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, CameraTransfer
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict, judge
+from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict
 from capture_app.text import printable
 from capture_app.tui.signs import GRADES
-
-
-@dataclass(frozen=True, slots=True)
-class JudgedTake:
-    """A take on this machine's disk, with its verdict."""
-
-    sheet: TakeSheet
-    verdict: Verdict
 
 
 @dataclass(slots=True)
@@ -31,7 +23,8 @@ class Take:
 
     status: BurstStatus
     request: BurstRequest | None = None
-    judged: JudgedTake | None = None
+    sheet: TakeSheet | None = None
+    """Its pictures and its verdict, where it is on this machine's disk."""
     problem: str = ""
     """Why it could not be judged."""
     trashed: bool = False
@@ -53,7 +46,7 @@ class Take:
         return 0 if self.request is None else self.request.before
 
 
-def judge_take(status: BurstStatus) -> JudgedTake | None:
+def open_take(status: BurstStatus) -> TakeSheet | None:
     """Open the session of a burst that is done; None where it is not on this machine. Blocks on the disk.
 
     Raises SimulshotError where the session cannot be read.
@@ -61,10 +54,8 @@ def judge_take(status: BurstStatus) -> JudgedTake | None:
     if status.session is None or not (Path(status.session) / MANIFEST).is_file():
         return None
     sheet = TakeSheet.open(Path(status.session))
-    if sheet.session.manifest.name != status.name:
-        # A leader elsewhere has a folder of the same path.
-        return None
-    return JudgedTake(sheet, judge(sheet.session.manifest))
+    # A leader elsewhere has a folder of the same path.
+    return sheet if sheet.session.manifest.name == status.name else None
 
 
 SAID_AFTER_S = 2
@@ -119,10 +110,8 @@ class TakePanel(VerticalScroll, can_focus=False):
             self._text.update(text)
 
 
-def verdict_line(take: Take) -> Content:
-    """The verdict of a judged take in one line."""
-    assert take.judged is not None
-    verdict = take.judged.verdict
+def verdict_line(verdict: Verdict) -> Content:
+    """A take's verdict in one line."""
     sign = GRADES[verdict.grade]
     return Content.assemble(
         (f"{sign.glyph} ", sign.style),
@@ -167,8 +156,8 @@ def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
         lines.append(Content.styled(f"retake of {printable(take.retake_of)}", "$foreground-muted"))
     if take.trashed:
         return [*lines, Content.styled("in the trash", "$foreground-muted")]
-    if take.judged is not None:
-        lines += _verdict_lines(take.judged.verdict, wide=wide)
+    if take.sheet is not None:
+        lines += _verdict_lines(take.sheet.verdict, wide=wide)
     elif take.problem:
         lines.append(Content.styled(f"✖ {printable(take.problem)}", "$error"))
     elif not status.done:
@@ -179,11 +168,11 @@ def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
         lines.append(Content(f"{status.received} of {status.expected} images"))
     else:
         lines.append(Content.styled("✖ no session", "$error"))
-    if status.message and take.judged is None and (status.done or status.received):
+    if status.message and take.sheet is None and (status.done or status.received):
         lines.append(Content.styled(printable(status.message), "$warning"))
     whole = status.done and all(one.received >= one.expected for one in status.transfer)
     begun = status.done or any(one.received or one.problem for one in status.transfer)
-    if begun and not (whole and take.judged is not None):
+    if begun and not (whole and take.sheet is not None):
         lines += [Content(""), *(transfer_line(one) for one in status.transfer)]
     return lines
 
@@ -192,12 +181,11 @@ def _in_short(take: Take, now_s: float) -> Content:
     name = f"{printable(take.name):<10} "
     if take.trashed:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
-    if take.judged is None:
+    if take.sheet is None:
         status = take.status
         state = progress_words(status, now_s - take.begun_s)
         if status.done:
             state = "saved" if status.session else "no session"
         return Content.assemble(name, (state, "$foreground-muted"))
-    verdict = take.judged.verdict
-    sign = GRADES[verdict.grade]
-    return Content.assemble(name, (f"{sign} ", sign.style), verdict.spread)
+    sign = GRADES[take.sheet.verdict.grade]
+    return Content.assemble(name, (f"{sign} ", sign.style), take.sheet.verdict.spread)

@@ -17,6 +17,7 @@ from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, NodeStatus, Preview, RigStatus
 from capture_app.session.library.trash import trash_session
+from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import clock_offset, count, duration, printable
 from capture_app.tui.mode import ModeView
@@ -25,14 +26,7 @@ from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.plan import PlanPanel, moments_of
 from capture_app.tui.shoot.stage import Stage
-from capture_app.tui.shoot.takes import (
-    JudgedTake,
-    Take,
-    TakePanel,
-    judge_take,
-    progress_words,
-    verdict_line,
-)
+from capture_app.tui.shoot.takes import Take, TakePanel, open_take, progress_words, verdict_line
 from capture_app.tui.signs import cameras_of
 from capture_app.tui.widgets.lines import Lines
 
@@ -163,12 +157,12 @@ class ShootView(ModeView):
         request = (last and last.request) or self.plan_panel.plan.request()
         if self._under_way:
             return
-        if last is None or last.judged is None or last.trashed:
+        if last is None or last.sheet is None or last.trashed:
             self._begin(request)
             return
-        answer = await self.app.push_screen_wait(again_question(last.judged))
+        answer = await self.app.push_screen_wait(again_question(last.sheet))
         if answer == "trash":
-            self._trash(last)
+            self._trash(last, last.sheet)
         if answer is not None:
             self._begin(request, retake_of=last.name)
 
@@ -291,13 +285,13 @@ class ShootView(ModeView):
     @work(group="judging")
     async def _judge(self, take: Take) -> None:
         try:
-            take.judged = await asyncio.to_thread(judge_take, take.status)
+            take.sheet = await asyncio.to_thread(open_take, take.status)
         except SimulshotError as error:
             take.problem = f"it cannot be looked at: {error}"
         shown = self._shown
         newer = shown is None or self.takes.index(take) > self.takes.index(shown)
-        if take.judged is not None and newer:
-            self.stage.load_sheet(take.judged.sheet, take.key_instant)
+        if take.sheet is not None and newer:
+            self.stage.load_sheet(take.sheet, take.key_instant)
             if take.is_new and not self._under_way:
                 self.stage.show_sheet()
         self._show_course()
@@ -306,15 +300,14 @@ class ShootView(ModeView):
     def _shown(self) -> Take | None:
         """The take whose sheet is at hand."""
         sheet = self.stage.sheet.sheet
-        return next((take for take in self.takes if take.judged and take.judged.sheet is sheet), None)
+        return next((take for take in self.takes if take.sheet is sheet is not None), None)
 
     @work(group="trash")
-    async def _trash(self, take: Take) -> None:
-        assert take.judged is not None
+    async def _trash(self, take: Take, sheet: TakeSheet) -> None:
         with telling(self):
-            await asyncio.to_thread(trash_session, take.judged.sheet.session.folder)
+            await asyncio.to_thread(trash_session, sheet.session.folder)
             take.trashed = True
-            self.stage.forget_sheet(take.judged.sheet)
+            self.stage.forget_sheet(sheet)
             self._show_course()
 
     def _show_course(self) -> None:
@@ -336,8 +329,8 @@ class ShootView(ModeView):
             return Content.styled(f"◔ {printable(newest.name)}: {far}", "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")
-        if self.has_class("narrow", "sheet") and self._shown is not None:
-            return verdict_line(self._shown)
+        if self.has_class("narrow", "sheet") and self.stage.sheet.sheet is not None:
+            return verdict_line(self.stage.sheet.sheet.verdict)
         advice = "" if self._record.status is None else self._record.status.advice
         return Content.styled(printable(advice), "$foreground-muted")
 
@@ -362,10 +355,9 @@ class NotReadyQuestion(Question):
             self.query_one(".question", Static).update(Content(printable(text)))
 
 
-def again_question(take: JudgedTake) -> Question:
+def again_question(take: TakeSheet) -> Question:
     """Ask whether to `keep` the take before or to `trash` it."""
-    verdict = take.verdict
-    text = f"{take.sheet.session.name} is {verdict.headline}\nspread {verdict.spread}"
+    text = f"{take.session.name} is {take.verdict.headline}\nspread {take.verdict.spread}"
     return Question(text, AGAIN, title="Take again")
 
 

@@ -1,6 +1,7 @@
 """The contact sheet of a take: cameras across, instants down, as large as the room allows."""
 
 import asyncio
+from dataclasses import dataclass
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -55,12 +56,13 @@ class ContactSheet(ScrollView, can_focus=True):
     }
     """
 
+    @dataclass
     class Chosen(Message):
         """The user opened a picture."""
 
-        def __init__(self, sheet: TakeSheet, camera: str, instant: int) -> None:
-            super().__init__()
-            self.sheet, self.camera, self.instant = sheet, camera, instant
+        sheet: TakeSheet
+        camera: str
+        instant: int
 
     def __init__(self, sheet: TakeSheet | None = None, *, id: str | None = None) -> None:
         super().__init__(id=id)

@@ -5,18 +5,15 @@ from enum import Enum
 from functools import lru_cache, partial
 from typing import ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.timer import Timer
 
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import duration, printable
-from capture_app.tui.question import Dialog
 from capture_app.tui.widgets.cells import Image
-from capture_app.tui.widgets.footer import KeyFooter
-from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, Source, sharp_terminal_of
+from capture_app.tui.widgets.whole_screen import WholeScreen
 
 SLOWEST, FASTEST = 1.0, 8.0
 """Pictures a second: more would be too much for a slow link."""
@@ -42,7 +39,7 @@ def ping_pong(things: Sequence[int]) -> list[int]:
     return [*things, *things[-2:0:-1]]
 
 
-class LookScreen(Dialog[tuple[str, int]]):
+class LookScreen(WholeScreen[tuple[str, int]]):
     """Shows one picture; Escape closes it and gives the camera and instant that were last seen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -70,29 +67,19 @@ class LookScreen(Dialog[tuple[str, int]]):
         Binding("plus,equals_sign", "pace(1.5)", "Faster", id="look.faster", show=False, key_display="+"),
         Binding("minus", "pace(0.67)", "Slower", id="look.slower", show=False, key_display="-"),
     ]
-    DEFAULT_CSS = """
-    LookScreen { background: $background; }
-    LookScreen > #look-title { height: 1; background: $panel; padding: 0 1; }
-    """
+    DEFAULT_CSS = "LookScreen > .title { padding: 0 1; }"
 
     def __init__(self, sheet: TakeSheet, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
-        super().__init__()
+        self._picture = Picture(words="no picture")
+        super().__init__(self._picture)
         self._sheet = sheet
         self._camera, self._instant = sheet.cameras.index(camera), instant
         self.motion = motion
         self._rate = _RATES.get(motion, 0.0)
         self._step = 0
         self._timer: Timer | None = None
-        self._title = Lines(id="look-title")
-        self._picture = Picture(words="no picture")
         self._sources: dict[tuple[str, int], tuple[Source, Source]] = {}
         self._load = lru_cache(maxsize=KEPT)(self._load_now)
-
-    def compose(self) -> ComposeResult:
-        """What it is, the picture, and the keys."""
-        yield self._title
-        yield self._picture
-        yield KeyFooter()
 
     def on_mount(self) -> None:
         """Begin to move, where it shall."""
@@ -167,7 +154,7 @@ class LookScreen(Dialog[tuple[str, int]]):
         found = self._sources.setdefault(here, (partial(self._load, *here), partial(self._load_sharp, *here)))
         words = printable(place.remark) if place.image is None else "no picture"
         self._picture.show(found[0], words, sharp=found[1] if self.motion is Motion.STILL else None)
-        self._title.show([self._describe(camera, instant)])
+        self.title_line.show([self._describe(camera, instant)])
 
     def _describe(self, camera: str, instant: int) -> Content:
         place = self._sheet.place(camera, instant)

@@ -55,28 +55,6 @@ class TraceCanvas:
         return "".join(_LINES.get(marks, _STROKE) if marks else empty for marks in self._cells[y])
 
 
-@dataclass(frozen=True, slots=True)
-class BandScale:
-    """An axis from -limit to +limit whose middle share, the band, is linear from -band to +band."""
-
-    band: float
-    """Values up to this, either side of zero, are in the band; > 0."""
-    limit: float
-    """The end of the axis; > band."""
-    share: float
-    """Part of the axis that the band takes, 0 to 1."""
-
-    def place(self, value: float) -> float:
-        """Where a value is: 0 for -limit, 0.5 for zero, 1 for +limit; beyond the ends, the end."""
-        size = min(abs(value), self.limit)
-        half = self.share / 2
-        if size <= self.band:
-            away = half * size / self.band
-        else:
-            away = half + (0.5 - half) * math.log(size / self.band) / math.log(self.limit / self.band)
-        return 0.5 + math.copysign(away, value)
-
-
 SHOWN_SHARE = 0.98
 """Share of the frames that the axis spans; those farther off are counted at its ends."""
 
@@ -181,10 +159,12 @@ AXIS_WIDTH = 7
 
 @dataclass(frozen=True, slots=True)
 class PhaseAxis:
-    """The one axis of all cameras of a rig; in ns."""
+    """The one axis of all cameras of a rig, from -limit to +limit; its middle, the band, is linear."""
 
     tolerance_ns: int
+    """Errors up to this, either side of zero, are in the band; > 0."""
     limit_ns: int
+    """The end of the axis; more than the tolerance."""
 
     @classmethod
     def of(cls, tolerances_ns: Sequence[int], period_ns: int | None) -> "PhaseAxis":
@@ -196,11 +176,15 @@ class PhaseAxis:
         """What a strip's band and ends are, in a line."""
         return f"band ±{duration(self.tolerance_ns)} · ends ±{duration(self.limit_ns)}"
 
-    def scale(self, height: int) -> BandScale:
-        """The scale for a strip of so many rows: its band fills whole rows, or the middle of one."""
-        return BandScale(
-            self.tolerance_ns, self.limit_ns, band_rows(height) / height if height > 1 else 1 / 3
-        )
+    def place(self, error_ns: float, band: float) -> float:
+        """Where an error is: 0 for -limit, 0.5 for none, 1 for +limit; `band`: the band's share of it all."""
+        size = min(abs(error_ns), self.limit_ns)
+        if size <= self.tolerance_ns:
+            away = band / 2 * size / self.tolerance_ns
+        else:
+            beyond = math.log(size / self.tolerance_ns) / math.log(self.limit_ns / self.tolerance_ns)
+            away = band / 2 + (0.5 - band / 2) * beyond
+        return 0.5 + math.copysign(away, error_ns)
 
     def labels(self, height: int) -> list[str]:
         """The text beside each row of a strip."""
@@ -217,6 +201,11 @@ def band_rows(height: int) -> int:
     return 3 if height >= 7 else 1
 
 
+def band_share(height: int) -> float:
+    """The band's share of a strip of so many rows: it fills whole ones, or the middle of a single one."""
+    return band_rows(height) / height if height > 1 else 1 / 3
+
+
 def times_of(width: int, now_s: float) -> list[float]:
     """The moments that the cells of a strip stand for, on a grid that does not move."""
     step = SPAN_S / width
@@ -228,11 +217,12 @@ def strip_rows(
     errors_ns: Sequence[int | None], axis: PhaseAxis, *, width: int, height: int, dimmed: bool
 ) -> list[Content]:
     """Draw the errors, one for each cell across; `dimmed` for a camera that is gone."""
-    trace = TraceCanvas(width, height)
-    scale = axis.scale(height)
+    trace, band = TraceCanvas(width, height), band_share(height)
     before: int | None = None
     for x, error in enumerate(errors_ns):
-        y = None if error is None else min(int((1 - scale.place(error)) * trace.levels), trace.levels - 1)
+        y = None
+        if error is not None:
+            y = min(int((1 - axis.place(error, band)) * trace.levels), trace.levels - 1)
         if y is not None:
             # A jump over half of the axis is a phase that went around, not one that passed all between.
             joined = before is not None and abs(y - before) <= trace.levels // 2

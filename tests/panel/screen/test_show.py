@@ -1,5 +1,6 @@
 """`capture-app panel show`: a page served to whoever asks, or written to a file."""
 
+import asyncio
 import http.client
 import json
 import os
@@ -8,27 +9,22 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
 
 from capture_app import cli
-from capture_app.panel.screen import PageServer, page_headers, page_html
+from capture_app.net.address import listen_tcp
+from capture_app.panel.screen import page_html, served_page
 
 
 @pytest.fixture
-def served() -> Iterator[int]:
+async def served() -> AsyncIterator[int]:
     """The port of a page that is served."""
-    with PageServer("127.0.0.1", 0, page_html(), page_headers()) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield server.server_port
-        finally:
-            server.shutdown()
-            thread.join()
+    with listen_tcp("127.0.0.1", 0) as listening:
+        async with served_page(listening):
+            yield listening.getsockname()[1]
 
 
 def ask(port: int, method: str, path: str) -> tuple[int, dict[str, str], bytes]:
@@ -41,28 +37,30 @@ def ask(port: int, method: str, path: str) -> tuple[int, dict[str, str], bytes]:
         connection.close()
 
 
-def test_the_page_is_served_and_nothing_else(served: int) -> None:
-    status, headers, body = ask(served, "GET", "/")
+async def test_the_page_is_served_and_nothing_else(served: int) -> None:
+    status, headers, body = await asyncio.to_thread(ask, served, "GET", "/")
     assert status == 200
     assert body == page_html()
     assert headers["content-type"] == "text/html; charset=utf-8"
     assert "frame-ancestors 'none'" in headers["content-security-policy"]
-    assert ask(served, "HEAD", "/?x")[2] == b""
+    assert (await asyncio.to_thread(ask, served, "HEAD", "/?x"))[2] == b""
     for path in ("/page.js", "/../pyproject.toml", "/%00<script>"):
-        status, headers, body = ask(served, "GET", path)
+        status, headers, body = await asyncio.to_thread(ask, served, "GET", path)
         assert status == 404
         assert b"<script>" not in body
-    assert ask(served, "POST", "/")[0] == 501
+    assert (await asyncio.to_thread(ask, served, "POST", "/"))[0] == 405
 
 
-def test_a_client_that_says_nothing_keeps_nobody_waiting(served: int) -> None:
+async def test_a_client_that_says_nothing_keeps_nobody_waiting(served: int) -> None:
     with socket.create_connection(("127.0.0.1", served)) as idle:
         idle.send(b"GET / HT")
-        assert ask(served, "GET", "/")[0] == 200
+        assert (await asyncio.to_thread(ask, served, "GET", "/"))[0] == 200
 
 
-def test_a_port_in_use_is_a_clear_error(served: int, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["panel", "show", "--port", str(served)]) == 5
+def test_a_port_in_use_is_a_clear_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with listen_tcp("127.0.0.1", 0) as taken:
+        served = taken.getsockname()[1]
+        assert cli.run(["panel", "show", "--port", str(served)]) == 5
     (line,) = capsys.readouterr().err.splitlines()
     assert f"cannot listen on 127.0.0.1:{served}: Address already in use" in line
     assert "--port 0 takes a free one" in line

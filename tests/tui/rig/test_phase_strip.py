@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.tui.rig_record import phases_at
-from capture_app.tui.widgets.plots import BandScale, PhaseAxis, strip_rows, times_of
+from capture_app.tui.widgets.plots import PhaseAxis, band_share, strip_rows, times_of
 
 AXIS = PhaseAxis.of([100_000, 0], 33_333_333)
 
@@ -32,16 +32,16 @@ def test_a_phase_that_goes_around_is_not_drawn_through_the_middle() -> None:
 
 @given(st.floats(-2e7, 2e7), st.floats(-2e7, 2e7), st.sampled_from([1, 3, 5, 7, 9]))
 def test_a_later_phase_is_never_drawn_lower(one: float, other: float, height: int) -> None:
-    scale = AXIS.scale(height)
+    band = band_share(height)
     low, high = sorted((one, other))
-    assert 0 <= scale.place(low) <= scale.place(high) <= 1
+    assert 0 <= AXIS.place(low, band) <= AXIS.place(high, band) <= 1
     inside = abs(one) <= AXIS.tolerance_ns
-    assert inside == (abs(scale.place(one) - 0.5) <= scale.share / 2 + 1e-12) or abs(abs(one) - 1e5) < 1
+    assert inside == (abs(AXIS.place(one, band) - 0.5) <= band / 2 + 1e-12) or abs(abs(one) - 1e5) < 1
 
 
 def test_a_scale_is_linear_in_its_band() -> None:
-    scale = BandScale(band=10, limit=1000, share=0.5)
-    assert [scale.place(v) for v in (-2000, -10, -5, 0, 5, 10, 100, 1000)] == [
+    axis = PhaseAxis(tolerance_ns=10, limit_ns=1000)
+    assert [axis.place(v, 0.5) for v in (-2000, -10, -5, 0, 5, 10, 100, 1000)] == [
         0,
         0.25,
         0.375,

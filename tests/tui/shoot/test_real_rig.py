@@ -67,13 +67,13 @@ async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
         app.simulate_key("space")
         await until(partial(is_taken, number), seconds=SLOW_PATIENCE_S)
         take = view.takes[-1]
-        if take.judged is not None and not take.judged.sheet.session.manifest.missing:
+        if take.sheet is not None and not take.sheet.session.manifest.missing:
             return take
     raise AssertionError
 
 
 def is_over(take: Take) -> bool:
-    return take.judged is not None or bool(take.problem) or (take.status.done and take.status.session is None)
+    return take.sheet is not None or bool(take.problem) or (take.status.done and take.status.session is None)
 
 
 @pytest.mark.parametrize("cameras", [1, 5])

@@ -33,7 +33,7 @@ Grade = Literal["good", "note", "warning", "problem"]
 """A problem keeps this machine from taking part, a warning makes it worse or less sure."""
 
 
-class Finding(Struct, frozen=True, kw_only=True):
+class Finding(Struct, frozen=True):
     """One of them; `remedy` is the line that repairs it, or says what to do."""
 
     check: str
@@ -51,11 +51,12 @@ CLOCK_WATCHED_S = 2.2
 
 def version() -> Finding:
     """Say what runs here."""
-    text = (
+    return Finding(
+        "version",
+        "good",
         f"simulshot {__version__}, version {VERSION} of the protocol,"
-        f" Python {platform.python_version()}, {platform.system()} on {platform.machine()}"
+        f" Python {platform.python_version()}, {platform.system()} on {platform.machine()}",
     )
-    return Finding(check="version", grade="good", text=text)
 
 
 async def clock(rate: HostRate, watched_s: float = CLOCK_WATCHED_S) -> Finding:
@@ -64,12 +65,11 @@ async def clock(rate: HostRate, watched_s: float = CLOCK_WATCHED_S) -> Finding:
     await asyncio.sleep(watched_s)
     ppm = rate.slewing_ppm(EVERY_NS)
     if ppm is None:
-        text = "this host does not say whether its clock is being corrected"
-        return Finding(check="clock", grade="note", text=text)
+        return Finding("clock", "note", "this host does not say whether its clock is being corrected")
     if ppm:
         what, _, remedy = slewing("this host", ppm).partition("; ")
-        return Finding(check="clock", grade="warning", text=what, remedy=remedy)
-    return Finding(check="clock", grade="good", text="this host's clock runs steadily")
+        return Finding("clock", "warning", what, remedy)
+    return Finding("clock", "good", "this host's clock runs steadily")
 
 
 def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES) -> Finding:
@@ -79,32 +79,30 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
         mb_s, free = _write_speed(folder, sample_bytes), free_bytes(folder)
-    except OSError as error:
-        told = disk_error(error, folder)
-        return Finding(check="disk", grade="problem", text=f"{holds}: {told.what}", remedy=other)
-    except DiskError as error:
-        return Finding(check="disk", grade="problem", text=f"{holds}: {error.what}", remedy=other)
+    except (OSError, DiskError) as error:
+        told = error if isinstance(error, DiskError) else disk_error(error, folder)
+        return Finding("disk", "problem", f"{holds}: {told.what}", other)
     what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
     if free < LITTLE_BYTES:
-        return Finding(check="disk", grade="warning", text=what, remedy=f"make room, or {other}")
+        return Finding("disk", "warning", what, f"make room, or {other}")
     if mb_s < SLOW_MB_S:
-        return Finding(check="disk", grade="warning", text=what, remedy=f"{other} on a faster disk")
-    return Finding(check="disk", grade="good", text=what)
+        return Finding("disk", "warning", what, f"{other} on a faster disk")
+    return Finding("disk", "good", what)
 
 
 def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
     """Say which cameras are here, and why those that cannot be used cannot."""
     real = [listing for listing in found if not listing.spec.startswith("sim:")]
     if not real:
-        text = "no camera is plugged into this machine"
-        yield Finding(check="cameras", grade="note", text=text, remedy="capture-app cameras lists them")
+        yield Finding(
+            "cameras", "note", "no camera is plugged into this machine", "capture-app cameras lists them"
+        )
     for listing in real:
         if listing.usable:
-            text = f"{listing.spec}: {listing.model or 'a camera'}"
-            yield Finding(check="cameras", grade="good", text=text)
+            yield Finding("cameras", "good", f"{listing.spec}: {listing.model or 'a camera'}")
         else:
             what, _, hint = listing.detail.partition(" (")
-            yield Finding(check="cameras", grade="problem", text=what, remedy=hint.removesuffix(")"))
+            yield Finding("cameras", "problem", what, hint.removesuffix(")"))
 
 
 def usb(found: list[UsbCamera]) -> Iterator[Finding]:
@@ -112,14 +110,13 @@ def usb(found: list[UsbCamera]) -> Iterator[Finding]:
     for sharing in crowded_buses(found):
         nodes = " and ".join(camera.node for camera in sharing)
         yield Finding(
-            check="usb",
-            grade="warning",
-            text=f"{nodes} share one USB 2 bus of {sharing[0].speed_mbit_s} Mbit/s",
-            remedy="add format=MJPG to their specs, or plug one into another controller's port",
+            "usb",
+            "warning",
+            f"{nodes} share one USB 2 bus of {sharing[0].speed_mbit_s} Mbit/s",
+            "add format=MJPG to their specs, or plug one into another controller's port",
         )
     if found and not crowded_buses(found):
-        text = f"{count(len(found), 'camera')}, none on a USB 2 bus with another"
-        yield Finding(check="usb", grade="good", text=text)
+        yield Finding("usb", "good", f"{count(len(found), 'camera')}, none on a USB 2 bus with another")
 
 
 def _write_speed(folder: Path, size: int) -> float:
@@ -142,9 +139,9 @@ async def leader(address: Address) -> Finding:
     began_s = time.monotonic()
     found = await find_obstacle(address)
     if found is not None:
-        return Finding(check="leader", grade="problem", text=found.what, remedy=found.remedy)
-    text = f"the leader at {address} answers within {(time.monotonic() - began_s) * 1e3:.0f} ms"
-    return Finding(check="leader", grade="good", text=text)
+        return Finding("leader", "problem", found.what, found.remedy)
+    took_ms = (time.monotonic() - began_s) * 1e3
+    return Finding("leader", "good", f"the leader at {address} answers within {took_ms:.0f} ms")
 
 
 async def own_rig(address: Address) -> Finding:
@@ -152,18 +149,18 @@ async def own_rig(address: Address) -> Finding:
     try:
         status = await ask_status(address)
     except SimulshotError as error:
-        return Finding(check="rig", grade="problem", text=error.what, remedy=error.hint)
+        return Finding("rig", "problem", error.what, error.hint)
     nodes = count(len(status.nodes), "node")
     if status.leader.startswith(("127.", "localhost", "[::1]")):
         return Finding(
-            check="rig",
-            grade="warning",
-            text=f"a rig with {nodes} runs here, and only this machine reaches it, at {status.leader}",
-            remedy="start it without --host 127.0.0.1 for cameras of other machines",
+            "rig",
+            "warning",
+            f"a rig with {nodes} runs here, and only this machine reaches it, at {status.leader}",
+            "start it without --host 127.0.0.1 for cameras of other machines",
         )
     hosts = announced_hosts("") or [status.leader.rpartition(":")[0]]
     where = " or ".join(str(Address(host, address.port)) for host in hosts)
-    return Finding(check="rig", grade="good", text=f"a rig with {nodes} runs here; others join it at {where}")
+    return Finding("rig", "good", f"a rig with {nodes} runs here; others join it at {where}")
 
 
 async def announced_leaders(listen_s: float = LISTEN_S) -> list[Finding]:
@@ -174,10 +171,10 @@ async def announced_leaders(listen_s: float = LISTEN_S) -> list[Finding]:
     if not found:
         return [
             Finding(
-                check="discovery",
-                grade="note",
-                text="no leader is announced in this network",
-                remedy="start one with: capture-app; one that multicast does not reach is named by --leader",
+                "discovery",
+                "note",
+                "no leader is announced in this network",
+                "start one with: capture-app; one that multicast does not reach is named by --leader",
             )
         ]
     return list(await asyncio.gather(*map(_announced_leader, found)))
@@ -190,12 +187,12 @@ async def _announced_leader(found: FoundLeader) -> Finding:
     if not reached:
         why = next((obstacle for obstacle in obstacles if obstacle is not None), None)
         text = f"{kind} {found.name} is announced and not reached: {why.what if why else 'it has no address'}"
-        return Finding(check="discovery", grade="warning", text=text, remedy=why.remedy if why else "")
+        return Finding("discovery", "warning", text, why.remedy if why else "")
     text = f"{kind} {found.name} is announced and answers at {reached[0]}"
     if found.version != __version__:
         what = f"{text}; it runs simulshot {found.version}, this machine {__version__}"
-        return Finding(check="discovery", grade="warning", text=what, remedy="install the same on both")
-    return Finding(check="discovery", grade="good", text=text)
+        return Finding("discovery", "warning", what, "install the same on both")
+    return Finding("discovery", "good", text)
 
 
 def warnings_for_leader(port: int, root: Path = Path("/")) -> list[str]:
@@ -216,27 +213,24 @@ def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Find
             if not opened:
                 text = f"{firewall.name} is active here, and must let cameras come in to port {port}"
                 unseen = " (only root sees whether it does)" if opened is None else ""
-                remedy = firewall.opening.format(port=port)
-                yield Finding(check="firewall", grade="warning", text=text + unseen, remedy=remedy)
+                yield Finding("firewall", "warning", text + unseen, firewall.opening.format(port=port))
         if not firewall.opens(MDNS_PORT) and firewall.name != "ufw":
             # As it comes, ufw lets mDNS in.
             text = f"{firewall.name} is active here: leaders are found by themselves only if it lets mDNS in"
-            remedy = firewall.opening_udp.format(port=MDNS_PORT)
-            yield Finding(check="firewall", grade="note", text=text, remedy=remedy)
+            yield Finding("firewall", "note", text, firewall.opening_udp.format(port=MDNS_PORT))
     if not active:
-        text = "no firewall is switched on here, by its files"
-        yield Finding(check="firewall", grade="good", text=text)
+        yield Finding("firewall", "good", "no firewall is switched on here, by its files")
 
 
 def trust(own: Trust) -> Finding:
     """Say what this machine goes by, and how many it knows."""
     if own.is_open:
-        return Finding(check="trust", grade="note", text="no machine is asked who it is")
+        return Finding("trust", "note", "no machine is asked who it is")
     try:
         text = f"this machine's pin is {own.identity.pin}; it knows {count(len(own.known.all()), 'machine')}"
     except SimulshotError as error:
-        return Finding(check="trust", grade="problem", text=error.what, remedy=error.hint)
-    return Finding(check="trust", grade="good", text=text)
+        return Finding("trust", "problem", error.what, error.hint)
+    return Finding("trust", "good", text)
 
 
 def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
@@ -244,18 +238,12 @@ def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
     for interface in interfaces:
         match saves_power(interface):
             case True:
-                yield Finding(
-                    check="wifi",
-                    grade="warning",
-                    text=power_saving(interface),
-                    remedy=power_saving_remedy(interface),
-                )
+                yield Finding("wifi", "warning", power_saving(interface), power_saving_remedy(interface))
             case False:
-                text = f"the WiFi of this machine ({interface}) saves no power"
-                yield Finding(check="wifi", grade="good", text=text)
+                yield Finding("wifi", "good", f"the WiFi of this machine ({interface}) saves no power")
             case None:
-                text = f"the driver of {interface} does not say whether it saves power"
-                yield Finding(check="wifi", grade="note", text=text)
+                what = f"the driver of {interface} does not say whether it saves power"
+                yield Finding("wifi", "note", what)
 
 
 async def examine(

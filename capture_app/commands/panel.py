@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from capture_app.panel.session_times import SessionTimes
 
 RESULT = "panel.json"
+_SEEN = ("read", "refused", "95 % error", "exposure", "row time")
+_APART = ("error", "mean abs", "std", "largest", "mean", "instants")
+_NONE = "No instant has two pictures that could be read: no camera can be compared with another."
 RATE_LIMIT_PPM = 3_000.0
 """A panel whose clock differs by more than this from the session's is not the one that its markers tell."""
 
@@ -61,18 +64,18 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
     import msgspec
 
     return {
-        "panel": times.panel,
-        "tick_ns": times.tick_ns,
-        "cycle_ns": times.cycle_ns,
+        "panel": times.panel.name,
+        "tick_ns": times.panel.tick_ns,
+        "cycle_ns": times.panel.cycle_ns,
         "exposures_known": times.exposures_known,
         "pictures": [
             {
-                "camera": picture.camera,
-                "instant": picture.instant,
+                "camera": picture.image.camera,
+                "instant": picture.image.instant,
                 "panel_ns": picture.panel_ns,
                 "uncertainty_ns": picture.uncertainty_ns,
                 "stamp_ns": picture.stamp_ns,
-                "stamp_uncertainty_ns": picture.stamp_uncertainty_ns,
+                "stamp_uncertainty_ns": picture.image.uncertainty_ns,
                 "exposure_ns": picture.reading.shutter.exposure_ns,
                 "row_time_ns": picture.reading.shutter.row_time_ns,
                 "markers": picture.reading.markers,
@@ -81,37 +84,75 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
             for picture in times.pictures
         ],
         "refusals": [
-            {"camera": refusal.camera, "instant": refusal.instant, "reason": refusal.reason}
-            for refusal in times.refusals
+            {"camera": image.camera, "instant": image.instant, "reason": reason}
+            for image, reason in times.refusals
         ],
         "errors": msgspec.to_builtins(errors),
+        "words": _words(times, errors),
+    }
+
+
+def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
+    """The same for people, as a screen shows it."""
+    name = times.panel.name
+    apart = f"{name}: how far apart (phase: by the stamps; clock: the rest)"
+    tables = [(apart, _APART, _apart(errors)), (f"{name} in the pictures", _SEEN, _seen(times))]
+    return {
+        "verdict": _verdict(errors),
+        "tables": [
+            {"caption": caption, "groups": [""] * len(columns), "columns": columns, "rows": rows}
+            for caption, columns, rows in tables
+            if rows
+        ],
+        "remarks": [_about(times), *_refused(times), *_judgement(times, errors)],
     }
 
 
 def _lines(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
-    ticks, cycle = duration(times.tick_ns), duration(times.cycle_ns)
-    yield f"panel {times.panel}: a tick of {ticks}, the same again after {cycle}"
-    head: tuple[str, ...] = ("camera", "read", "refused", "95 % error", "exposure", "row time")
-    yield table(head, [_camera_row(times, name) for name in times.cameras])
-    yield from (f"{one.camera}, instant {one.instant}, refused: {one.reason}" for one in times.refusals)
-    if errors.all is None:
-        yield "No instant has two pictures that could be read: no camera can be compared with another."
-        return
-    head = ("cameras", "error", "mean abs", "std", "largest", "mean", "instants")
-    rows = [row for pair in errors.pairs for row in _rows(" - ".join(pair.cameras), pair)]
-    if len(errors.pairs) > 1:
-        rows += _rows("all pairs", errors.all)
-    yield f"\n{table(head, rows)}\n"
-    yield (
-        f"The panel tells such a difference to ±{duration(errors.all.reading_uncertainty_ns)} (95 %): "
-        "smaller ones are not seen."
-    )
+    yield _about(times)
+    yield table(("camera", *_SEEN), _seen(times))
+    yield from _refused(times)
+    if errors.all is not None:
+        yield f"\n{table(('cameras', *_APART), _apart(errors))}\n"
     yield from _judgement(times, errors)
 
 
+def _about(times: "SessionTimes") -> str:
+    panel = times.panel
+    ticks, cycle = duration(panel.tick_ns), duration(panel.cycle_ns)
+    return f"panel {panel.name}: a tick of {ticks}, the same again after {cycle}"
+
+
+def _refused(times: "SessionTimes") -> list[str]:
+    return [f"{image.camera}, instant {image.instant}, refused: {reason}" for image, reason in times.refusals]
+
+
+def _seen(times: "SessionTimes") -> list[tuple[str, ...]]:
+    return [_camera_row(times, name) for name in times.cameras]
+
+
+def _apart(errors: "RigErrors") -> "list[tuple[str, ...]]":
+    rows = [row for pair in errors.pairs for row in _rows(" - ".join(pair.cameras), pair)]
+    if len(errors.pairs) > 1 and errors.all is not None:
+        rows += _rows("all pairs", errors.all)
+    return rows
+
+
+def _verdict(errors: "RigErrors") -> str:
+    """How far apart the cameras were, in a sentence."""
+    every = errors.all
+    if every is None:
+        return _NONE
+    largest = "" if every.count == 1 else f" on average, {duration(every.total.max_ns)} at most"
+    held = errors.within_uncertainty
+    bars = "" if held is None else f"; clocks inside their error bars: {held.held} of {held.count}"
+    told = f"{duration(every.total.mean_abs_ns)} apart{largest}"
+    return f"{told}; the panel tells ±{duration(every.reading_uncertainty_ns)}{bars}"
+
+
 def _camera_row(times: "SessionTimes", name: str) -> tuple[str, ...]:
-    mine = [picture for picture in times.pictures if picture.camera == name]
-    refused = sum(refusal.camera == name for refusal in times.refusals)
+    mine = [picture for picture in times.pictures if picture.image.camera == name]
+    refused = sum(image.camera == name for image, _ in times.refusals)
     if not mine:
         return name, "0", str(refused), "-", "-", "-"
     middle = sorted(mine, key=lambda picture: picture.uncertainty_ns)[len(mine) // 2]
@@ -142,9 +183,17 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
 
 
 def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
-    if times.is_screen:
+    if errors.all is None:
+        yield _NONE
+        return
+    yield (
+        f"The panel tells such a difference to ±{duration(errors.all.reading_uncertainty_ns)} (95 %): "
+        "smaller ones are not seen."
+    )
+    if times.panel.is_screen:
+        tick_ns = times.panel.tick_ns
         yield (
-            f"A screen of {1e9 / times.tick_ns:.0f} Hz changes every {duration(times.tick_ns)}, row by row; "
+            f"A screen of {1e9 / tick_ns:.0f} Hz changes every {duration(tick_ns)}, row by row; "
             "a panel of LEDs tells microseconds."
         )
     if not times.exposures_known:

@@ -82,7 +82,7 @@ class RigErrors(Struct, frozen=True, kw_only=True):
 
 def rig_errors(times: SessionTimes) -> RigErrors:
     """Pair by pair and in all, the errors that a session's pictures of a panel show."""
-    errors = [_pair_error(one, other, times.cycle_ns) for one, other in pairs(times)]
+    errors = [_pair_error(one, other, times.panel.cycle_ns) for one, other in pairs(times)]
     tables = []
     for cameras in combinations(times.cameras, 2):
         some = [error for error in errors if (error.first, error.second) == cameras]
@@ -90,8 +90,11 @@ def rig_errors(times: SessionTimes) -> RigErrors:
             tables.append(_table(cameras, some))
     told = [error for error in errors if error.session_uncertainty_ns is not None]
     bounded = [error for error in errors if error.session_bound_ns is not None]
-    true = [e for e in errors if e.true_total_ns is not None]
-    misses = [abs(e.total_ns - e.true_total_ns) for e in true if e.true_total_ns is not None]
+    misses = [
+        (abs(e.total_ns - e.true_total_ns), e.reading_uncertainty_ns)
+        for e in errors
+        if e.true_total_ns is not None
+    ]
     rate = _rate(times)
     return RigErrors(
         all=_table(times.cameras, errors) if errors else None,
@@ -104,10 +107,8 @@ def rig_errors(times: SessionTimes) -> RigErrors:
         within_bound=_held(
             abs(e.clock_ns) <= (e.session_bound_ns or 0) + e.reading_uncertainty_ns for e in bounded
         ),
-        totals_near_truth=_held(
-            miss <= e.reading_uncertainty_ns for miss, e in zip(misses, true, strict=True)
-        ),
-        largest_reading_error_ns=max(misses, default=None),
+        totals_near_truth=_held(miss <= known_to for miss, known_to in misses),
+        largest_reading_error_ns=max((miss for miss, _ in misses), default=None),
         rate_error_ppm=None if rate is None else rate[0],
         rate_uncertainty_ppm=None if rate is None else rate[1],
     )
@@ -117,13 +118,13 @@ def _pair_error(one: PictureTime, other: PictureTime, cycle_ns: float) -> PairEr
     phase_ns = other.stamp_ns - one.stamp_ns
     # The panel shows the same again after a cycle: of what the total can be, the one nearest to the stamps'.
     total_ns = phase_ns + nearest_ns(other.panel_ns - one.panel_ns - phase_ns, cycle_ns)
-    stated = _both(one.stamp_uncertainty_ns, other.stamp_uncertainty_ns)
-    bounds = _both(one.stamp_bound_ns, other.stamp_bound_ns)
+    stated = _both(one.image.uncertainty_ns, other.image.uncertainty_ns)
+    bounds = _both(one.image.hard_bound_ns, other.image.hard_bound_ns)
     true = _both(one.true_ns, other.true_ns)
     return PairError(
-        instant=one.instant,
-        first=one.camera,
-        second=other.camera,
+        instant=one.image.instant,
+        first=one.image.camera,
+        second=other.image.camera,
         total_ns=total_ns,
         reading_uncertainty_ns=math.hypot(one.uncertainty_ns, other.uncertainty_ns),
         phase_ns=phase_ns,
@@ -171,12 +172,14 @@ def _rate(times: SessionTimes) -> tuple[float, float] | None:
     """
     rates: list[tuple[float, float]] = []
     for name in times.cameras:
-        mine = sorted((p for p in times.pictures if p.camera == name), key=lambda picture: picture.stamp_ns)
+        own = (picture for picture in times.pictures if picture.image.camera == name)
+        mine = sorted(own, key=lambda picture: picture.stamp_ns)
+        cycle_ns = times.panel.cycle_ns
         gained_ns = passed_ns = 0.0
         for one, other in pairwise(mine):
             stamps_ns = other.stamp_ns - one.stamp_ns
-            if 0 < stamps_ns < times.cycle_ns / 2:
-                gained_ns += nearest_ns(other.panel_ns - one.panel_ns - stamps_ns, times.cycle_ns)
+            if 0 < stamps_ns < cycle_ns / 2:
+                gained_ns += nearest_ns(other.panel_ns - one.panel_ns - stamps_ns, cycle_ns)
                 passed_ns += stamps_ns
         if passed_ns:
             error_ns = math.hypot(mine[0].uncertainty_ns, mine[-1].uncertainty_ns)

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import combinations
 from statistics import median
 
 from capture_app.errors import NotApplicableError
 from capture_app.panel.finder import PanelNotFoundError
+from capture_app.panel.pattern import Panel
 from capture_app.panel.time_reading import PanelTime, read_panel
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, row_exposures
 from capture_app.session.reading.decoding import decode_image
@@ -21,41 +23,27 @@ _ALIKE = 0.1
 class PictureTime:
     """When the middle row of a picture was exposed (its middle), by the panel and the session, in ns."""
 
-    camera: str
-    instant: int
+    image: ImageRecord
     panel_ns: float
     """In the panel's cycle."""
     uncertainty_ns: float
     """95 % error of the reading."""
     stamp_ns: int
     """In leader time."""
-    stamp_uncertainty_ns: int | None
-    stamp_bound_ns: int | None
     true_ns: int | None
     """The truth, of a simulated session."""
     reading: PanelTime
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
-    """A picture whose panel could not be read, and why."""
-
-    camera: str
-    instant: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class SessionTimes:
     """What the panel told of a session's pictures."""
 
-    panel: str
-    tick_ns: float
-    cycle_ns: float
-    is_screen: bool
+    panel: Panel
     cameras: tuple[str, ...]
     pictures: tuple[PictureTime, ...]
-    refusals: tuple[Refusal, ...]
+    refusals: tuple[tuple[ImageRecord, str], ...]
+    """The pictures whose panel could not be read, and why."""
     exposures_known: bool
     """The stamps are of the same moment as the panel's times: the session tells exposures and row times."""
 
@@ -71,14 +59,14 @@ def read_session(
     known = all(row_exposures(session.camera(image.camera), image) for image in images)
     truth = _truth(session)
     pictures: list[PictureTime] = []
-    refusals: list[Refusal] = []
+    refusals: list[tuple[ImageRecord, str]] = []
     readers = {camera.name: _CameraReader(camera) for camera in session.manifest.cameras}
     for number, image in enumerate(images):
         camera = session.camera(image.camera)
         try:
             read = readers[image.camera].read(session, image)
         except PanelNotFoundError as error:
-            refusals.append(Refusal(image.camera, image.instant, str(error)))
+            refusals.append((image, str(error)))
         else:
             row = (camera.facts.height - 1) / 2
             panel_ns, uncertainty_ns = read.at_row(row)
@@ -86,35 +74,30 @@ def read_session(
             later_ns = round(read.shutter.exposure_ns / 2 + row * read.shutter.row_time_ns)
             pictures.append(
                 PictureTime(
-                    camera=image.camera,
-                    instant=image.instant,
+                    image=image,
                     panel_ns=panel_ns % read.panel.cycle_ns,
                     uncertainty_ns=uncertainty_ns,
                     stamp_ns=_stamp(camera, image, row) if known else image.leader_ns,
-                    stamp_uncertainty_ns=image.uncertainty_ns,
-                    stamp_bound_ns=image.hard_bound_ns,
                     true_ns=None if true_ns is None else true_ns + later_ns,
                     reading=read,
                 )
             )
         done(number + 1, len(images))
     if not pictures:
-        reasons = {refusal.reason for refusal in refusals}
+        reasons = {reason for _, reason in refusals}
         raise NotApplicableError(
             f"no picture of {session.folder} shows a panel's time: {'; '.join(sorted(reasons)[:3])}",
             hint="capture-app panel show draws one on a screen; all its four markers must be seen, sharp",
         )
     panels = [picture.reading.panel for picture in pictures]
     panel = max(panels, key=panels.count)
-    others = [picture for picture in pictures if picture.reading.panel != panel]
     refusals += [
-        Refusal(p.camera, p.instant, f"it shows another panel, {p.reading.panel.name}") for p in others
+        (one.image, f"it shows another panel, {one.reading.panel.name}")
+        for one in pictures
+        if one.reading.panel != panel
     ]
     return SessionTimes(
-        panel=panel.name,
-        tick_ns=panel.tick_ns,
-        cycle_ns=panel.cycle_ns,
-        is_screen=panel.is_screen,
+        panel=panel,
         cameras=tuple(camera.name for camera in session.manifest.cameras),
         pictures=tuple(picture for picture in pictures if picture.reading.panel == panel),
         refusals=tuple(refusals),
@@ -165,9 +148,7 @@ def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":
     order = {name: number for number, name in enumerate(times.cameras)}
     by_instant: dict[int, list[PictureTime]] = {}
     for picture in times.pictures:
-        by_instant.setdefault(picture.instant, []).append(picture)
+        by_instant.setdefault(picture.image.instant, []).append(picture)
     for instant in sorted(by_instant):
-        some = sorted(by_instant[instant], key=lambda picture: order[picture.camera])
-        for number, one in enumerate(some):
-            for other in some[number + 1 :]:
-                yield one, other
+        some = sorted(by_instant[instant], key=lambda picture: order[picture.image.camera])
+        yield from combinations(some, 2)

@@ -29,6 +29,12 @@ def test_the_bundled_session_gives_its_truth_back(capsys: pytest.CaptureFixture[
         assert error["total_ns"] == pytest.approx(error["phase_ns"] + error["clock_ns"])
     assert abs(errors["rate_error_ppm"]) < errors["rate_uncertainty_ppm"]
     all_pairs = errors["all"]
+    words = told["words"]
+    bars = "the panel tells ±20 µs; clocks inside their error bars: 5 of 5"
+    assert words["verdict"] == f"30 µs apart on average, 31 µs at most; {bars}"
+    assert [row[0] for row in words["tables"][1]["rows"]] == ["cam00", "cam01"]
+    assert words["tables"][0]["rows"][0][:3] == ["cam00 - cam01", "total", "30 µs"]
+    assert any("inside the session's own error bars: 5 of 5 pairs" in line for line in words["remarks"])
     assert all_pairs["total"]["max_ns"] >= all_pairs["total"]["mean_abs_ns"] > all_pairs["total"]["std_ns"]
 
 

@@ -71,10 +71,10 @@ def _table(table: ResultTable, width: int) -> list[Content]:
 
 
 def _style(table: ResultTable, at: int) -> str:
-    """How the figures of a column look: synchronized and offset in turn; what is at rest, in neither."""
+    """How the figures of a column look: synchronized and offset in turn; all others, in neither colour."""
     if "rest" in table.groups[at] or "still" in table.columns[at]:
         return "$foreground-muted"
-    if len(table.columns) == 1:
+    if not any(table.groups) and len(table.columns) not in (2, 3):
         return "$foreground"
     return "$error" if at % 2 else "bold $success"
 

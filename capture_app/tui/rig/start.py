@@ -1,10 +1,11 @@
 """The choices of the start: what this machine has to offer, and what each of them means."""
 
 import textwrap
-from collections.abc import Awaitable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from textual import events, work
 from textual.binding import Binding, BindingType
@@ -66,6 +67,17 @@ def _count(folder: Path) -> int:
 
 def _cut(text: str) -> str:
     return text if len(text) <= TITLE_WIDTH else text[: TITLE_WIDTH - 1] + "…"
+
+
+class _Choice(NamedTuple):
+    """A line of the list: what it means, and what it does."""
+
+    name: str
+    key: str
+    title: str
+    what: str
+    do: Callable[[], object]
+    is_usable: bool = True
 
 
 CAMERA_KEYS = "cefglmpuvwxyz"
@@ -139,30 +151,41 @@ class StartPanel(Vertical):
         options = [
             Option(
                 Content.assemble(
-                    (f" {key} ", "bold $primary"),
-                    f" {_cut(printable(title))}",
-                    ("  last time" if choice == last else "", "italic $secondary"),
+                    (f" {one.key} ", "bold $primary"),
+                    f" {_cut(printable(one.title))}",
+                    ("  last time" if one.name == last else "", "italic $secondary"),
                 ),
-                id=choice,
-                disabled=not usable,
+                id=one.name,
+                disabled=not one.is_usable,
             )
-            for choice, key, title, usable in sorted(self._lines(), key=lambda line: line[0] != last)
+            for one in sorted(self._choices(), key=lambda one: one.name != last)
         ]
         self._list.set_options(options)
         self._list.highlighted = next((at for at, one in enumerate(options) if one.id == kept), 0)
 
-    def _lines(self) -> Iterator[tuple[str, str, str, bool]]:
-        """What can be chosen: its name, its key, its title, and whether it can be used."""
+    def _choices(self) -> Iterator[_Choice]:
         for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
             title = f"{camera.model or camera.kind} {Path(camera.spec).name}"
-            yield camera.spec, key, title, camera.usable
-        yield "invite", "i", "Invite other machines", True
-        yield "phones", "h", "Phones by a QR code", True
-        yield "simulated", "s", f"Simulate {count(self._cameras, 'camera')}", True
+            what = f"{camera.spec}: {camera.detail}"
+            start = partial(self._start_camera, camera)
+            yield _Choice(camera.spec, key, title, what, start, is_usable=camera.usable)
+        what = f"The code beside holds the line below. {self._invitation}"
+        yield _Choice("invite", "i", "Invite other machines", what, self.action_invite)
+        what = "Any phone with a browser is a camera: it scans a code, and keeps a page open."
+        yield _Choice("phones", "h", "Phones by a QR code", what, self.action_phones)
+        what = (
+            f"Each is a process with a clock of its own, hours off. They look at the scene "
+            f"“{self._scene}”. Press + or - for more or fewer of them, t for another scene."
+        )
+        title = f"Simulate {count(self._cameras, 'camera')}"
+        yield _Choice("simulated", "s", title, what, self.action_simulate)
         if self._offers.sessions:
-            yield "sessions", "o", f"Look at {count(self._offers.sessions, 'session')}", True
+            title = f"Look at {count(self._offers.sessions, 'session')}"
+            what = f"The takes in {self._sessions}: to look at, verify, compare and export."
+            yield _Choice("sessions", "o", title, what, self.action_sessions)
         if self._offers.samples:
-            yield "samples", "b", "Browse the samples", True
+            what = f"Takes of simulated cameras, in {self._offers.samples}."
+            yield _Choice("samples", "b", "Browse the samples", what, self.action_samples)
 
     @property
     def _chosen(self) -> str | None:
@@ -198,23 +221,7 @@ class StartPanel(Vertical):
         )
 
     def _meanings(self) -> list[Content]:
-        match self._chosen:
-            case "invite":
-                words = f"The code beside holds the line below. {self._invitation}"
-            case "phones":
-                words = "Any phone with a browser is a camera: it scans a code, and keeps a page open."
-            case "simulated":
-                words = (
-                    f"Each is a process with a clock of its own, hours off. They look at the scene "
-                    f"“{self._scene}”. Press + or - for more or fewer of them, t for another scene."
-                )
-            case "sessions":
-                words = f"The takes in {self._sessions}: to look at, verify, compare and export."
-            case "samples":
-                words = f"Takes of simulated cameras, in {self._offers.samples}."
-            case spec:
-                found = next((camera for camera in self._offers.cameras if camera.spec == spec), None)
-                words = "" if found is None else f"{found.spec}: {found.detail}"
+        words = next((one.what for one in self._choices() if one.name == self._chosen), "")
         code = max((len(line) for line in self._code.plain), default=0)
         lines = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN - code, 20))
         return [Content.styled(line, "$foreground-muted") for line in lines]
@@ -227,18 +234,9 @@ class StartPanel(Vertical):
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Do what the line says."""
-        for camera in self._offers.cameras:
-            if camera.spec == event.option_id:
-                self._start_camera(camera)
-        action = {
-            "invite": self.action_invite,
-            "phones": self.action_phones,
-            "simulated": self.action_simulate,
-            "sessions": self.action_sessions,
-            "samples": self.action_samples,
-        }.get(event.option_id or "")
-        if action is not None:
-            action()
+        for one in self._choices():
+            if one.name == event.option_id:
+                one.do()
 
     def on_key(self, event: events.Key) -> None:
         """Start the camera of a key."""

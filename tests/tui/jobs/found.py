@@ -21,6 +21,7 @@ from capture_app.tui.jobs.run import (
     RunState,
 )
 
+PANEL_VERDICT = "32 µs apart on average, 121 µs at most; the panel tells ±14 µs"
 VERDICT = (
     "When both pictures show the same instant, the right distance is found for 97 % of what moves; with one "
     "picture 67 ms late, for 2 %. What stands still is found equally well both times."
@@ -206,29 +207,29 @@ def add_panel(root: Path, session: str, *, compared: bool = True) -> Run:
     job = add_job(root, PANEL.name, session)
     assert job.out is not None
     job.out.mkdir(parents=True)
-
-    def summary(mean_us: float, max_us: float) -> dict[str, float]:
-        return {"mean_abs_ns": 1e3 * mean_us, "std_ns": 5e3, "max_ns": 1e3 * max_us, "bias_ns": -2e3}
-
-    kinds = {"total": summary(32, 121), "phase": summary(7, 21), "clock": summary(30, 115)}
-    table = {"cameras": ["cam00", "cam01"], "count": 5, **kinds, "reading_uncertainty_ns": 14e3}
-    pictures = [
-        {"camera": camera, "instant": instant, "uncertainty_ns": 10e3}
-        for camera in ("cam00", "cam01")
-        for instant in range(5)
-    ]
-    found = {
-        "panel": "led-pair",
-        "tick_ns": 200e3,
-        "cycle_ns": 1e9,
-        "exposures_known": False,
-        "pictures": pictures,
-        "refusals": [{"camera": "cam01", "instant": 5, "reason": "no marker of a panel"}],
-        "errors": {
-            "all": table if compared else None,
-            "pairs": [table] if compared else [],
-            "within_uncertainty": {"held": 5, "count": 5} if compared else None,
-        },
+    seen = {
+        "caption": "led-pair in the pictures",
+        "groups": [""] * 5,
+        "columns": ["read", "refused", "95 % error", "exposure", "row time"],
+        "rows": [
+            ["cam00", "5", "0", "±10 µs", "500 µs", "15 µs"],
+            ["cam01", "5", "1", "±10 µs", "500 µs", "0 ns"],
+        ],
     }
-    (job.out / "panel.json").write_text(json.dumps(found))
+    apart = {
+        "caption": "led-pair: how far apart (phase: by the stamps; clock: the rest)",
+        "groups": [""] * 6,
+        "columns": ["error", "mean abs", "std", "largest", "mean", "instants"],
+        "rows": [
+            ["cam00 - cam01", "total", "32 µs", "5.0 µs", "121 µs", "-2.0 µs", "5"],
+            ["", "phase", "7.0 µs", "5.0 µs", "21 µs", "-2.0 µs", ""],
+            ["", "clock", "30 µs", "5.0 µs", "115 µs", "-2.0 µs", ""],
+        ],
+    }
+    words = {
+        "verdict": PANEL_VERDICT if compared else "no instant has two pictures that could be read",
+        "tables": [apart, seen] if compared else [seen],
+        "remarks": ["panel led-pair: a tick of 200 µs, the same again after 1.0 s"],
+    }
+    (job.out / "panel.json").write_text(json.dumps({"panel": "led-pair", "words": words}))
     return job

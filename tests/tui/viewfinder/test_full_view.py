@@ -33,7 +33,7 @@ async def open_first(studio: Studio, pilot: Pilot[None]) -> FullView:
 
 
 def text(screen: FullView, part: str) -> str:
-    return "\n".join(screen.query_one(f"#finder-{part}", Lines).plain)
+    return "\n".join(screen.query_one(part, Lines).plain)
 
 
 async def test_a_camera_is_opened_and_left(tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ async def test_a_camera_is_opened_and_left(tmp_path: Path) -> None:
     async with studio.app.run_test(size=(100, 30)) as pilot:
         finder = await open_first(studio, pilot)
         assert studio.wishes[-1] == (("cam00",), 640, 8.0)
-        assert text(finder, "title") == "cam00 · ● ready · 30.0 fps · exposure 10 ms · gain 1.5"
+        assert text(finder, ".title") == "cam00 · ● ready · 30.0 fps · exposure 10 ms · gain 1.5"
         await pilot.press("right")
         await studio.settle(pilot)
         assert studio.wishes[-1] == (("cam01",), 640, 8.0)
@@ -63,11 +63,11 @@ async def test_focus_and_light_are_numbers_and_marks(tmp_path: Path) -> None:
             await studio.settle(pilot)
         assert finder.focus_meter.share is not None
         assert finder.focus_meter.share < 0.3
-        assert "of the best in 10 s" in text(finder, "meters")
-        assert "clipped white 0.0%" in text(finder, "meters")
+        assert "of the best in 10 s" in text(finder, "#finder-meters")
+        assert "clipped white 0.0%" in text(finder, "#finder-meters")
         rig.preview("cam00", board(light=80), 320, 240)
         await studio.settle(pilot)
-        assert "▲ clipped white 50." in text(finder, "meters")
+        assert "▲ clipped white 50." in text(finder, "#finder-meters")
         before = finder.query_one(Picture).cells
         await pilot.press("z", "f")
         await studio.settle(pilot)
@@ -77,7 +77,7 @@ async def test_focus_and_light_are_numbers_and_marks(tmp_path: Path) -> None:
         colours = {tuple(ink) for ink in after.inks.reshape(-1, 3).tolist()}
         assert (255, 60, 60) in colours
         assert any(red > 200 and 150 < green < 230 and blue < 60 for red, green, blue in colours)
-        assert text(finder, "title").endswith("focus on · zebra on")
+        assert text(finder, ".title").endswith("focus on · zebra on")
         await pilot.press("m")
         assert not finder.query_one("#finder-meters").display
 
@@ -90,7 +90,7 @@ async def test_two_cameras_are_blinked_at_the_nearest_instant(tmp_path: Path) ->
         await pilot.press("b")
         await studio.settle(pilot)
         assert studio.wishes[-1] == (("cam00", "cam01"), 640, 4.0)
-        assert "blinking cam00 ↔ cam01, waiting for both" in text(finder, "title")
+        assert "blinking cam00 ↔ cam01, waiting for both" in text(finder, ".title")
         for camera, leader_ns, level in (("cam00", 10**9, 50), ("cam01", 10**9 + 4_200_000, 200)):
             jpeg = cv2.imencode(".jpg", np.full((48, 64), level, np.uint8))[1].tobytes()
             rig.tell(Preview(camera=camera, leader_ns=leader_ns, width=64, height=48, jpeg=bytes(jpeg)))
@@ -101,7 +101,7 @@ async def test_two_cameras_are_blinked_at_the_nearest_instant(tmp_path: Path) ->
             if cells is not None:
                 seen.add(round(float(cells.inks.mean()) / 10) * 10)
         assert seen == {50, 200}
-        assert "4.2 ms apart" in text(finder, "title")
+        assert "4.2 ms apart" in text(finder, ".title")
         await pilot.press("b")
         await studio.settle(pilot)
-        assert "blinking" not in text(finder, "title")
+        assert "blinking" not in text(finder, ".title")

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from capture_app.simulation.scenes import materials, moving_bodies, studio
-from capture_app.simulation.scenes import moving_bodies as poses
-from capture_app.simulation.scenes.definition import Point, SceneDefinition
-from capture_app.simulation.scenes.materials import Picture
-from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, panel, rod, turn
-from capture_app.simulation.scenes.moving_bodies import Part
-from capture_app.simulation.scenes.studio import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
+from benchmarks.scenery import bodies, materials, studio
+from benchmarks.scenery.__main__ import SEED, figure
+from benchmarks.scenery.meshes import Mesh, box, ellipsoid, panel, rod
+from benchmarks.scenery.studio import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
+from capture_app.simulation.scenes.definition import Part, Picture, Point, SceneDefinition, Stage
+from capture_app.simulation.scenes.moving_bodies import jumping_child, turn, walking_child
 
 NEARLY_BLANK = 0.004
 """Deviation of a wall's paint, of 1: below the noise of a picture."""
@@ -32,7 +31,7 @@ ATTIC_CAMERAS: dict[str, tuple[Point, Point]] = {
 
 
 def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
-    return moving_bodies.pictures(rng) | {
+    return bodies.pictures(rng) | {
         "wall": materials.plain(rng, (700, 900), (226, 220, 208), rough=NEARLY_BLANK),
         "side": materials.plain(rng, (700, 900), (204, 210, 206), rough=NEARLY_BLANK),
         "door": materials.plain(rng, (400, 200), (186, 190, 182), rough=NEARLY_BLANK),
@@ -123,14 +122,21 @@ def _attic(rng: np.random.Generator) -> list[Part]:
     ]
 
 
-def _child() -> dict[str, Part]:
-    return {name: part for name, part in moving_bodies.parts().items() if part.thing == "figure"}
+def _room_stage() -> Stage:
+    rng = np.random.default_rng(SEED)
+    pictures = _pictures(rng)
+    return Stage(_room(rng), figure(), pictures)
 
 
-ROOM = SceneDefinition(ROOM_CAMERAS, _pictures, _room, _child, poses.jumping_child)
+def _attic_stage() -> Stage:
+    rng = np.random.default_rng(SEED)
+    pictures = _pictures(rng)
+    return Stage(_attic(rng), figure(), pictures)
+
+
+ROOM = SceneDefinition(ROOM_CAMERAS, _room_stage, jumping_child)
 """Upright walls, a ramp for a floor, a door, three pictures."""
 ATTIC = SceneDefinition(
-    ATTIC_CAMERAS, _pictures, _attic, _child,
-    lambda seconds: poses.walking_child(seconds, ahead=0.3, prefix=""),
-)  # fmt: skip
+    ATTIC_CAMERAS, _attic_stage, lambda seconds: walking_child(seconds, ahead=0.3, prefix="")
+)
 """Walls that lean, two ramps that cross, a chimney, and cameras that stand wider apart."""

@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from benchmarks.scenery import materials
+from benchmarks.scenery.meshes import Mesh, box, ellipsoid, lathe, rod
 from capture_app.simulation.rendering import layers as still
 from capture_app.simulation.rendering.layers import View as RenderedView
 from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.rendering.scene import develop
-from capture_app.simulation.scenes import materials
-from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, lathe, rod, turn
+from capture_app.simulation.scenes.moving_bodies import turn
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 

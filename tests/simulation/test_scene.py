@@ -12,7 +12,8 @@ from capture_app.errors import BadInputError
 from capture_app.node.leader.local_nodes import FLAT_SCENES, VIEWS
 from capture_app.simulation.rendering.layers import look_at
 from capture_app.simulation.rendering.scene import SCENES, Scene, load
-from capture_app.simulation.scenes import moving_bodies, stages, studio
+from capture_app.simulation.scenes import moving_bodies
+from capture_app.simulation.scenes.stages import DEFINITIONS
 
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
@@ -53,14 +54,8 @@ def test_unknown_scene_and_view_name_what_there_is(scene: Scene) -> None:
 
 
 def test_a_leader_starts_cameras_for_the_views_there_are() -> None:
-    definitions = {
-        "studio": studio.DEFINITION,
-        "pinwheel": stages.PINWHEEL,
-        "crossing": stages.CROSSING,
-        "board": stages.HELD_BOARD,
-    }
-    assert set(SCENES) == set(definitions) == set(VIEWS) - set(FLAT_SCENES)
-    for name, definition in definitions.items():
+    assert set(SCENES) == set(DEFINITIONS) == set(VIEWS) - set(FLAT_SCENES)
+    for name, definition in DEFINITIONS.items():
         assert VIEWS[name] == tuple(definition.cameras)
 
 
@@ -256,9 +251,9 @@ def test_the_studio_looks_as_it_always_did() -> None:
 
 def test_the_board_is_held_everywhere_before_every_camera() -> None:
     seconds = np.arange(0, 60, 1.3)
-    held = stages.HELD_BOARD.poses(seconds)["sheet"]
+    held = DEFINITIONS["board"].poses(seconds)["sheet"]
     views = {
-        name: look_at(name, *stages.HELD_BOARD.cameras[name])
+        name: look_at(name, *DEFINITIONS["board"].cameras[name])
         for name in ("cam00", "cam01", "cam04", "cam05", "cam06")
     }
     count = CoverageCount(DEFAULT_BOARD, dict.fromkeys(views, (640, 480)))

@@ -13,7 +13,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.simulation.rendering import lighting
 from capture_app.simulation.rendering.lighting import OpenSky
 from capture_app.simulation.rendering.raycast import Body, Hits, bundle_rays
-from capture_app.simulation.scenes.meshes import Floats
+from capture_app.simulation.scenes.definition import Floats
 from capture_app.simulation.scenes.moving_bodies import Poses
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.optional_packages import RECONSTRUCTION, load_optional
-from capture_app.simulation.scenes.meshes import Floats, Mesh
+from capture_app.simulation.scenes.definition import Floats, Mesh
 
 
 def _open3d() -> Any:

@@ -24,17 +24,11 @@ from capture_app.simulation.rendering.layers import (
 )
 from capture_app.simulation.rendering.lighting import OpenSky, sun_direction
 from capture_app.simulation.rendering.raycast import Body, Texture
-from capture_app.simulation.scenes import moving_bodies, stages, studio
-from capture_app.simulation.scenes.definition import SceneDefinition
-from capture_app.simulation.scenes.meshes import Floats
+from capture_app.simulation.scenes import moving_bodies
+from capture_app.simulation.scenes.definition import Floats, SceneDefinition
+from capture_app.simulation.scenes.stages import DEFINITIONS
 
-_DEFINITIONS = {
-    "studio": studio.DEFINITION,
-    "pinwheel": stages.PINWHEEL,
-    "crossing": stages.CROSSING,
-    "board": stages.HELD_BOARD,
-}
-SCENES = tuple(_DEFINITIONS)
+SCENES = tuple(DEFINITIONS)
 
 _BLUR_STEP_NS = 4_000_000
 """Each of a pixel's samples is taken again for every so much exposure, up to 4 times."""
@@ -47,22 +41,20 @@ class Scene:
     """A room with moving things and the cameras that look at it; what stands still is kept once drawn."""
 
     def __init__(self, name: str, definition: SceneDefinition, *, scale: float = 1.0) -> None:
-        rng = np.random.default_rng(20190516)
-        stage = self._stage = definition
-        textures = {name: Texture(picture) for name, picture in stage.pictures(rng).items()}
-        fixtures = stage.fixtures(rng)
-        parts = stage.parts()
-        moving_things = sorted({part.thing for part in parts.values()})
+        self._definition = definition
+        stage = definition.stage()
+        textures = {name: Texture(picture) for name, picture in stage.pictures.items()}
+        moving_things = sorted({part.thing for part in stage.parts.values()})
         self.name = name
-        self.things = ("nothing", *(f.thing for f in fixtures), *moving_things)
+        self.things = ("nothing", *(f.thing for f in stage.fixtures), *moving_things)
         """Names of the things by their number in the ground truth's `objects`."""
         self.moving_things = frozenset(moving_things)
         self._scale = scale
         self.views = self._views(scale)
-        meshes = [(mesh, self.things.index(f.thing)) for f in fixtures for mesh in f.meshes]
+        meshes = [(mesh, self.things.index(f.thing)) for f in stage.fixtures for mesh in f.meshes]
         self._room = Body([m for m, _ in meshes], textures, [thing for _, thing in meshes])
-        self._bodies = {name: Body(part.meshes, textures) for name, part in parts.items()}
-        self._thing_of = {name: self.things.index(part.thing) for name, part in parts.items()}
+        self._bodies = {name: Body(part.meshes, textures) for name, part in stage.parts.items()}
+        self._thing_of = {name: self.things.index(part.thing) for name, part in stage.parts.items()}
         self._sky = OpenSky()
         self._still: dict[str, list[StillLayer]] = {}
         self._still_light: dict[str, Floats] = {}
@@ -143,7 +135,7 @@ class Scene:
     def _views(self, scale: float) -> dict[str, View]:
         return {
             name: look_at(name, place, target, scale=scale)
-            for name, (place, target) in self._stage.cameras.items()
+            for name, (place, target) in self._definition.cameras.items()
         }
 
     def _view(self, name: str) -> View:
@@ -164,7 +156,7 @@ class Scene:
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
         times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
         seconds = moving_bodies.cycle_seconds(times_ns)
-        return moving_parts(view, self._bodies, self._stage.poses(seconds))
+        return moving_parts(view, self._bodies, self._definition.poses(seconds))
 
 
 def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:
@@ -186,7 +178,7 @@ def load(name: str, *, scale: float = 1.0) -> Scene:
 
 @functools.cache
 def _built(name: str, scale: float) -> Scene:
-    return Scene(name, _DEFINITIONS[name], scale=scale)
+    return Scene(name, DEFINITIONS[name], scale=scale)
 
 
 @functools.cache

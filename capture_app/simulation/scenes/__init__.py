@@ -1,1 +1,4 @@
-"""Scenes by name: geometry, colours, prints and motion alone; knows no camera model."""
+"""Scenes by name: their cameras and how things move in them; knows no camera model.
+
+What stands in them is in `files`, as `python -m benchmarks.scenery` makes it.
+"""

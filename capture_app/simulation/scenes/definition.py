@@ -1,27 +1,83 @@
 """The definition of a scene: things that stand still, bodies that move, and the cameras."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from capture_app.simulation.scenes.materials import Picture
-from capture_app.simulation.scenes.moving_bodies import Part, Poses, Series
+from capture_app.simulation.scenes.moving_bodies import Poses, Series
 
+Floats = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+"""A texture: sRGB, BGR."""
 Point = tuple[float, float, float]
+
+FILES = Path(__file__).parent / "files"
+"""NAME.npz: the meshes of the scene NAME, in the order of its table `meshes`; TEXTURE.webp, without loss."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles (T, 3) over vertices (V, 3) in m, with a normal and a texture coordinate each.
+
+    Axes as OpenCV's camera: x right, y down, z away from the viewer.
+    """
+
+    vertices: Floats
+    normals: Floats
+    uv: Floats
+    triangles: NDArray[np.integer]
+    texture: str
+
+
+@dataclass(frozen=True)
+class Part:
+    """Meshes of one rigid part, about its joint if it moves, and the thing it belongs to."""
+
+    thing: str
+    meshes: Sequence[Mesh]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """All that can be seen of a scene: its parts that stand still, and by their names those that move."""
+
+    fixtures: list[Part]
+    parts: dict[str, Part]
+    pictures: dict[str, Picture]
+    """Textures by name."""
 
 
 @dataclass(frozen=True)
 class SceneDefinition:
-    """One scene; `pictures`, then `fixtures`, draw from the same random generator."""
+    """One scene."""
 
     cameras: Mapping[str, tuple[Point, Point]]
     """Where each camera is and the point that it looks at, in m."""
-    pictures: Callable[[np.random.Generator], dict[str, Picture]]
-    """Textures by name."""
-    fixtures: Callable[[np.random.Generator], list[Part]]
-    """Parts that stand still."""
-    parts: Callable[[], dict[str, Part]]
-    """Rigid moving parts by name."""
+    stage: Callable[[], Stage]
     poses: Callable[[Series], dict[str, Poses]]
-    """Poses of the parts at the times, in s, by the part's name."""
+    """Poses of the moving parts at the times, in s, by the part's name."""
+
+
+def read_stage(name: str, **drawn: Picture) -> Stage:
+    """Read a scene's meshes and their textures from `FILES`; textures that are `drawn` are not read."""
+    kinds = ("vertices", "normals", "uv", "triangles")
+    with np.load(FILES / f"{name}.npz") as data:
+        table = data["meshes"]
+        ends = {kind: table["triangles" if kind == "triangles" else "vertices"].cumsum() for kind in kinds}
+        shapes = [np.split(data[kind], ends[kind]) for kind in kinds]
+    meshes: dict[tuple[str, str], list[Mesh]] = {}
+    for row, *shape in zip(table, *shapes, strict=False):
+        mesh = Mesh(texture=str(row["texture"]), **dict(zip(kinds, shape, strict=True)))
+        meshes.setdefault((str(row["part"]), str(row["thing"])), []).append(mesh)
+    parts = {name: Part(thing, own) for (name, thing), own in meshes.items() if name}
+    fixtures = [Part(thing, own) for (name, thing), own in meshes.items() if not name]
+    textures = set(table["texture"].tolist()) - set(drawn)
+    return Stage(fixtures, parts, {one: _read_picture(one) for one in textures} | drawn)
+
+
+def _read_picture(name: str) -> Picture:
+    return np.asarray(cv2.imread(str(FILES / f"{name}.webp")), np.uint8)

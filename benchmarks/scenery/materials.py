@@ -1,14 +1,15 @@
 """Procedural materials (wood, brick, cloth, leaves) and prints (book spines, a face): sRGB, BGR, uint8."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from capture_app.simulation.scenes.meshes import Floats, Reals
+from capture_app.simulation.scenes.definition import Floats, Picture
 
-Picture = NDArray[np.uint8]
+Reals = NDArray[np.floating[Any]]
 Colour = tuple[float, float, float]
 """sRGB as red, green, blue in 0 to 255, as designers write it."""
 

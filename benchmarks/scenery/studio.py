@@ -1,14 +1,12 @@
-"""The room named `studio`: what stands still in it, the pictures on its walls, and where the cameras are."""
+"""The room named `studio`: what stands still in it, and the pictures on its walls."""
 
 import cv2
 import numpy as np
 
-from capture_app.simulation.scenes import materials, moving_bodies
-from capture_app.simulation.scenes.definition import SceneDefinition
-from capture_app.simulation.scenes.materials import (
+from benchmarks.scenery import bodies, materials
+from benchmarks.scenery.materials import (
     WARM,
     Colour,
-    Picture,
     bgr,
     letters,
     noise,
@@ -16,8 +14,9 @@ from capture_app.simulation.scenes.materials import (
     pigment,
     polygon,
 )
-from capture_app.simulation.scenes.meshes import Floats, Mesh, box, ellipsoid, lathe, panel, rod, sheet, turn
-from capture_app.simulation.scenes.moving_bodies import Part
+from benchmarks.scenery.meshes import Mesh, box, ellipsoid, lathe, panel, rod, sheet
+from capture_app.simulation.scenes.definition import Floats, Part, Picture
+from capture_app.simulation.scenes.moving_bodies import turn
 
 FLOOR = 1.0
 BACK = 4.3
@@ -256,19 +255,6 @@ def city(rng: np.random.Generator) -> Picture:
     return on_paper(rng, night)
 
 
-CAMERAS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
-    "cam00": ((-0.08, 0.0, 0.0), (-0.015, 0.13, 2.9)),
-    "cam01": ((0.08, 0.0, 0.0), (0.015, 0.13, 2.9)),
-    # The wide pair: nearly one place, turned 13 degrees to either side.
-    "cam02": ((-0.03, -0.10, 0.0), (-0.03 - 2.9 * 0.2309, 0.07, 2.9)),
-    "cam03": ((0.03, -0.10, 0.0), (0.03 + 2.9 * 0.2309, 0.07, 2.9)),
-    "cam04": ((0.26, -0.04, 0.02), (0.02, 0.13, 2.8)),
-    "cam05": ((-0.26, -0.05, 0.02), (-0.02, 0.13, 2.8)),
-    "cam06": ((0.0, -0.30, 0.02), (0.0, 0.14, 2.8)),
-}
-"""Where each camera is and the point that it looks at, in m."""
-
-
 def pictures(rng: np.random.Generator) -> dict[str, Picture]:
     """Textures of the room, by name."""
     boards = materials.planks(rng, (200, 260), (196, 152, 100), width=40, length=200)
@@ -320,7 +306,7 @@ def fixtures(rng: np.random.Generator) -> list[Part]:
         Part("crate", crate()),
         Part("pouf", pouf()),
         Part("ball", ball()),
-        Part("stand", moving_bodies.stand()),
+        Part("stand", bodies.stand()),
     ]
 
 
@@ -336,13 +322,3 @@ def _walls() -> list[Mesh]:
     for x in (LEFT + 0.009, RIGHT - 0.009):
         walls += box((x, FLOOR - 0.06, (FRONT + BACK) / 2), (0.018, 0.12, deep), "skirting")
     return walls
-
-
-DEFINITION = SceneDefinition(
-    cameras=CAMERAS,
-    pictures=lambda rng: moving_bodies.pictures(rng) | pictures(rng),
-    fixtures=fixtures,
-    parts=moving_bodies.parts,
-    poses=lambda seconds: moving_bodies.jumping_child(seconds) | moving_bodies.turning_wheel(seconds),
-)
-"""A room in which a child jumps and a pinwheel turns."""

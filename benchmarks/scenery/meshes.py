@@ -5,13 +5,12 @@ Axes as OpenCV's camera: x right, y down, z away from the viewer; metres.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float32]
-Reals = NDArray[np.floating[Any]]
+from capture_app.simulation.scenes import definition
+
 Window = tuple[float, float, float, float]
 """A part of a texture: left, top, right, bottom in texture widths and heights; above 1 it repeats."""
 
@@ -19,34 +18,14 @@ WHOLE: Window = (0.0, 0.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Mesh:
-    """Triangles (T, 3) over vertices (V, 3) in m, with a normal and a texture coordinate each."""
-
-    vertices: Floats
-    normals: Floats
-    uv: Floats
-    triangles: NDArray[np.int64]
-    texture: str
+class Mesh(definition.Mesh):
+    """A mesh that can still be moved."""
 
     def moved(self, offset: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None) -> "Mesh":
         """Return the mesh turned by `rotation` (3x3) about the origin, then moved by `offset` in m."""
         turn = np.eye(3, dtype=np.float32) if rotation is None else np.asarray(rotation, np.float32)
         vertices = self.vertices @ turn.T + np.asarray(offset, np.float32)
         return replace(self, vertices=vertices, normals=self.normals @ turn.T)
-
-
-def turn(axis: int, angle: ArrayLike) -> NDArray[np.float64]:
-    """Rotation matrices (..., 3, 3) by the angles (...), in radians, about x, y or z (0, 1, 2).
-
-    A positive angle takes y to z, z to x, or x to y.
-    """
-    out = np.zeros((*np.shape(angle), 3, 3))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    out[..., axis, axis] = 1.0
-    out[..., a, a] = out[..., b, b] = np.cos(angle)
-    out[..., b, a] = np.sin(angle)
-    out[..., a, b] = -out[..., b, a]
-    return out
 
 
 def sheet(points: ArrayLike, texture: str, *, window: Window = WHOLE, closed: bool = False) -> Mesh:

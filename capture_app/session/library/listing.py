@@ -7,14 +7,12 @@ from enum import StrEnum
 from pathlib import Path
 from stat import S_ISDIR
 
-import msgspec
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.checks import inside, read_struct
-from capture_app.session.format.common_times import TimesState
-from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION, Manifest
 from capture_app.session.reading.reader import is_being_written
 
 
@@ -117,10 +115,10 @@ def best_synchronized(cards: list[SessionCard]) -> SessionCard | None:
 def read_card(folder: Path) -> SessionCard:
     """Read what a list shows of a session that has a manifest."""
     try:
-        head = read_struct(folder / MANIFEST, _Head, SCHEMA_VERSION)
-        files = {video.camera: video.path for video in head.videos if video.frames}
-        files |= {image.camera: image.path for image in reversed(head.images)}
-        names = tuple(camera.name for camera in head.cameras)
+        manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
+        files = {video.camera: video.path for video in manifest.videos if video.frames}
+        files |= {image.camera: image.path for image in reversed(manifest.images)}
+        names = tuple(camera.name for camera in manifest.cameras)
         first = tuple(inside(folder, files[name]) for name in names if name in files)
     except BadInputError as error:
         return SessionCard(
@@ -129,23 +127,23 @@ def read_card(folder: Path) -> SessionCard:
             problem=error.what,
             remedy=error.hint or f"capture-app sessions repair {folder}",
         )
-    sync, times, instants = head.sync, head.burst.common_times, len(head.burst.instants_ns)
-    unsynchronized = times is not None and times.state == TimesState.UNKNOWN
+    sync, times, instants = manifest.sync, manifest.burst.common_times, len(manifest.burst.instants_ns)
+    unsynchronized = times is not None and times.unknown
     comparable = sync is not None and len(names) > 1 and not unsynchronized
     return SessionCard(
         folder=folder,
-        created=head.created,
-        origin=head.origin,
+        created=manifest.created,
+        origin=manifest.origin,
         cameras=names,
         instants=instants,
-        images=len(head.images) + sum(video.frames for video in head.videos),
-        missing=len(head.missing),
+        images=len(manifest.images) + sum(video.frames for video in manifest.videos),
+        missing=len(manifest.missing),
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
         unsynchronized=unsynchronized,
         uncertainty_ns=None if sync is None else sync.uncertainty_ns,
         dropped=0 if sync is None else sync.dropped,
         late=0 if sync is None else sync.late,
-        note=head.note,
+        note=manifest.note,
         first_images=first,
     )
 
@@ -158,65 +156,16 @@ def _card_without_manifest(folder: Path) -> SessionCard:
         return SessionCard(
             folder=folder, state=SessionState.UNREADABLE, problem=f"{folder}: {error.strerror}"
         )
-    created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
-    if writing:
-        return SessionCard(
-            folder=folder,
-            created=created,
-            state=SessionState.WRITING,
-            problem="its images are still coming in",
-            remedy="wait until the burst is saved",
-        )
-    return SessionCard(
-        folder=folder,
-        created=created,
-        state=SessionState.INTERRUPTED,
-        problem="its capture ended before it was saved whole; the images that came are safe",
-        remedy=f"capture-app sessions repair {folder}",
+    state, problem, remedy = (
+        SessionState.WRITING,
+        "its images are still coming in",
+        "wait until the burst is saved",
     )
-
-
-class _Named(msgspec.Struct):
-    name: str
-
-
-class _Image(msgspec.Struct):
-    camera: str
-    instant: int
-    path: str
-
-
-class _Video(msgspec.Struct):
-    camera: str
-    path: str
-    frames: int
-
-
-class _Times(msgspec.Struct):
-    state: str = ""
-
-
-class _Burst(msgspec.Struct):
-    instants_ns: list[msgspec.Raw]
-    common_times: _Times | None = None
-
-
-class _Sync(msgspec.Struct):
-    spread_ns: list[int] = []
-    uncertainty_ns: int | None = None
-    dropped: int = 0
-    late: int = 0
-
-
-class _Head(msgspec.Struct):
-    """The fields of a manifest that a list needs; the others are skipped."""
-
-    created: str
-    origin: str
-    cameras: list[_Named]
-    burst: _Burst
-    images: list[_Image]
-    missing: list[msgspec.Raw] = []
-    sync: _Sync | None = None
-    note: str = ""
-    videos: list[_Video] = []
+    if not writing:
+        state, problem = (
+            SessionState.INTERRUPTED,
+            "its capture ended before it was saved whole; the images that came are safe",
+        )
+        remedy = f"capture-app sessions repair {folder}"
+    created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
+    return SessionCard(folder=folder, created=created, state=state, problem=problem, remedy=remedy)

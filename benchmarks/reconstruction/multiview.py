@@ -32,7 +32,8 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
-from reconstruction.depth.engine import CPU, SweepEngine
+from reconstruction.depth.compiled import CPU, CompiledEngine
+from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.gpu import GpuEngine, find_engine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
@@ -79,6 +80,11 @@ def ours_on_gpu(views: dict[str, View], condition: Condition, reference: str, sc
     return ours(views, condition, reference, scratch, find_engine())
 
 
+def ours_by_numpy(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+    """The same as where there is no C compiler."""
+    return ours(views, condition, reference, scratch, SweepEngine())
+
+
 def straightforward(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
     """A plane sweep as one would write it at first, of all views, with a check between them."""
     greys = {
@@ -119,6 +125,8 @@ METHODS: dict[str, Callable[[dict[str, View], Condition, str, Path], Result]] = 
     "SGBM, best pair": sgbm,
     "SGBM, best pair, not padded": unpadded_sgbm,
 }
+if isinstance(CPU, CompiledEngine):
+    METHODS["multiview by NumPy"] = ours_by_numpy
 if isinstance(find_engine(), GpuEngine):
     METHODS["multiview on a GPU"] = ours_on_gpu
 

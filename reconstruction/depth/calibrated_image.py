@@ -10,6 +10,8 @@ from reconstruction.common.geometry import Array, View, other_from_reference, re
 
 BLACK, WHITE = 20, 245
 """Grey levels (of 255) beyond which a picture shows nothing of what there may be."""
+OUTSIDE = -1000.0
+"""Grey level of what a view does not show; a window that touches it has a mean below zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,11 @@ class CalibratedImage:
         variance = box_filter(self.grey * self.grey, self.window) - self.mean**2
         return np.asarray(np.sqrt(np.maximum(variance, 0) + self.noise))
 
+    @cached_property
+    def bordered(self) -> Array:
+        """The grey levels within a border of `OUTSIDE`: a pixel left and above, two right and below."""
+        return np.asarray(cv2.copyMakeBorder(self.grey, 1, 2, 1, 2, cv2.BORDER_CONSTANT, value=(OUTSIDE,)))
+
     @property
     def blank(self) -> Array:
         """Where a window holds no more than noise, and is black or burnt out (bool)."""
@@ -63,10 +70,6 @@ def box_filter(image: Array, window: int) -> Array:
     return np.asarray(cv2.boxFilter(image, -1, (window, window), borderType=cv2.BORDER_REFLECT_101))
 
 
-OUTSIDE = -1000.0
-"""Grey level of what a view does not show; a window that touches it has a mean below zero."""
-
-
 class SourceView:
     """A source view seen from a reference view: through planes of constant depth, or through a depth map."""
 
@@ -84,9 +87,17 @@ class SourceView:
         turn = self._turn + np.outer(self.shift, [0, 0, inverse_depth])
         return np.asarray(turn @ np.linalg.inv(self.reference.view.matrix))
 
-    def project(self, inverse_depth: Array) -> tuple[Array, Array, Array]:
-        """Source pixels x, y of the reference's pixels at these inverse depths, and z times inverse depth."""
-        xs, ys, zs = self._turned
+    @property
+    def numbers(self) -> Array:
+        """From a reference's pixel and inverse depth to the source's pixel, and the source's noise (13,)."""
+        return np.concatenate([self.plane_warp(0.0).reshape(-1), self.shift, [self.source.noise]])
+
+    def project(self, inverse_depth: Array, every: int = 1) -> tuple[Array, Array, Array]:
+        """Source pixels x, y of the reference's pixels at these inverse depths, and z times inverse depth.
+
+        `every`: of one row and column of so many.
+        """
+        xs, ys, zs = self._turned if every == 1 else self._turn_rays(self.reference.rays[:, ::every, ::every])
         shift = self.shift.astype(np.float32)
         z = zs + shift[2] * inverse_depth
         far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
@@ -135,5 +146,7 @@ class SourceView:
 
     @cached_property
     def _turned(self) -> Array:
-        turn = self._turn.astype(np.float32)
-        return np.asarray(np.einsum("ij,jhw->ihw", turn, self.reference.rays))
+        return self._turn_rays(self.reference.rays)
+
+    def _turn_rays(self, rays: Array) -> Array:
+        return np.asarray(np.einsum("ij,jhw->ihw", self._turn.astype(np.float32), rays))

@@ -1,7 +1,7 @@
-"""Semi-global matching over a cost volume (Hirschmueller 2008), row by row on the CPU."""
+"""What engines do for the sweep, by NumPy and OpenCV: the fallback, and what others are held against."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.cost_volume import cost_volume
+from reconstruction.depth.plane_fitting import fit_planes
 
 BAND_CELLS = 12_000
 """Depths times rows of a column that are turned at once: they stay in the processor's cache."""
@@ -19,7 +20,9 @@ MIN_JUMP = 1.5
 
 
 def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
-    """Sum over 8 paths of the costs with smoothness, int16 like the costs (height x depths x width, uint8).
+    """Sum over 8 paths of the costs with smoothness (Hirschmueller 2008), int16 height x depths x width.
+
+    The costs are uint8 of that shape.
 
     `small` is the price of a step by one depth, `large` of any other step, less where `grey` (float32
     height x width) changes from one pixel to the next. Paths that slant go on along the picture's border.
@@ -104,8 +107,39 @@ def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
     return place, own
 
 
+class Agreement(NamedTuple):
+    """When two views' surfaces are the same."""
+
+    relative: float
+    """Greatest relative difference of depth."""
+    sure: float
+    """Relative difference of depth that is agreement, however many pixels it is at a wide angle."""
+    pixels: float
+    """Greatest distance after going to the other view and back, elsewhere."""
+    cosine: float
+    """Of the angle between the two views; those from directions further apart neither agree nor disagree."""
+
+
+def compare_surfaces(
+    inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
+) -> tuple[Array, Array]:
+    """Where another view's surface is the same as this one, and where that view could see this one (bool)."""
+    x, y, z = source_view.project(inverse_depth)
+    x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
+    seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderValue=(0.0,))
+    expected = inverse_depth / np.maximum(z, 1e-6)
+    off = np.abs(seen - expected)
+    inside = (seen > 0) & (z > 1e-6)
+    near = inside & (off < agreement.relative * seen)
+    sure = off < agreement.sure * seen
+    same = near & (sure | (off * source_view.pixels_per_inverse_depth(x, y) < agreement.pixels))
+    able = inside & (seen <= expected * (1 + agreement.relative))
+    alike = source_view.cosine(inverse_depth) > agreement.cosine
+    return same & alike, able & alike
+
+
 class SweepEngine:
-    """The functions in which the CPU and a GPU part, as NumPy and OpenCV do them; all else is one text."""
+    """The functions in which engines part, as NumPy and OpenCV do them; all else is one text."""
 
     def __init__(self, note: str = "") -> None:
         """`note`: what the sweep runs on and why; empty where that is nothing to speak of."""
@@ -121,7 +155,25 @@ class SweepEngine:
 
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
         """Costs along one surface (height x width, uint8)."""
-        return np.asarray(cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
+        return np.ascontiguousarray(self.cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
 
+    def fit_planes(
+        self,
+        inverse_depth: Array,
+        tolerance: float,
+        *,
+        slopes: Array | None = None,
+        radius: int = 2,
+        stride: int = 1,
+        rounds: int = 2,
+    ) -> Array:
+        """Each pixel's own plane, as by `fit_planes`."""
+        return fit_planes(
+            inverse_depth, tolerance, slopes=slopes, radius=radius, stride=stride, rounds=rounds
+        )
 
-CPU = SweepEngine()
+    def compare(
+        self, inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
+    ) -> tuple[Array, Array]:
+        """Where two views' surfaces are the same, and where the other could see it (bool)."""
+        return compare_surfaces(inverse_depth, source_view, other, agreement)

@@ -7,6 +7,8 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
+from reconstruction.depth.compiled import CPU
+from reconstruction.depth.engine import Agreement, SweepEngine
 from reconstruction.depth.plane_sweep import Surface
 
 USUAL_WIDTH = 640
@@ -41,7 +43,10 @@ SUPPORT_PX = 15
 
 
 def consistent_and_visible_views(
-    surface: Surface, others: Iterable[tuple[SourceView, Surface]], relative_depth: float = RELATIVE_DEPTH
+    surface: Surface,
+    others: Iterable[tuple[SourceView, Surface]],
+    relative_depth: float = RELATIVE_DEPTH,
+    engine: SweepEngine = CPU,
 ) -> tuple[Array, Array]:
     """How many of the other views' surfaces agree with each pixel's, and how many could see it at all.
 
@@ -50,7 +55,8 @@ def consistent_and_visible_views(
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for source_view, other in others:
-        same, sees = _compared(surface.inverse_depth, source_view, other.inverse_depth, relative_depth)
+        agreement = _agreement(source_view, relative_depth)
+        same, sees = engine.compare(surface.inverse_depth, source_view, other.inverse_depth, agreement)
         count += same & _equally_bright(surface.inverse_depth, source_view, same)
         able += sees
     return count, able
@@ -59,9 +65,15 @@ def consistent_and_visible_views(
 def count_coinciding_views(surface: Surface, others: Iterable[tuple[SourceView, Surface]]) -> Array:
     """How many other views' surfaces coincide with each pixel's, of any brightness; uint8 height x width."""
     same = [
-        _compared(surface.inverse_depth, source_view, other.inverse_depth)[0] for source_view, other in others
+        CPU.compare(surface.inverse_depth, source_view, other.inverse_depth, _agreement(source_view))[0]
+        for source_view, other in others
     ]
     return np.asarray(np.sum(same, axis=0, dtype=np.uint8))
+
+
+def _agreement(source_view: SourceView, relative_depth: float = RELATIVE_DEPTH) -> Agreement:
+    pixels = REPROJECTION_PX * max(1.0, source_view.reference.view.width / USUAL_WIDTH)
+    return Agreement(relative_depth, SURE_DEPTH, pixels, float(np.cos(np.radians(MAX_ANGLE_DEG))))
 
 
 def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int, blank: Array) -> Array:
@@ -138,25 +150,6 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
     scaled = np.where(good, 1 + inverse_depth / top * 16000, 0).clip(0, 20000).astype(np.int16)
     cv2.filterSpeckles(scaled, 0, smallest, 400)
     return np.asarray(scaled > 0)
-
-
-def _compared(
-    inverse_depth: Array, source_view: SourceView, other: Array, relative_depth: float = RELATIVE_DEPTH
-) -> tuple[Array, Array]:
-    """Where another view's surface is the same as this one, and where that view could see this one (bool)."""
-    x, y, z = source_view.project(inverse_depth)
-    x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
-    seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderValue=(0.0,))
-    expected = inverse_depth / np.maximum(z, 1e-6)
-    off = np.abs(seen - expected)
-    inside = (seen > 0) & (z > 1e-6)
-    near = inside & (off < relative_depth * seen)
-    pixel = REPROJECTION_PX * max(1.0, source_view.reference.view.width / USUAL_WIDTH)
-    sure = off < SURE_DEPTH * seen
-    same = near & (sure | (off * source_view.pixels_per_inverse_depth(x, y) < pixel))
-    able = inside & (seen <= expected * (1 + relative_depth))
-    alike = source_view.cosine(inverse_depth) > np.cos(np.radians(MAX_ANGLE_DEG))
-    return same & alike, able & alike
 
 
 def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) -> Array:

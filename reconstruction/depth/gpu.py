@@ -4,6 +4,7 @@ import importlib
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,8 +16,9 @@ import numpy as np
 from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
+from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, WORST_COST
-from reconstruction.depth.engine import CPU, SweepEngine
+from reconstruction.depth.engine import Agreement, SweepEngine
 
 KERNELS = Path(__file__).with_name("kernels.cu")
 TILE, DEPTHS = (32, 8), 16
@@ -68,7 +70,7 @@ class GpuEngine(SweepEngine):
         pictures = [one.source.grey for one in source_views]
         begins = np.cumsum([0, *(picture.size for picture in pictures[:-1])])
         info = [(begin, p.shape[1], p.shape[0]) for begin, p in zip(begins, pictures, strict=True)]
-        numbers = np.concatenate([_numbers(one) for one in source_views])
+        numbers = np.concatenate([one.numbers for one in source_views])
         count = len(offsets)
         padded = -(-count // 4) * 4
         out = xp.empty((height, width, padded), np.uint8)
@@ -126,6 +128,27 @@ class GpuEngine(SweepEngine):
         with _told_in_words():
             return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
 
+    def fit_planes(
+        self,
+        inverse_depth: Array,
+        tolerance: float,
+        *,
+        slopes: Array | None = None,
+        radius: int = 2,
+        stride: int = 1,
+        rounds: int = 2,
+    ) -> Array:
+        """As on the CPU: there."""
+        return CPU.fit_planes(
+            inverse_depth, tolerance, slopes=slopes, radius=radius, stride=stride, rounds=rounds
+        )
+
+    def compare(
+        self, inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
+    ) -> tuple[Array, Array]:
+        """As on the CPU: there."""
+        return CPU.compare(inverse_depth, source_view, other, agreement)
+
     def _copy(self, array: Array) -> Any:
         """The array on the GPU, row by row as the kernels read it; CuPy would keep the order it has here."""
         return self._cupy.asarray(np.ascontiguousarray(array, np.float32))
@@ -150,11 +173,18 @@ class GpuEngine(SweepEngine):
             return there
 
 
+def on_cpu(why: str) -> SweepEngine:
+    """The CPU's engine, whose note says why it is not a GPU's."""
+    engine = copy(CPU)
+    engine.note = "; ".join(filter(None, (f"on the CPU: {why}", CPU.note)))
+    return engine
+
+
 def use_gpu(cupy: Any) -> SweepEngine:
     """The engine of the first GPU if it does what it should, else the CPU's; `cupy` is the module."""
     try:
         if not cupy.cuda.runtime.getDeviceCount():
-            return SweepEngine("on the CPU: CuPy finds no GPU")
+            return on_cpu("CuPy finds no GPU")
         name = cupy.cuda.runtime.getDeviceProperties(0)["name"].decode()
         engine = GpuEngine(cupy, f"on {name}")
         costs = np.full((4, 4, 4), WORST_COST, np.uint8)
@@ -164,9 +194,9 @@ def use_gpu(cupy: Any) -> SweepEngine:
     except Exception as error:  # noqa: BLE001
         cause = error.__cause__ if isinstance(error, NotAvailableError) else error
         said = _first_line(cause if isinstance(cause, Exception) else error)
-        return SweepEngine(f"on the CPU: the GPU cannot be used ({said})")
+        return on_cpu(f"the GPU cannot be used ({said})")
     if not (place == 2).all():
-        return SweepEngine(f"on the CPU: {name} computes wrongly")
+        return on_cpu(f"{name} computes wrongly")
     return engine
 
 
@@ -179,14 +209,8 @@ def find_engine() -> SweepEngine:
         return CPU
     # One that was built for another NumPy, or without its libraries, fails as it likes.
     except Exception as error:  # noqa: BLE001
-        return SweepEngine(f"on the CPU: CuPy is broken ({_first_line(error)})")
+        return on_cpu(f"CuPy is broken ({_first_line(error)})")
     return use_gpu(cupy)
-
-
-def _numbers(source_view: SourceView) -> Array:
-    """From a reference's pixel and inverse depth to the source's pixel, and the source's noise (13,)."""
-    turn = source_view.plane_warp(0.0)
-    return np.concatenate([turn.reshape(-1), source_view.shift, [source_view.source.noise]])
 
 
 def _lanes(padded: int) -> tuple[int, int]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, box_filter
+from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import WORST_COST
-from reconstruction.depth.engine import CPU, SweepEngine
-from reconstruction.depth.plane_fitting import fit_planes
+from reconstruction.depth.engine import SweepEngine
 
 WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
@@ -151,7 +151,7 @@ def adopt_proposals(
     new = proposals.inverse_depth > 0
     level = np.where(new, proposals.inverse_depth, surface.inverse_depth).astype(np.float32)
     slopes = np.stack([surface.slope_x, surface.slope_y])
-    planes = fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, rounds=3)
+    planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, rounds=3)
     fine = replace(reference, window=options.fine_window)
     source_views = [SourceView(fine, source) for source in sources]
     plan = (Refinement(0.25, 3),)
@@ -178,7 +178,7 @@ def sweep_planes(
     volume = options.engine.cost_volume(source_views, None, levels)
     place, cost = options.engine.find_cheapest(volume, reference.grey, *PENALTIES)
     found = (levels[0] + place * step).astype(np.float32)
-    planes = fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
+    planes = options.engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
     return Surface._make((*planes, cost / WORST_COST))
 
 
@@ -200,7 +200,7 @@ def _refine_surface(
         volume = engine.cost_volume(source_views, planes[0], offsets)
         place, cost = engine.find_cheapest(volume, reference.grey, *FINE_PENALTIES)
         found = planes[0] + (place - steps) * np.float32(step * share)
-        planes = fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
+        planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
         surface = Surface._make((*planes, cost / WORST_COST))
     return surface
 
@@ -223,8 +223,8 @@ def _plan_first_sweep(
 
 def motion_px(source_view: SourceView, low: float, high: float) -> float:
     """How far a pixel moves in the source between two inverse depths: the median over the picture, px."""
-    ends = [source_view.project(np.full((1, 1), w, np.float32)) for w in (low, high)]
-    moved = np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1])[::8, ::8]
+    ends = [source_view.project(np.full((1, 1), w, np.float32), every=8) for w in (low, high)]
+    moved = np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1])
     moved = moved[np.isfinite(moved)]
     return float(np.median(moved)) if moved.size else 0.0
 

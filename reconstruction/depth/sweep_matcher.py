@@ -13,12 +13,13 @@ from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import worker_count, worker_pool
 from reconstruction.depth.blank_walls import settle_blank_walls
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.engine import CPU, SweepEngine
+from reconstruction.depth.compiled import CPU
+from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
     consistent_pixels,
 )
-from reconstruction.depth.plane_fitting import fit_planes, surface_normals
+from reconstruction.depth.plane_fitting import surface_normals
 from reconstruction.depth.plane_sweep import (
     MAX_PROPOSED_COST,
     Proposals,
@@ -171,5 +172,5 @@ def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     slopes = np.stack([surface.slope_x, surface.slope_y])
-    _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)
+    _, right, down = CPU.fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)
     return surface_normals(surface.inverse_depth, right, down, image.rays)

@@ -8,7 +8,8 @@ from pathlib import Path
 from capture_app.terminal import Progress
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.colmap import CudaGpu, find_gpu, read_maps, run_patch_match, write_workspace
-from reconstruction.depth.engine import CPU, SweepEngine
+from reconstruction.depth.compiled import CPU
+from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.gpu import find_engine
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage

@@ -1,8 +1,9 @@
-"""The sweep's kernels, their own text compiled for the CPU, beside the array version; all but CuPy itself."""
+"""The compiled engine, and the GPU's kernels compiled for the CPU, beside the array version."""
 
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,15 @@ from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
+from reconstruction.depth.compiling import compile_kernels
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
-from reconstruction.depth.engine import CPU, SweepEngine, aggregate_costs, cheapest_depths
+from reconstruction.depth.engine import (
+    Agreement,
+    SweepEngine,
+    aggregate_costs,
+    cheapest_depths,
+)
 from reconstruction.depth.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
 from reconstruction.depth.sweep_matcher import match_all_views
@@ -21,6 +29,7 @@ from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, phot
 
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no g++ here to compile the kernels for the CPU")
 GPU = GpuEngine(StandIn())
+NUMPY = SweepEngine()
 OFFSETS = np.linspace(0.3, 0.7, 21)
 
 
@@ -87,22 +96,43 @@ def bilinear(picture: Array, u: Array, v: Array, outside: np.float32) -> Array:
     return np.where(there, above + (below - above) * down, outside)
 
 
-def on_host(volume: GpuVolume) -> Array:
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledEngine:
+    """The compiled engine of this checkout's own text, whatever was installed."""
+    library = tmp_path_factory.mktemp("kernels") / "kernels.so"
+    assert compile_kernels(library)
+    return CompiledEngine(library)
+
+
+@pytest.fixture(params=["gpu", "compiled"])
+def engine(request: pytest.FixtureRequest, compiled: CompiledEngine) -> SweepEngine:
+    return GPU if request.param == "gpu" else compiled
+
+
+def on_host(volume: GpuVolume | Array) -> Array:
     """Height x depths x width, as on the CPU."""
-    return np.asarray(volume.costs)[..., : volume.count].transpose(0, 2, 1)
+    if isinstance(volume, GpuVolume):
+        return np.asarray(volume.costs)[..., : volume.count].transpose(0, 2, 1)
+    return volume
 
 
 @pytest.mark.parametrize(
     ("count", "window", "curved"),
     [(1, 5, False), (2, 7, True), (4, 5, False), (3, 7, True)],
 )
-def test_costs_are_those_of_the_array_version(count: int, window: int, curved: bool) -> None:
+def test_costs_are_those_of_the_array_version(
+    count: int, window: int, curved: bool, engine: SweepEngine
+) -> None:
     views = source_views(count, window)
     ys, xs = np.mgrid[0 : views[0].reference.grey.shape[0], 0 : views[0].reference.grey.shape[1]]
     base = (0.1 * np.sin(xs / 17) + 0.001 * ys).astype(np.float32) if curved else None
-    found = on_host(GPU.cost_volume(views, base, OFFSETS))
+    found = on_host(engine.cost_volume(views, base, OFFSETS))
     exact = array_version(views, base, OFFSETS)
-    assert np.array_equal(found, exact)
+    if engine is GPU:
+        assert np.array_equal(found, exact)
+    # Sums of windows that slide are rounded otherwise.
+    assert np.abs(found.astype(int) - exact).max() <= 1
+    assert np.mean(found != exact) < 0.02
     assert exact.std() > 20
     # OpenCV rounds otherwise, by a grey level's fraction.
     quick = cost_volume(views, base, OFFSETS)
@@ -112,54 +142,92 @@ def test_costs_are_those_of_the_array_version(count: int, window: int, curved: b
 
 
 @pytest.mark.parametrize("shape", [(37, 13, 53), (53, 40, 37), (5, 3, 60), (24, 150, 20), (9, 9, 1)])
-def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int]) -> None:
+def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int], engine: SweepEngine) -> None:
     height, depths, width = shape
     rng = np.random.default_rng(sum(shape))
     costs = rng.integers(0, 256, shape).astype(np.uint8)
     grey = (rng.random((height, width)) * 255).astype(np.float32)
-    padded = np.full((height, width, -(-depths // 4) * 4), 255, np.uint8)
-    padded[..., :depths] = costs.transpose(0, 2, 1)
-    place, own = GPU.find_cheapest(GpuVolume(StandIn().asarray(padded), depths), grey, 20, 800)
+    volume: GpuVolume | Array = costs
+    if engine is GPU:
+        padded = np.full((height, width, -(-depths // 4) * 4), 255, np.uint8)
+        padded[..., :depths] = costs.transpose(0, 2, 1)
+        volume = GpuVolume(StandIn().asarray(padded), depths)
+    place, own = engine.find_cheapest(volume, grey, 20, 800)
     expected = cheapest_depths(aggregate_costs(costs, grey, 20, 800), costs)
     assert np.array_equal(place, expected[0])
     assert np.array_equal(own, expected[1])
 
 
 @pytest.mark.slow
-def test_the_whole_sweep_finds_the_same_on_either_way() -> None:
+def test_the_whole_sweep_finds_the_same_on_either_way(engine: SweepEngine) -> None:
     images = {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}
     sources = choose_by_depth({name: image.view for name, image in images.items()})
     depth_ranges = find_coarse_scene(images).depth_ranges
-    cpu = match_all_views(images, sources, depth_ranges)
-    gpu = match_all_views(images, sources, depth_ranges, engine=GPU)
+    numpy = match_all_views(images, sources, depth_ranges, engine=NUMPY)
+    found = match_all_views(images, sources, depth_ranges, engine=engine)
     for name in images:
-        one, other = cpu[name].depth, gpu[name].depth
+        one, other = numpy[name].depth, found[name].depth
         assert np.mean((one > 0) == (other > 0)) > 0.99
         both = (one > 0) & (other > 0)
         assert np.median(np.abs(one - other)[both] / one[both]) < 0.001
         assert np.mean(np.abs(one - other)[both] < 0.01 * one[both]) > 0.98
 
 
-def test_a_picture_that_is_swept_at_a_smaller_size_first_gets_the_same_depth_on_either_way() -> None:
+def test_a_picture_that_is_swept_at_a_smaller_size_first_gets_the_same_depth_on_either_way(
+    engine: SweepEngine,
+) -> None:
     views = source_views(3, 5)
     reference, sources = views[0].reference, [view.source for view in views]
     cells = 24 * reference.grey.size // 3
-    cpu, gpu = (
-        sweep_view(reference, sources, (1.0, 4.0), SweepOptions(max_cells=cells, engine=engine))
-        for engine in (CPU, GPU)
+    by_numpy, found = (
+        sweep_view(reference, sources, (1.0, 4.0), SweepOptions(max_cells=cells, engine=one))
+        for one in (NUMPY, engine)
     )
-    off = np.abs(cpu.inverse_depth / gpu.inverse_depth - 1)
+    off = np.abs(by_numpy.inverse_depth / found.inverse_depth - 1)
     assert np.median(off) < 0.001
     assert np.mean(off > 0.01) < 0.02
 
 
-def test_kernels_read_row_by_row_what_lies_column_by_column() -> None:
+def test_kernels_read_row_by_row_what_lies_column_by_column(engine: SweepEngine) -> None:
     views = source_views(2, 5)
     base = np.asfortranarray(np.linspace(0, 0.2, views[0].reference.grey.size, dtype=np.float32))
     base = base.reshape(views[0].reference.grey.shape, order="F")
     assert not base.flags.c_contiguous
-    found = on_host(GPU.cost_volume(views, base, OFFSETS))
-    assert np.array_equal(found, array_version(views, base, OFFSETS))
+    found = on_host(engine.cost_volume(views, base, OFFSETS))
+    assert np.abs(found.astype(int) - array_version(views, base, OFFSETS)).max() <= (engine is not GPU)
+
+
+@pytest.mark.parametrize(("radius", "stride", "rounds"), [(2, 2, 3), (3, 3, 2), (1, 1, 2)])
+def test_planes_are_those_of_the_array_version(
+    radius: int, stride: int, rounds: int, compiled: CompiledEngine
+) -> None:
+    rng = np.random.default_rng(radius)
+    ys, xs = np.mgrid[0:43, 0:61]
+    level = np.where(xs > 30, 0.5 + 0.001 * xs, 0.3 - 0.002 * ys) + 0.003 * rng.standard_normal(xs.shape)
+    slopes = 0.001 * rng.standard_normal((2, *xs.shape)).astype(np.float32)
+    for start in (None, slopes):
+        options: Any = {"slopes": start, "radius": radius, "stride": stride, "rounds": rounds}
+        found = compiled.fit_planes(level.astype(np.float32), 0.01, **options)
+        assert np.abs(found - NUMPY.fit_planes(level.astype(np.float32), 0.01, **options)).max() < 1e-5
+
+
+def test_votes_are_those_of_the_array_version(compiled: CompiledEngine) -> None:
+    view = source_views(1, 5)[0]
+    rng = np.random.default_rng(3)
+    ys, xs = np.mgrid[0 : view.reference.grey.shape[0], 0 : view.reference.grey.shape[1]]
+    mine = (0.5 + 0.05 * np.sin(xs / 9) + 0.003 * rng.standard_normal(xs.shape)).astype(np.float32)
+    other = (0.5 + 0.05 * np.sin(xs / 9 + ys / 30)).astype(np.float32)
+    agreement = Agreement(0.02, 0.01, 1.0, float(np.cos(np.radians(45))))
+    pairs = (engine.compare(mine, view, other, agreement) for engine in (compiled, NUMPY))
+    for found, expected in zip(*pairs, strict=True):
+        assert np.mean(found != expected) < 0.002
+        assert 0.05 < expected.mean() < 0.99
+
+
+def test_without_a_library_numpy_sweeps_and_the_note_says_so(tmp_path: Path) -> None:
+    found = load_engine(tmp_path / "kernels.so")
+    assert type(found) is SweepEngine
+    assert found.note == "by NumPy, three times slower: no C compiler was there when simulshot was installed"
 
 
 class Cuda:
@@ -199,7 +267,7 @@ def test_a_gpu_is_used_where_it_does_what_it_should() -> None:
 )
 def test_without_a_usable_gpu_the_cpu_sweeps_and_the_note_says_why(machine: Machine, note: str) -> None:
     found = use_gpu(machine)
-    assert (type(found), found.note) == (SweepEngine, note)
+    assert (type(found), found.note) == (type(CPU), note + (CPU.note and f"; {CPU.note}"))
 
 
 def test_a_gpu_that_fails_later_ends_the_run_with_a_sentence() -> None:
@@ -219,8 +287,8 @@ def test_a_broken_cupy_leaves_the_cpu(tmp_path: Path, monkeypatch: pytest.Monkey
         found = find_engine()
     finally:
         find_engine.cache_clear()
-    assert type(found) is SweepEngine
-    assert found.note == "on the CPU: CuPy is broken (numpy.dtype size changed)"
+    assert type(found) is type(CPU)
+    assert found.note.startswith("on the CPU: CuPy is broken (numpy.dtype size changed)")
 
 
 def fail_for_memory(*_: object) -> None:

@@ -1,0 +1,136 @@
+"""The sweep's hot loops compiled: `kernels.c`, built where simulshot is installed, called without the GIL."""
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import SourceView
+from reconstruction.depth.compiling import LIBRARY
+from reconstruction.depth.cost_volume import BETTER_OF_TWO
+from reconstruction.depth.engine import Agreement, SweepEngine
+
+LANES = 16
+"""Columns that `planes` takes at once, and reads beyond the border."""
+
+
+class _Source(ctypes.Structure):
+    _fields_ = (
+        ("pixels", ctypes.c_void_p),
+        ("width", ctypes.c_int),
+        ("height", ctypes.c_int),
+        ("to", ctypes.c_float * 13),
+    )
+
+
+class CompiledEngine(SweepEngine):
+    """The sweep's engine on the CPU by a library of `kernels.c`: as NumPy's, but for rounding."""
+
+    def __init__(self, library: Path) -> None:
+        """Raises OSError where the library is not, or is not for this machine."""
+        super().__init__()
+        self._library = ctypes.CDLL(str(library))
+
+    def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
+        """As `cost_volume` of NumPy, but for rounding."""
+        reference = source_views[0].reference
+        height, width = reference.grey.shape
+        volume = np.empty((height, len(offsets), width), np.uint8)
+        sources = (_Source * len(source_views))()
+        for at, one in enumerate(source_views):
+            rows, columns = one.source.grey.shape
+            sources[at] = _Source(
+                one.source.bordered.ctypes.data, columns, rows, (ctypes.c_float * 13)(*one.numbers)
+            )
+        self._call(
+            "costs",
+            *(height, width, len(offsets), reference.window // 2, len(sources)),
+            *map(_floats, (reference.grey, reference.mean, reference.deviation)),
+            None if base is None else _floats(base),
+            _floats(offsets),
+            sources,
+            ctypes.c_float(BETTER_OF_TWO),
+            volume,
+        )
+        return volume
+
+    def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
+        """As NumPy's, to the last bit."""
+        height, depths, width = volume.shape
+        place, own = (np.empty((height, width), np.float32) for _ in range(2))
+        total = np.empty(volume.size, np.int16)
+        self._call("cheapest", height, width, depths, volume, _floats(grey), small, large, total, place, own)
+        return place, own
+
+    def fit_planes(
+        self,
+        inverse_depth: Array,
+        tolerance: float,
+        *,
+        slopes: Array | None = None,
+        radius: int = 2,
+        stride: int = 1,
+        rounds: int = 2,
+    ) -> Array:
+        """As `fit_planes` of NumPy, but for rounding."""
+        border = radius * stride
+        planes = np.zeros((3, *inverse_depth.shape), np.float32)
+        planes[0] = inverse_depth
+        if slopes is not None:
+            planes[1:] = slopes * np.float32(border)
+        around = (border, border, border, border + LANES)
+        padded = cv2.copyMakeBorder(planes[0], *around, cv2.BORDER_CONSTANT, value=(-1e6,))
+        tolerated = ctypes.c_float(tolerance)
+        self._call("planes", *inverse_depth.shape, radius, stride, rounds, tolerated, padded, planes)
+        planes[1:] /= np.float32(border)
+        return planes
+
+    def compare(
+        self, inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
+    ) -> tuple[Array, Array]:
+        """As `compare` of NumPy, but for rounding."""
+        same, able = (np.empty(inverse_depth.shape, bool) for _ in range(2))
+        rays = [np.linalg.inv(one.view.matrix) for one in (source_view.source, source_view.reference)]
+        turn = source_view.rotation.T
+        pair = np.concatenate(
+            [
+                source_view.numbers,
+                turn.reshape(-1),
+                -turn @ source_view.translation,
+                *(inverse[row, [row, 2]] for inverse in rays for row in (0, 1)),
+                [source_view.reference.view.focal, *agreement],
+            ]
+        )
+        self._call(
+            "votes",
+            *(*inverse_depth.shape, _floats(inverse_depth)),
+            *(*other.shape, _floats(other)),
+            *(_floats(pair), same, able),
+        )
+        return same, able
+
+    def _call(self, name: str, *args: object) -> None:
+        """Arrays by their memory, which must be whole."""
+        given = [ctypes.c_void_p(arg.ctypes.data) if isinstance(arg, np.ndarray) else arg for arg in args]
+        if self._library[name](*given):
+            raise MemoryError(f"no memory left for the matching ({name})")
+
+
+def _floats(array: Array) -> Array:
+    return np.ascontiguousarray(array, np.float32)
+
+
+def load_engine(library: Path) -> SweepEngine:
+    """The compiled engine where its library was built, else NumPy's, whose note says so."""
+    try:
+        return CompiledEngine(library)
+    except OSError:
+        return SweepEngine(
+            "by NumPy, three times slower: no C compiler was there when simulshot was installed"
+        )
+
+
+CPU = load_engine(LIBRARY)

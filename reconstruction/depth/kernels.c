@@ -1,0 +1,399 @@
+/* The sweep's hot loops for the processor; `compiled.py` calls them, and `engine.py` says the same in NumPy.
+ *
+ * Volumes are height x depths x width. The innermost loops go along a row and are plain, so that a compiler
+ * makes vectors of them on any machine; no product is fused with a sum (-ffp-contract=off), so that all machines
+ * give the same depth. Functions return 0, or 1 where there is no memory. */
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* One library for all x86-64: the loader takes the version that fits the processor. */
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(ONE_VERSION)
+#define FOR_ALL __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define FOR_ALL
+#endif
+#define PART static inline __attribute__((always_inline))
+#define MIN(a, b) ((a) < (b) ? (a) : (b))
+#define MAX(a, b) ((a) > (b) ? (a) : (b))
+
+PART float at_least(float a, float least) { return a > least ? a : least; }
+PART float at_most(float a, float most) { return a < most ? a : most; }
+
+/* ---- Costs: how unlike the sources' windows are to the reference's ---- */
+
+typedef struct {
+  const float *pixels; /* grey levels with a border, a pixel left and above, two right and below, of OUTSIDE */
+  int width, height;   /* without that */
+  float to[13];        /* 3x3 to its pixels from the reference's, their shift with inverse depth, its noise */
+} Source;
+
+enum { BAND_ROWS = 64 }; /* rows of all sources that stay in the cache while all depths are tried */
+
+PART int mirrored(int at, int size) {
+  if (at < 0) at = -at;
+  if (at >= size) at = 2 * size - 2 - at;
+  return MAX(at, 0);
+}
+
+/* Row y of the reference as the source shows it at inverse depths `base` + `offset`. */
+PART void warp_row(const Source *source, int width, int y, const float *restrict base, float offset,
+                   float *restrict out) {
+  const float *m = source->to, *restrict pixels = source->pixels;
+  const float u0 = m[1] * y + m[2], v0 = m[4] * y + m[5], z0 = m[7] * y + m[8];
+  const float right = source->width, bottom = source->height;
+  const int stride = source->width + 3;
+  for (int x = 0; x < width; x++) {
+    const float level = base[x] + offset, z = m[6] * x + z0 + m[11] * level;
+    const float far = 1.f / at_least(z, 1e-6f);
+    const float u = (m[0] * x + u0 + m[9] * level) * far, v = (m[3] * x + v0 + m[10] * level) * far;
+    /* Into the border; from its corner on nothing is negative, so that cutting off is rounding down. */
+    const float across = at_most(at_least(u, -1.f), right) + 1.f;
+    const float down = at_most(at_least(v, -1.f), bottom) + 1.f;
+    const int column = (int)across, row = (int)down;
+    const float a = across - column, b = down - row;
+    const int at = row * stride + column, under = at + stride;
+    const float above = pixels[at] + (pixels[at + 1] - pixels[at]) * a;
+    const float below = pixels[under] + (pixels[under + 1] - pixels[under]) * a;
+    out[x] = above + (below - above) * b;
+  }
+}
+
+/* Adds `sign` times a row's grey levels, their squares and their products with `grey` to the columns' sums. */
+PART void add_row(int width, int wide, float sign, const float *restrict warped, const float *restrict grey,
+                  float *restrict sums) {
+  float *restrict squares = sums + wide, *restrict products = squares + wide;
+  for (int x = 0; x < width; x++) {
+    const float level = sign * warped[x];
+    sums[x] += level;
+    squares[x] += level * warped[x];
+    products[x] += level * grey[x];
+  }
+}
+
+/* Likeness of a row's windows, 0 to about 1, added to `total`; and the least of all sources', from the columns' sums,
+ * which are mirrored into the `half` columns beside the picture. */
+PART void add_likeness(int width, int wide, int half, float noise, float *restrict sums, const float *restrict mean,
+                       const float *restrict deviation, float *restrict total, float *restrict least) {
+  const float share = 1.f / ((2 * half + 1) * (2 * half + 1));
+  for (int i = 0; i < 3; i++)
+    for (int k = 1; k <= half; k++) {
+      sums[i * wide - k] = sums[i * wide + mirrored(-k, width)];
+      sums[i * wide + width - 1 + k] = sums[i * wide + mirrored(width - 1 + k, width)];
+    }
+  for (int x = 0; x < width; x++) {
+    float a = 0, b = 0, c = 0;
+    for (int k = -half; k <= half; k++) {
+      a += sums[x + k];
+      b += sums[wide + x + k];
+      c += sums[2 * wide + x + k];
+    }
+    a *= share, b *= share, c *= share;
+    const float spread = at_least(b - a * a, 0.f);
+    const float alike = at_least((c - a * mean[x]) / (sqrtf(spread + noise) * deviation[x]), 0.f);
+    /* A mean below zero: the window touches what the source does not show. */
+    const float found = a < 0.f ? 0.f : alike;
+    total[x] += found;
+    least[x] = at_most(found, least[x]);
+  }
+}
+
+/* `better`: the weight of the better of two sources; of three and more the worst is left out. */
+FOR_ALL int costs(int height, int width, int depths, int half, int count, const float *grey, const float *mean,
+                  const float *deviation, const float *base, const float *offsets, const Source *sources,
+                  float better, uint8_t *out) {
+  const int kept = 2 * half + 2, wide = width + 2 * half;
+  const size_t each = (size_t)kept * width + 3 * wide;
+  float *memory = calloc(count * each + 3 * (size_t)width, sizeof(float));
+  if (!memory) return 1;
+  float *total = memory + count * each, *least = total + width, *flat = least + width;
+  const float all = count == 2 ? better : count > 2 ? 1.f / (count - 1) : 1.f;
+  const float worst = count == 2 ? 1.f - 2.f * better : count > 2 ? -all : 0.f;
+  for (int top = 0; top < height; top += BAND_ROWS)
+    for (int d = 0; d < depths; d++)
+      for (int y = top; y < MIN(top + BAND_ROWS, height); y++) {
+        const size_t at = (size_t)y * width;
+        for (int x = 0; x < width; x++) total[x] = 0.f, least[x] = 2.f;
+        for (int s = 0; s < count; s++) {
+          float *rows = memory + s * each, *sums = rows + (size_t)kept * width + half;
+          if (y == top) memset(sums - half, 0, sizeof(float) * 3 * wide);
+          for (int q = y == top ? MAX(y - half, 0) : y + half; q <= MIN(y + half, height - 1); q++)
+            warp_row(sources + s, width, q, base ? base + (size_t)q * width : flat, offsets[d],
+                     rows + q % kept * width);
+          /* Of the row's windows' rows those that the row before has not, and away with what it alone has. */
+          for (int k = y == top ? -half : half; k <= half; k++) {
+            const int q = mirrored(y + k, height);
+            add_row(width, wide, 1.f, rows + q % kept * width, grey + (size_t)q * width, sums);
+          }
+          if (y > top) {
+            const int q = mirrored(y - half - 1, height);
+            add_row(width, wide, -1.f, rows + q % kept * width, grey + (size_t)q * width, sums);
+          }
+          const float *own = mean + at, *spread = deviation + at, noise = sources[s].to[12];
+          if (half == 2) add_likeness(width, wide, 2, noise, sums, own, spread, total, least);
+          else if (half == 3) add_likeness(width, wide, 3, noise, sums, own, spread, total, least);
+          else add_likeness(width, wide, half, noise, sums, own, spread, total, least);
+        }
+        uint8_t *restrict cost = out + at * depths + (size_t)d * width;
+        for (int x = 0; x < width; x++)
+          cost[x] = (uint8_t)(int)(255.f - 255.f * at_most(total[x] * all + least[x] * worst, 1.f));
+      }
+  free(memory);
+  return 0;
+}
+
+/* ---- Semi-global scan (Hirschmueller 2008): 8 paths through a volume, then each pixel's cheapest depth ---- */
+
+enum { TURNED = 32, FAR = 16000 }; /* rows that are walked along at once; what no path reaches */
+
+/* The price of a jump of depth from `before` to `here`, less where the grey level changes. */
+PART int16_t jump_price(float here, float before, int small, int large) {
+  const float price = large / (1.f + fabsf(here - before) / 8.f);
+  return (int16_t)MAX(price, 1.5f * small);
+}
+
+/* The costs of n paths after one more pixel each, added to `total`. `before` and `now` are depths x stride, with a
+ * row of FAR before the first and after the last; `low` is the least of `before`, `least` of `now`. */
+PART void step(int n, int depths, int stride, int small, const uint8_t *restrict cost,
+               const int16_t *restrict before, const int16_t *restrict low, const int16_t *restrict jump,
+               int16_t *restrict now, int16_t *restrict least, int16_t *restrict total) {
+  for (int x = 0; x < n; x++) least[x] = INT16_MAX;
+  for (int d = 0; d < depths; d++) {
+    const int16_t *restrict same = before + (size_t)d * stride;
+    const int16_t *restrict nearer = same - stride, *restrict farther = same + stride;
+    int16_t *restrict here = now + (size_t)d * stride, *restrict sum = total + (size_t)d * n;
+    const uint8_t *restrict own = cost + (size_t)d * n;
+    for (int x = 0; x < n; x++) {
+      const int16_t beside = MIN(nearer[x], farther[x]) + small, near = MIN(same[x], beside) - low[x];
+      const int16_t path = MIN(near, jump[x]) + own[x];
+      here[x] = path;
+      least[x] = MIN(least[x], path);
+      sum[x] += path;
+    }
+  }
+}
+
+/* What some paths carry from pixel to pixel: two volumes of one pixel each and their least, in turn. */
+typedef struct { int16_t *state[2], *low[2]; int stride, turn; } Paths;
+
+PART size_t paths_size(int n, int depths) { return 2 * (size_t)(n + 2) * (depths + 3); }
+
+PART Paths new_paths(int16_t *memory, int n, int depths) {
+  const int stride = n + 2;
+  Paths made = {.stride = stride};
+  for (int i = 0; i < 2; i++, memory += (size_t)stride * (depths + 3)) {
+    memset(memory, 0, sizeof(int16_t) * stride * (depths + 3));
+    made.state[i] = memory + stride + 1;
+    for (int x = 0; x < stride; x++) memory[x] = memory[(size_t)stride * (depths + 1) + x] = FAR;
+    made.low[i] = memory + (size_t)stride * (depths + 2) + 1;
+  }
+  return made;
+}
+
+/* `shift`: by how many columns a path moves; those at the border go on along it. */
+PART void walk(Paths *paths, int n, int depths, int shift, int small, const uint8_t *cost, const int16_t *jump,
+               int16_t *total) {
+  const int from = paths->turn, to = !from;
+  int16_t *now = paths->state[to], *least = paths->low[to];
+  step(n, depths, paths->stride, small, cost, paths->state[from] - shift, paths->low[from] - shift, jump, now, least,
+       total);
+  for (int d = 0; d < depths; d++, now += paths->stride) now[-1] = now[0], now[n] = now[n - 1];
+  least[-1] = least[0], least[n] = least[n - 1];
+  paths->turn = to;
+}
+
+/* The paths that come to row y from the row before it, straight and slanting. */
+PART void walk_down(Paths *paths, int width, int depths, int small, int large, const uint8_t *cost,
+                    const float *here, const float *before, int16_t *jump, int16_t *total) {
+  for (int shift = -1; shift <= 1; shift++) {
+    for (int x = 0; x < width; x++) {
+      const int from = MIN(MAX(x - shift, 0), width - 1);
+      jump[x] = jump_price(here[x], before[from], small, large);
+    }
+    walk(paths + shift + 1, width, depths, shift, small, cost, jump, total);
+  }
+}
+
+/* The paths along some rows, `TURNED` at most, there and back; `side` and `sums` are width x depths x TURNED. */
+PART void walk_across(int rows, int width, int depths, int small, int large, const uint8_t *costs,
+                      const float *grey, int16_t *memory, uint8_t *side, int16_t *sums, int16_t *total) {
+  const size_t column = (size_t)depths * TURNED;
+  for (int d = 0; d < depths; d++)
+    for (int left = 0; left < width; left += 16)
+      for (int r = 0; r < TURNED; r++) {
+        const uint8_t *from = costs + ((size_t)MIN(r, rows - 1) * depths + d) * width;
+        for (int x = left; x < MIN(left + 16, width); x++) side[x * column + d * TURNED + r] = from[x];
+      }
+  memset(sums, 0, sizeof(int16_t) * column * width);
+  for (int back = 0; back < 2; back++) {
+    Paths paths = new_paths(memory, TURNED, depths);
+    for (int k = 0; k < width; k++) {
+      const int x = back ? width - 1 - k : k, last = MIN(MAX(back ? x + 1 : x - 1, 0), width - 1);
+      int16_t jump[TURNED];
+      for (int r = 0; r < TURNED; r++) {
+        const float *row = grey + (size_t)MIN(r, rows - 1) * width;
+        jump[r] = jump_price(row[x], row[last], small, large);
+      }
+      walk(&paths, TURNED, depths, 0, small, side + x * column, jump, sums + x * column);
+    }
+  }
+  for (int d = 0; d < depths; d++)
+    for (int left = 0; left < width; left += 16)
+      for (int r = 0; r < rows; r++) {
+        int16_t *to = total + ((size_t)r * depths + d) * width;
+        for (int x = left; x < MIN(left + 16, width); x++) to[x] += sums[x * column + d * TURNED + r];
+      }
+}
+
+/* Number of each pixel's cheapest depth, between two by a parabola, and the cost that it has itself. */
+PART void choose(int width, int depths, const int16_t *restrict total, const uint8_t *restrict cost,
+                 int16_t *restrict best, int16_t *restrict number, float *restrict place, float *restrict own) {
+  for (int x = 0; x < width; x++) best[x] = total[x], number[x] = 0;
+  for (int d = 1; d < depths; d++) {
+    const int16_t *restrict here = total + (size_t)d * width;
+    for (int x = 0; x < width; x++) {
+      number[x] = here[x] < best[x] ? d : number[x];
+      best[x] = MIN(here[x], best[x]);
+    }
+  }
+  for (int x = 0; x < width; x++) {
+    const int inner = MIN(MAX(number[x], 1), depths - 2);
+    const int16_t *at = total + (size_t)inner * width + x;
+    const float b = at[-width], h = at[0], a = at[width], bend = b - 2.f * h + a;
+    const float part = 0.5f * (b - a) / MAX(bend, 1.f);
+    place[x] = inner + MIN(MAX(part, -0.5f), 0.5f);
+    own[x] = cost[(size_t)number[x] * width + x];
+  }
+}
+
+/* `small`: the price of a step by one depth, `large` of any other. `total`: memory of the volume's size. */
+FOR_ALL int cheapest(int height, int width, int depths, const uint8_t *costs, const float *grey, int small,
+                     int large, int16_t *total, float *place, float *own) {
+  const size_t row = (size_t)depths * width, each = paths_size(width, depths);
+  const size_t turned = (size_t)TURNED * row, narrow = paths_size(TURNED, depths);
+  int16_t *memory = malloc(sizeof(int16_t) * (3 * each + narrow + 2 * (size_t)width + turned) + turned);
+  if (!memory) return 1;
+  int16_t *along = memory + 3 * each, *spare = along + narrow, *sums = spare + 2 * width;
+  uint8_t *side = (uint8_t *)(sums + turned);
+  Paths paths[3];
+  for (int i = 0; i < 3; i++) paths[i] = new_paths(memory + i * each, width, depths);
+  memset(total, 0, sizeof(int16_t) * row * height);
+  for (int y = 0; y < height; y++) {
+    const float *here = grey + (size_t)y * width, *before = y ? here - width : here;
+    walk_down(paths, width, depths, small, large, costs + y * row, here, before, spare, total + y * row);
+  }
+  for (int i = 0; i < 3; i++) paths[i] = new_paths(memory + i * each, width, depths);
+  for (int bottom = height; bottom > 0; bottom -= TURNED) {
+    const int top = MAX(bottom - TURNED, 0);
+    const size_t start = (size_t)top * width;
+    walk_across(bottom - top, width, depths, small, large, costs + top * row, grey + start, along, side, sums,
+                total + top * row);
+    for (int y = bottom - 1; y >= top; y--) {
+      const size_t at = (size_t)y * width;
+      const float *here = grey + at, *before = y < height - 1 ? here + width : here;
+      walk_down(paths, width, depths, small, large, costs + y * row, here, before, spare, total + y * row);
+      choose(width, depths, total + y * row, costs + y * row, spare, spare + width, place + at, own + at);
+    }
+  }
+  free(memory);
+  return 0;
+}
+
+/* ---- Planes through each pixel's neighbours, see `plane_fitting.py` ---- */
+
+enum { LANES = 16 }; /* columns at once; `padded` has so many more than its border needs */
+
+/* `planes`: level and slopes per `border` px, each height x width; those before, then those found. `padded`: the
+ * levels with a border of radius * stride px. */
+FOR_ALL int planes(int height, int width, int radius, int stride, int rounds, float tolerance,
+                   const float *padded, float *planes) {
+  const int border = radius * stride, wide = width + 2 * border + LANES;
+  const size_t size = (size_t)height * width;
+  const float share = 1.f / tolerance;
+  for (int y = 0; y < height; y++)
+    for (int left = 0; left < width; left += LANES) {
+      float level[LANES], right[LANES], down[LANES];
+      float *at = planes + (size_t)y * width + left;
+      const int n = MIN(LANES, width - left);
+      for (int i = 0; i < LANES; i++) {
+        const int j = MIN(i, n - 1);
+        level[i] = at[j], right[i] = at[size + j], down[i] = at[2 * size + j];
+      }
+      for (int round = 0; round < rounds; round++) {
+        float sn[LANES] = {0}, sx[LANES] = {0}, sy[LANES] = {0}, sxx[LANES] = {0}, sxy[LANES] = {0};
+        float syy[LANES] = {0}, sv[LANES] = {0}, sxv[LANES] = {0}, syv[LANES] = {0};
+        for (int dy = -border; dy <= border; dy += stride)
+          for (int dx = -border; dx <= border; dx += stride) {
+            const float *near = padded + (size_t)(y + border + dy) * wide + left + border + dx;
+            const float x = dx / (float)border, y_ = dy / (float)border;
+            for (int i = 0; i < LANES; i++) {
+              const float gap = near[i] - level[i], off = (gap - x * right[i] - y_ * down[i]) * share;
+              const float close = 1.f - off * off, weight = MAX(close, 0.f), value = weight * gap;
+              sn[i] += weight, sx[i] += weight * x, sy[i] += weight * y_;
+              sxx[i] += weight * (x * x), sxy[i] += weight * (x * y_), syy[i] += weight * (y_ * y_);
+              sv[i] += value, sxv[i] += value * x, syv[i] += value * y_;
+            }
+          }
+        for (int i = 0; i < LANES; i++) {
+          const float n_ = MAX(sn[i], 1e-6f), mx = sx[i] / n_, my = sy[i] / n_, mv = sv[i] / n_;
+          /* A little of the identity: the slope across an edge is unknown, and taken as flat. */
+          const float xx = sxx[i] / n_ - mx * mx + 0.01f, yy = syy[i] / n_ - my * my + 0.01f;
+          const float xy = sxy[i] / n_ - mx * my, xv = sxv[i] / n_ - mx * mv, yv = syv[i] / n_ - my * mv;
+          const float area = xx * yy - xy * xy, det = MAX(area, 1e-6f);
+          const float a = (yy * xv - xy * yv) / det, b = (xx * yv - xy * xv) / det;
+          const int enough = n_ > 3.f;
+          level[i] = enough ? level[i] + mv - a * mx - b * my : level[i];
+          right[i] = enough ? a : right[i], down[i] = enough ? b : down[i];
+        }
+      }
+      for (int i = 0; i < n; i++) at[i] = level[i], at[size + i] = right[i], at[2 * size + i] = down[i];
+    }
+  return 0;
+}
+
+/* ---- Votes: where another view's surface is this one, and where that view could see it ---- */
+
+typedef struct {
+  float to[13];                      /* to the other's pixels, as of a source */
+  float turn[9], centre[3];          /* the reference's from the other's: rotation, and the other's centre */
+  float back_x[2], back_y[2];        /* the other's rays: x' = back_x[0] * x + back_x[1], likewise y' */
+  float ray_x[2], ray_y[2], focal;   /* the reference's */
+  float relative, sure, pixels, cosine;
+} Pair;
+
+FOR_ALL int votes(int height, int width, const float *surface, int other_height, int other_width,
+                  const float *other, const Pair *pair, uint8_t *same, uint8_t *able) {
+  const float *m = pair->to, *r = pair->turn, *c = pair->centre;
+  for (int y = 0; y < height; y++) {
+    const float *restrict levels = surface + (size_t)y * width;
+    uint8_t *restrict agrees = same + (size_t)y * width, *restrict sees = able + (size_t)y * width;
+    const float u0 = m[1] * y + m[2], v0 = m[4] * y + m[5], z0 = m[7] * y + m[8];
+    const float ray_y = pair->ray_y[0] * y + pair->ray_y[1];
+    for (int x = 0; x < width; x++) {
+      const float level = levels[x], z = m[6] * x + z0 + m[11] * level, far = 1.f / MAX(z, 1e-6f);
+      const float u = (m[0] * x + u0 + m[9] * level) * far, v = (m[3] * x + v0 + m[10] * level) * far;
+      /* From the border's corner on nothing is negative: adding a half and cutting off rounds. */
+      const int column = (int)(MIN(MAX(u, -1.f), (float)other_width) + 1.5f) - 1;
+      const int row = (int)(MIN(MAX(v, -1.f), (float)other_height) + 1.5f) - 1;
+      const int there = (column >= 0) & (column < other_width) & (row >= 0) & (row < other_height) & (z > 1e-6f);
+      const float found = other[there ? row * other_width + column : 0], seen = there ? found : 0.f;
+      const float expected = level * far, off = fabsf(seen - expected);
+      /* How many px of the reference the other's depth is worth there. */
+      const float px = pair->back_x[0] * u + pair->back_x[1], py = pair->back_y[0] * v + pair->back_y[1];
+      const float along = r[6] * px + r[7] * py + r[8], per = 1.f / MAX(fabsf(along), 1e-3f);
+      const float right = c[0] - (r[0] * px + r[1] * py + r[2]) * per * c[2];
+      const float down = c[1] - (r[3] * px + r[4] * py + r[5]) * per * c[2];
+      const float moved = off * pair->focal * sqrtf(right * right + down * down) * per;
+      /* The angle between the two views' rays. */
+      const float ray_x = pair->ray_x[0] * x + pair->ray_x[1];
+      const float ox = ray_x - c[0] * level, oy = ray_y - c[1] * level, oz = 1.f - c[2] * level;
+      const float own = ray_x * ray_x + ray_y * ray_y + 1.f, others = ox * ox + oy * oy + oz * oz;
+      const int alike = ray_x * ox + ray_y * oy + oz > pair->cosine * sqrtf(own * others);
+      const int near = (off < pair->relative * seen) & ((off < pair->sure * seen) | (moved < pair->pixels));
+      agrees[x] = (seen > 0.f) & near & alike;
+      sees[x] = (seen > 0.f) & (seen <= expected * (1.f + pair->relative)) & alike;
+    }
+  }
+  return 0;
+}

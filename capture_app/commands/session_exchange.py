@@ -5,6 +5,9 @@
 `capture-app sessions export`: a session in the format of another program.
 """
 
+import subprocess
+import sys
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +16,19 @@ import click
 from capture_app.commands.options import ANY_PATH
 from capture_app.commands.session_text import session_lines
 from capture_app.errors import BadInputError
+from capture_app.names import name_like
+from capture_app.optional_packages import RECONSTRUCTION
 from capture_app.session.exchange import FORMATS
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import FiniteRange, answer, json_option, show_count, talk
+from capture_app.text import count
 from capture_app.usage import examples
 
 
 @click.command(
     "import",
     epilog=examples(
+        "capture-app sessions import footage",
         "capture-app sessions import left=left.mp4 right=right.mp4 --name walk",
         "capture-app sessions import recording --fps 30 --calibration calibration.toml",
     ),
@@ -125,6 +132,8 @@ def import_command(
 ) -> None:
     """Import a recording as a session. SOURCE is NAME=PATH of each camera, or a folder of cameras.
 
+    In a folder of videos it finds which were taken together, a session each, and a calibration beside them;
+    videos are aligned by all they have. It ends with what the session is good for, and the next line to type.
     A camera is a folder of images, which are copied unchanged, a video file, or a folder written by
     libsoftwaresync, RecSync or RecSyncNG on a phone. Folders of Caliscope, FreeMoCap and OpenCap are
     recognized, with their times and calibration. So are .mcap files, and what `sessions export` made for
@@ -134,11 +143,11 @@ def import_command(
     from capture_app.session.importers.calibrations.reading import Fit
     from capture_app.session.importers.embedded_times import TimeSource
     from capture_app.session.importers.open_sources import split_name
-    from capture_app.session.importers.recording import ImportOptions, import_recording
+    from capture_app.session.importers.recording import ImportOptions, import_found
 
     if name is None:
         path = split_name(sources[0])[1].resolve()
-        name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
+        name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
     chosen = ImportOptions(
         fit=Fit(fit),
         times=TimeSource(times),
@@ -146,17 +155,59 @@ def import_command(
         offsets_ms=_parse_time_shifts(shifts),
         **options,
     )
-    session = import_recording(sources, out, name, chosen, show_count("images"), talk)
-    manifest = session.manifest
-    told = {
-        "session": str(session.folder),
-        "cameras": [camera.name for camera in manifest.cameras],
-        "instants": len(manifest.burst.instants_ns),
-        "images": len(manifest.images),
-        "missing": len(manifest.missing),
-        "calibrated": session.calibration() is not None,
-    }
-    answer(as_json, told, session_lines(session))
+    written = import_found(sources, out, name, chosen, show_count("images"), talk)
+    made = [_aligned_by_motion(session) for session in written]
+    told = [
+        {
+            "session": str(session.folder),
+            "cameras": [camera.name for camera in session.manifest.cameras],
+            "instants": len(session.manifest.burst.instants_ns),
+            "images": len(session.manifest.images),
+            "missing": len(session.manifest.missing),
+            "calibrated": session.calibration() is not None,
+        }
+        for session in made
+    ]
+    lines = chain.from_iterable(map(session_lines, made))
+    answer(as_json, told[0] if len(told) == 1 else {"sessions": told}, lines)
+    for session in made:
+        _say_next(session)
+
+
+def _aligned_by_motion(session: Session) -> Session:
+    """The session with the times that what moves tells, where nothing else told them and it is calibrated."""
+    from importlib.util import find_spec
+
+    times, calibration = session.manifest.burst.common_times, session.calibration()
+    doubt = times is not None and times.doubt(session.manifest.burst.period_ns)
+    if not doubt or calibration is None or find_spec(RECONSTRUCTION) is None:
+        return session
+    talk("nothing else tells: looking at what moves")
+    command = [sys.executable, "-m", "reconstruction.cli", "time", str(session.folder), "--apply"]
+    found = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - our own program
+    lines = (found.stdout if found.returncode == 0 else found.stderr).strip().splitlines()
+    talk(f"by motion: {lines[-1] if lines else 'no answer'}")
+    return Session.open(session.folder)
+
+
+def _say_next(session: Session) -> None:
+    """Verify what was written, and say the line to type next. Raises BadInputError where it is damaged."""
+    from capture_app.session.reading.verify import verify
+
+    problems = verify(session)
+    if problems:
+        raise BadInputError(f"{session.folder} is damaged: {problems[0]}")
+    talk(f"all {count(len(session.manifest.images), 'image')} verified")
+    times = session.manifest.burst.common_times
+    if len(session.manifest.cameras) < 2:
+        step = f"capture-app sessions sheet {session.folder}"
+    elif times is not None and times.doubt(session.manifest.burst.period_ns):
+        step = f"reconstruct time {session.folder} --apply"
+    elif session.calibration() is None:
+        step = f"reconstruct calibrate {session.folder}"
+    else:
+        step = f"reconstruct compare {session.folder}"
+    talk(f"next: {step}")
 
 
 def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:

@@ -19,7 +19,7 @@ from capture_app.errors import BadInputError
 from capture_app.names import natural_order
 from capture_app.session.exchange import RECORD
 from capture_app.session.files.strangers import read_text
-from capture_app.session.importers.calibrations.motion_capture import PARAMETERS
+from capture_app.session.importers.calibrations.motion_capture import EXTRINSICS, INTRINSICS, PARAMETERS
 from capture_app.session.importers.frame_matching import (
     Instant,
     TimedFrame,
@@ -49,8 +49,7 @@ def caliscope(folder: Path, *, png: bool, recording: str | None) -> Layout | Non
         )
     if not ((folder / _ARRAY).is_file() and (folder / _RECORDINGS).is_dir()):
         return None
-    inner = [path for path in sorted((folder / _RECORDINGS).iterdir()) if (path / _TABLE).is_file()]
-    inner = [path for path in inner if videos_in(path) and recording in (None, path.name)]
+    inner = [folder / _RECORDINGS / name for name in recordings_in(folder) if recording in (None, name)]
     if len(inner) == 1:
         return caliscope(inner[0], png=png, recording=None)
     what = "without a recording: none with videos and their timestamps.csv"
@@ -123,11 +122,10 @@ _MEDIA, _SYNCHRONIZED = "InputMedia", "_sync"
 
 def opencap(folder: Path, *, png: bool, recording: str | None) -> Layout | None:
     """A trial of a session. Raises BadInputError where it has several and `recording` names none of them."""
-    videos = folder / "Videos" if (folder / "Videos").is_dir() else folder
-    cameras = sorted(videos.glob(f"Cam*/{_MEDIA}"), key=lambda path: natural_order(path.parent.name))
+    cameras = _opencap_cameras(folder)
     if not cameras:
         return None
-    trials = sorted({trial.name for camera in cameras for trial in camera.iterdir() if videos_in(trial)})
+    videos, trials = cameras[0].parents[1], recordings_in(folder)
     if recording is not None and recording not in trials:
         raise BadInputError(f"{folder} has no trial {recording}", hint=f"it has {', '.join(trials)}")
     if recording is None and len(trials) != 1:
@@ -165,6 +163,29 @@ def _video(folder: Path, stem: str) -> Path | None:
     return named[0] if named else None
 
 
+def easymocap(folder: Path, *, png: bool) -> Layout | None:
+    """A sequence with its calibration; to EasyMocap, frames of equal number are one instant."""
+    if not all((folder / name).is_file() for name in (INTRINSICS, EXTRINSICS)):
+        return None
+    place = next((folder / name for name in ("videos", "images") if (folder / name).is_dir()), folder)
+    sources = tuple(open_sources([str(place)], png=png))
+    return Layout(program="EasyMocap", path=place, sources=sources, same_frames=True, calibration=folder)
+
+
+def recordings_in(folder: Path) -> list[str]:
+    """The names of the recordings in a folder of OpenCap or a workspace of Caliscope; else none."""
+    trials = {
+        trial.name for camera in _opencap_cameras(folder) for trial in camera.iterdir() if videos_in(trial)
+    }
+    inner = (folder / _RECORDINGS).glob("*") if (folder / _ARRAY).is_file() else ()
+    return sorted(trials | {path.name for path in inner if (path / _TABLE).is_file() and videos_in(path)})
+
+
+def _opencap_cameras(folder: Path) -> list[Path]:
+    videos = folder / "Videos" if (folder / "Videos").is_dir() else folder
+    return sorted(videos.glob(f"Cam*/{_MEDIA}"), key=lambda path: natural_order(path.parent.name))
+
+
 MCAP = ".mcap"
 
 
@@ -188,4 +209,5 @@ def recognize_layout(path: Path, *, png: bool = False, recording: str | None = N
         freemocap(path, png=png)
         or caliscope(path, png=png, recording=recording)
         or opencap(path, png=png, recording=recording)
+        or easymocap(path, png=png)
     )

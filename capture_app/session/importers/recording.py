@@ -18,9 +18,10 @@ from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest, MissingImage
 from capture_app.session.importers.aligning import AlignBy, align_recording, with_common_times
 from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
+from capture_app.session.importers.clips import find_calibration, find_shoots
 from capture_app.session.importers.frame_matching import Instant, Timeline, with_own_times
-from capture_app.session.importers.layouts import recognize_layout
-from capture_app.session.importers.open_sources import open_sources, split_name
+from capture_app.session.importers.layouts import recognize_layout, recordings_in
+from capture_app.session.importers.open_sources import is_phone, open_sources, split_name
 from capture_app.session.importers.own_exports import calibration_of_record
 from capture_app.session.importers.sources import Layout, Source
 from capture_app.session.importers.time_source import TimeOptions, clock_state, make_timeline
@@ -141,6 +142,8 @@ class ImportOptions(TimeOptions):
     """How much later one camera's sound may be than its pictures, against another's (95 %)."""
     calibration: Sequence[str] = field(default_factory=tuple)
     """PATH or NAME=PATH, see `read_views`."""
+    beside: Path | None = None
+    """A calibration that lies beside the recording: taken where it fits."""
     unit: str | None = None
     fit: Fit = Fit.EXACT
     note: str = ""
@@ -199,6 +202,13 @@ def import_recording(
         calibration = calibration_of_record(record, sizes) if record and not views else None
         if views is not None:
             calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+        elif options.beside is not None:
+            try:
+                views = read_views([("", options.beside)], names)
+                calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+                talk(f"calibration: {options.beside}")
+            except BadInputError as error:
+                talk(f"calibration: {options.beside} is not taken: {error}")
         if calibration is not None:
             writer.set_calibration(calibration)
         writer.finish(
@@ -209,6 +219,49 @@ def import_recording(
             options.note or (taken.note if taken else ""),
         )
     return Session.open(root / name)
+
+
+def import_found(
+    paths: Sequence[str],
+    root: Path,
+    name: str,
+    options: ImportOptions,
+    progress: Progress = lambda done, total: None,
+    talk: Talk = lambda said: None,
+) -> list[Session]:
+    """Write a session of each recording that is found: of a stranger's folder, what was taken together.
+
+    Raises as `import_recording` does.
+    """
+    given, folder = split_name(paths[0])
+    wanted = options.recording
+    if len(paths) > 1 or given or not folder.is_dir():
+        return [import_recording(paths, root, name, options, progress, talk)]
+    recordings = [one for one in recordings_in(folder) if wanted in (None, one)]
+    if len(recordings) > 1:
+        talk(f"{folder} has {count(len(recordings), 'recording')}, a session each: {', '.join(recordings)}")
+        chosen = [(paths, one, replace(options, recording=one)) for one in recordings]
+    elif any(map(is_phone, (folder, *folder.iterdir()))) or recognize_layout(folder, recording=wanted):
+        chosen = [(paths, "", options)]
+    else:
+        found = find_shoots(folder)
+        options = replace(options, beside=None if options.calibration else find_calibration(folder))
+        for shoot in found.shoots:
+            clips = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in shoot.clips.items())
+            talk(f"found {shoot.name or 'one recording'}: {', '.join(clips)}")
+        for line in found.left_out:
+            talk(f"left out {line}")
+        shoots = [shoot for shoot in found.shoots if wanted in (None, shoot.name)]
+        chosen = [
+            ([f"{camera}={clip.path}" for camera, clip in shoot.clips.items()], shoot.name, options)
+            for shoot in shoots
+        ] or [(paths, "", options)]
+    return [
+        import_recording(
+            sources, root, f"{name}-{one}" if one and len(chosen) > 1 else name, of, progress, talk
+        )
+        for sources, one, of in chosen
+    ]
 
 
 def _layout(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout | None:

@@ -16,6 +16,9 @@ from capture_app.session.importers.frame_matching import TimedFrame, Timeline, t
 from capture_app.session.importers.rate_or_table import timeline_by_rate, timeline_by_table, times_by_rate
 from capture_app.session.importers.sources import ImageFolder, Source, Video
 
+ASSUMED_FPS = 30.0
+"""Of images that belong together by their numbers."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TimeOptions:
@@ -76,9 +79,11 @@ def _check_options(names: Sequence[str], options: TimeOptions) -> None:
 def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
     """Times where the files tell no common ones: the videos' own, by what the user says of them."""
     rates = {source.fps for source in sources if isinstance(source, Video)}
-    if options.synchronized and rates:
-        return timeline_by_rate(sources, max(rates))
-    if options.synchronized or options.offsets_ms or all(isinstance(source, Video) for source in sources):
+    if options.synchronized:
+        if not rates:
+            sources[0].remark = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
+        return timeline_by_rate(sources, max(rates, default=ASSUMED_FPS))
+    if options.offsets_ms or all(isinstance(source, Video) for source in sources):
         frames = {source.name: _own(source, TimeSource.VIDEO) for source in sources}
         return _by_times("the recording", frames, options)
     if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):

@@ -51,6 +51,8 @@ class Phone:
     readout_s: float = 0.016
     exposure_s: float = 0.008
     timecode: str = ""
+    created: str = ""
+    """When it began, as it writes it into its video (RFC 3339)."""
     noise: float = 0.01
     """Of its microphone, against a clap of about 1."""
     seed: int = 1
@@ -76,6 +78,8 @@ class Phone:
         )  # fmt: skip
         path.parent.mkdir(parents=True, exist_ok=True)
         with av.open(str(path), "w", options={"movie_timescale": str(US)}) as container:
+            if self.created:
+                container.metadata["creation_time"] = self.created
             rate = Fraction(self.fps).limit_denominator(1001)
             video = container.add_stream("libx264", rate=rate)
             video.width, video.height, video.pix_fmt = *self.size, "yuv420p"

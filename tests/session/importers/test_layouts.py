@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -149,6 +150,56 @@ def test_opencaps_trials(tmp_path: Path) -> None:
     options = ImportOptions(recording="walk1", times=TimeSource.VIDEO)
     import_recording([str(folder)], tmp_path, "walk", options, talk=said.append)
     assert any("not aligned by OpenCap" in one for one in said)
+
+
+def test_each_recording_of_a_folder_becomes_a_session(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opencap(tmp_path / "OpenCapData_1", {"neutral": (".mov", "_sync.mp4"), "walk1": (".mov",)})
+    assert run(["sessions", "import", str(tmp_path / "OpenCapData_1"), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr()
+    assert "not aligned by OpenCap" in printed.err
+    for trial, known in (("neutral", True), ("walk1", False)):
+        session = Session.open(tmp_path / "out" / f"OpenCapData_1-{trial}")
+        times = session.manifest.burst.common_times
+        assert times is not None
+        assert times.unknown != known
+        assert session.calibration() is not None
+
+
+@pytest.mark.parametrize("kind", ["videos", "images"])
+def test_easymocaps_sequences_are_recognized(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folders of EasyMocap's documentation (doc/quickstart.md), with a calibration."""
+    root = tmp_path / "seq"
+    for n in range(2):
+        if kind == "videos":
+            write_video(root / "videos" / f"{n + 1}.mp4", [20_000 * k for k in range(3)])
+        for k in range(3):
+            (root / "images" / f"{n + 1}").mkdir(parents=True, exist_ok=True)
+            picture = np.full((48, 64, 3), 20 + 20 * k, np.uint8)
+            cv2.imwrite(str(root / "images" / f"{n + 1}" / f"{k:06d}.jpg"), picture)
+    intrinsics = cv2.FileStorage(str(root / "intri.yml"), cv2.FILE_STORAGE_WRITE)
+    extrinsics = cv2.FileStorage(str(root / "extri.yml"), cv2.FILE_STORAGE_WRITE)
+    for storage in (intrinsics, extrinsics):
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for n in range(2):
+            storage.write("", str(n + 1))
+        storage.endWriteStruct()
+    for n in range(2):
+        intrinsics.write(f"K_{n + 1}", np.array([[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]))
+        intrinsics.write(f"dist_{n + 1}", np.zeros((1, 5)))
+        extrinsics.write(f"R_{n + 1}", np.zeros((3, 1)))
+        extrinsics.write(f"T_{n + 1}", np.array([[0.2 * n], [0.0], [0.0]]))
+    for storage in (intrinsics, extrinsics):
+        storage.release()
+    assert run(["sessions", "import", str(root), "--out", str(tmp_path / "out")]) == ExitCode.OK
+    session = Session.open(tmp_path / "out" / "seq")
+    assert numbers_of(session) == [{"1": k, "2": k} for k in range(3)]
+    assert kind == "videos" or session.manifest.burst.period_ns == 33_333_333
+    assert session.calibration() is not None
+    assert ("30 frames a second are assumed" in capsys.readouterr().err) == (kind == "images")
 
 
 @pytest.mark.parametrize("suffix", [".h264", ".mts", ".m2ts", ".mpg", ".mjpeg"])

@@ -151,10 +151,7 @@ async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
     arguments = ("compare", str(session), *QUICK, "--out", str(out), "--json")
     child = await Child.start("reconstruct compare", ("reconstruction.cli", *arguments), on_line=talk)
     try:
-        assert child.process.stdout is not None
-        printed = await child.process.stdout.read()
-        if await child.process.wait():
-            raise await child.failure()
+        printed = await child.output()
     finally:
         await child.stop()
     try:

@@ -1,6 +1,8 @@
 """Names of cameras, nodes, rigs and sessions: the one rule for them, as names of folders, and their order."""
 
 import re
+from collections.abc import Container
+from itertools import chain, count
 from typing import Annotated
 
 from msgspec import Meta
@@ -33,6 +35,12 @@ def check_name(text: str, what: str) -> str:
 def name_like(text: str, otherwise: str) -> str:
     """Return the valid name that is nearest to a text, or `otherwise` where nothing of it can be used."""
     return _FORBIDDEN.sub("-", text).lstrip("_.-")[:_MOST] or otherwise
+
+
+def free_name(wished: str, taken: Container[str]) -> str:
+    """Return the name, or the first of NAME-2, NAME-3 ... that is not taken."""
+    numbered = (f"{wished}-{number}" for number in count(2))
+    return next(name for name in chain((wished,), numbered) if name not in taken)
 
 
 def natural_order(text: str) -> list[tuple[int, str]]:

@@ -16,10 +16,10 @@ import msgspec
 from msgspec import Struct
 from platformdirs import user_state_path
 
-from capture_app.errors import ExitCode, NetworkError, SimulshotError
+from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import LOOPBACK_HOSTS, Address, parse_address
 from capture_app.net.interfaces import own_hosts
-from capture_app.node.child import kind_of_exit
+from capture_app.node.child import error_of_exit
 from capture_app.node.requests import ask_status, give_order
 from capture_app.node.wire.operating import AddCamera
 from capture_app.session.files.durable import write_atomic_unsynced
@@ -217,7 +217,4 @@ def _failure(code: int, log: Path) -> SimulshotError:
     lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
     said = next((line.partition(": error: ")[2] for line in reversed(lines) if ": error: " in line), "")
     last = lines[-1] if lines else "it said nothing"
-    error = kind_of_exit(code)(said or f"the rig ended with code {code}: {last}")
-    if code in tuple(ExitCode):
-        error.exit_code = ExitCode(code)
-    return error
+    return error_of_exit(code, said or f"the rig ended with code {code}: {last}")

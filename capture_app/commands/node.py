@@ -1,6 +1,5 @@
 """`capture-app node`: one camera, synchronized with the others of its leader."""
 
-import itertools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from capture_app.commands.options import (
     spool_option,
 )
 from capture_app.errors import BadInputError, NotAvailableError
-from capture_app.names import check_name
+from capture_app.names import check_name, free_name
 from capture_app.net.address import Address
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 from capture_app.terminal import FiniteRange, log_line, print_line, talk
@@ -141,9 +140,7 @@ def _named(name: str, specs: Sequence[str]) -> dict[str, str]:
     for spec, label in zip(specs, labels, strict=True):
         if spec in named.values() and not spec.startswith("sim:"):
             raise BadInputError(f"the camera {spec} is named twice", hint="leave one out")
-        free = (f"-{number}" if number > 1 else "" for number in itertools.count(1))
-        wished = check_name(f"{name}-{label}", "camera")
-        named[next(wished + end for end in free if wished + end not in named)] = spec
+        named[free_name(check_name(f"{name}-{label}", "camera"), named)] = spec
     return named
 
 

@@ -81,10 +81,15 @@ class Child:
         last = next((line for line in reversed(self.said) if line), "it said nothing")
         last = last.partition(": error: ")[2] or last
         code = self.process.returncode
-        error = kind_of_exit(code)(f"{self.name} ended with code {code}: {last}")
-        if code in tuple(ExitCode):
-            error.exit_code = ExitCode(code)
-        return error
+        return error_of_exit(code, f"{self.name} ended with code {code}: {last}")
+
+    async def output(self) -> bytes:
+        """What it prints on stdout until it has ended. Raises its own error where that is a failure."""
+        assert self.process.stdout is not None
+        printed = await self.process.stdout.read()
+        if await self.process.wait():
+            raise await self.failure()
+        return printed
 
     def pause(self) -> None:
         """Let the process and all that it started stand still until `resume`."""
@@ -116,6 +121,9 @@ class Child:
         self.listening.cancel()
 
 
-def kind_of_exit(code: int | None) -> type[SimulshotError]:
-    """The kind of error that a command of ours ends with that code for."""
-    return _KINDS.get(code, SimulshotError)
+def error_of_exit(code: int | None, what: str) -> SimulshotError:
+    """The error of a command of ours that has ended with that code, which it keeps."""
+    error = _KINDS.get(code, SimulshotError)(what)
+    if code in tuple(ExitCode):
+        error.exit_code = ExitCode(code)
+    return error

@@ -125,7 +125,8 @@ class LightModel:
         self._still = seen.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2
         self.row = float(seen.rows.mean())
         self.later = seen.rows - self.row
-        self._rough = self._find_rough_fit()
+        self.rough_fit = self._find_rough_fit()
+        """The light of a lamp that is off, and of one that is lit all the time, before the time is known."""
 
     def shares(
         self,
@@ -161,15 +162,9 @@ class LightModel:
         """Variance of each lamp's light where a lamp that is lit all the time has `lamp_light`."""
         return np.asarray(self._still[of] + lamp_light**2 * (_FLOOR**2 + (_UNEVEN * shares) ** 2))
 
-    def rough_fit(self) -> tuple[float, float]:
-        """The light of a lamp that is off, and of one that is lit all the time, before the time is known.
-
-        At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's; but
-        not in a group that goes on as quickly as the rows of a picture in which it lies on its side.
-        """
-        return self._rough
-
     def _find_rough_fit(self) -> tuple[float, float]:
+        # At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's;
+        # not in a group that goes on as quickly as the rows of a picture in which it lies on its side.
         light = self.seen.light
         off = float(np.sort(light)[: len(light) // 5].mean())
         sums = [float((light[self.group == group] - off).mean()) * COUNT for group in np.unique(self.group)]

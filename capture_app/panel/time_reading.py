@@ -58,7 +58,7 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
     panel = model.panel
     step_ns = panel.tick_ns / STEPS
     times = np.arange(round(panel.cycle_ticks * STEPS))
-    off, on = model.rough_fit()
+    off, on = model.rough_fit
     groups = [
         _Group(model, int(number), np.asarray(times * step_ns, float)) for number in np.unique(model.group)
     ]
@@ -121,10 +121,6 @@ _RESPONSES_NS = (0.3e6, 1.5e6, 4e6)
 """Time constants of screens' cells, quick (OLED) to slow."""
 
 
-class PanelUnreadableError(PanelNotFoundError):
-    """A panel is in the picture, but its time cannot be told; the message says why."""
-
-
 @dataclass(frozen=True, slots=True)
 class Freedom:
     """What of the shutter is not known, and so is found with the time."""
@@ -175,7 +171,7 @@ class Posterior:
     def interval(self) -> tuple[float, float]:
         """Middle and half width of the 95 % of the likeliest neighbourhood.
 
-        Raises PanelUnreadableError where another one is nearly as likely, or where it has no ends.
+        Raises PanelNotFoundError where another one is nearly as likely, or where it has no ends.
         """
         top = max(float(log.max()) for log in self._logs)
         rival = _RIVAL_TEMPER / TEMPER
@@ -186,9 +182,9 @@ class Posterior:
             outside = (other < times[0]) | (other > times[-1])
             rivals += float(np.exp(rival * (log - top))[outside].sum()) * (other[1] - other[0])
         if rivals > _RIVAL * float(chances.sum()) * (times[1] - times[0]):
-            raise PanelUnreadableError("two times are about as likely")
+            raise PanelNotFoundError("two times are about as likely")
         if max(chances[0], chances[-1]) > _OPEN * chances.max():
-            raise PanelUnreadableError(
+            raise PanelNotFoundError(
                 "its lamps look the same over too long a time, as in an exposure of whole turns of the panel"
             )
         summed = np.cumsum(chances) / chances.sum()
@@ -248,7 +244,7 @@ def _refine(
     steps_ns: "tuple[float, ...]" = (0.0,),
 ) -> Candidate:
     """The likeliest of times within reach of a candidate, and of shutters near to its own."""
-    _, on = model.rough_fit()
+    _, on = model.rough_fit
     times = one.middle_ns + np.linspace(-reach_ns, reach_ns, count)
     response_ns = _RESPONSES_NS[1] if model.panel.is_screen else 0.0
     best: list[Candidate] = []
@@ -264,7 +260,7 @@ def _neighbourhood(
     model: LightModel, one: Candidate, free: Freedom
 ) -> "tuple[Floats, dict[Shutter, Floats]]":
     """Times around a candidate and, by shutter that may be, the logarithms of their chances."""
-    _, on = model.rough_fit()
+    _, on = model.rough_fit
     reach_ns = 1.5 * model.panel.tick_ns
     if not model.panel.is_screen:
         # The longer the exposure, the less its ends show.
@@ -361,7 +357,7 @@ def read_panel(
     """The time that a panel tells in a picture (uint8, BGR); nobody need say which panel or where it is.
 
     Exposure and row time that are None are found with it. Raises PanelNotFoundError where there is no panel,
-    and PanelUnreadableError where it tells no time or not one time.
+    and where it tells no time or not one time.
     """
     found = PanelFinder().find(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
     return read_found(found, picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
@@ -376,10 +372,10 @@ def read_found(
 ) -> PanelTime:
     """As `read_panel`, of a panel that is found already."""
     model = LightModel(found.panel, measure(found, picture))
-    _, on = model.rough_fit()
+    _, on = model.rough_fit
     dark, bright = np.percentile(model.seen.light, (20, 97))
     if bright - dark < _MIN_CONTRAST * model.seen.noise + _MIN_LIGHT:
-        raise PanelUnreadableError(
+        raise PanelNotFoundError(
             "its lamps do not stand out: too dark, too short an exposure, or switched off"
         )
     free = Freedom(exposure_ns is None, row_time_ns is None)
@@ -391,7 +387,7 @@ def read_found(
     wrong = float((np.abs(misfit) > _MISFIT).mean())
     rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
     if wrong > _MAX_MISFITS or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):
-        raise PanelUnreadableError(
+        raise PanelNotFoundError(
             f"its lamps do not shine as those of {found.panel.name} would at any time: is it that panel, are "
             "exposure and row time right, is it hidden or too blurred?"
         )
@@ -407,7 +403,7 @@ def read_found(
     row_time_ns, row_time_error_ns = posterior.row_time()
     uncertainty_ns = float(np.hypot(spread_ns, model_ns)) * max(1.0, rms)
     if not found.panel.is_screen and uncertainty_ns > _MAX_TICKS * found.panel.tick_ns:
-        raise PanelUnreadableError(
+        raise PanelNotFoundError(
             f"its time is known to ±{duration(uncertainty_ns)} only: expose shorter, not whole "
             "turns of the panel"
         )

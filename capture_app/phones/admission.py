@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from capture_app.errors import UnknownMachineError
-from capture_app.names import name_like
+from capture_app.names import free_name, name_like
 
 SECRET_BYTES = 16
 GOOD_FOR_S = 600.0
@@ -98,13 +98,8 @@ class Admission:
         self._secret, self._until_s = secrets.token_urlsafe(SECRET_BYTES), self._now_s() + GOOD_FOR_S
 
     def _free_name(self, wish: str) -> str:
-        wished = name_like(wish.strip()[:40], "phone")
         taken = {phone.name for phone in self._phones.values()}
-        number, name = 1, wished
-        while name in taken:
-            number += 1
-            name = f"{wished}-{number}"
-        return name
+        return free_name(name_like(wish.strip()[:40], "phone"), taken)
 
 
 def _digest(text: str) -> str:

@@ -1,11 +1,8 @@
 """The certificate of the phones' page: of a kind that browsers take, made once and kept."""
 
-import contextlib
 import datetime
 import hashlib
 import ipaddress
-import os
-import secrets
 import socket
 import ssl
 from collections.abc import Iterable
@@ -13,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError, DiskError
+from capture_app.trust.identity import private_part
 
 FILE = "phones.pem"
 LASTS = datetime.timedelta(days=800)
@@ -61,7 +59,8 @@ def own_certificate(folder: Path, hosts: Iterable[str], now: datetime.datetime) 
     path = folder / FILE
     try:
         if not _is_good(path, now):
-            _keep(path, _new_pem(hosts, now))
+            with private_part(path, _new_pem(hosts, now)) as part:
+                part.replace(path)
         return load_certificate(path)
     except OSError as error:
         raise DiskError(
@@ -93,21 +92,6 @@ def _is_good(path: Path, now: datetime.datetime) -> bool:
     except (OSError, ValueError, BadInputError):
         return False
     return certificate.not_valid_before_utc <= now < certificate.not_valid_after_utc - RENEWED_BEFORE
-
-
-def _keep(path: Path, pem: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(pem)
-            file.flush()
-            os.fsync(handle)
-        part.replace(path)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            part.unlink()
 
 
 def _new_pem(hosts: Iterable[str], now: datetime.datetime) -> bytes:

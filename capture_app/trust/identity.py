@@ -8,6 +8,7 @@ import os
 import re
 import secrets
 import ssl
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,20 +78,26 @@ def _certificate_part(pem: str) -> str:
     return pem[begin:]
 
 
-def _make(path: Path) -> None:
-    """Make a key and its certificate; where another process has been quicker, its stay."""
+@contextlib.contextmanager
+def private_part(path: Path, data: bytes) -> Iterator[Path]:
+    """Data in a file beside `path`, for the block to put there: its user alone can read it. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    part = path.with_name(f".{FILE}.{secrets.token_hex(8)}")
+    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(_new_pem())
+            file.write(data)
             file.flush()
             os.fsync(handle)
-        with contextlib.suppress(FileExistsError):
-            os.link(part, path)
+        yield part
     finally:
-        part.unlink()
+        part.unlink(missing_ok=True)
+
+
+def _make(path: Path) -> None:
+    """Make a key and its certificate; where another process has been quicker, its stay."""
+    with private_part(path, _new_pem()) as part, contextlib.suppress(FileExistsError):
+        os.link(part, path)
 
 
 def _new_pem() -> bytes:

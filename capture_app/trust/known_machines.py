@@ -12,7 +12,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from capture_app.errors import BadInputError, DiskError, SimulshotError
-from capture_app.names import name_like
+from capture_app.names import free_name, name_like
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
 from capture_app.text import UNREADABLE, pretty_json
@@ -101,7 +101,7 @@ class KnownMachines:
             names = {machine.name for machine in others}
             return *others, replace(
                 known,
-                name=known.name if known.name and not name else _free(name_like(name, "machine"), names),
+                name=known.name if known.name and not name else free_name(name_like(name, "machine"), names),
                 roles=tuple(sorted({*known.roles, role})),
                 certificate=certificate or known.certificate,
             )
@@ -170,11 +170,3 @@ def _check_certificate(certificate: bytes, pin: str) -> None:
         raise BadInputError("what a machine showed is no certificate") from error
     if pin_of(certificate) != pin:
         raise BadInputError(f"a certificate is not of the pin {pin}")
-
-
-def _free(name: str, taken: set[str]) -> str:
-    number, free = 1, name
-    while free in taken:
-        number += 1
-        free = f"{name}-{number}"
-    return free

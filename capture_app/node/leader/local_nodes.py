@@ -13,7 +13,7 @@ from msgspec import Struct
 
 from capture_app.cameras.specs import parse_spec
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
-from capture_app.names import check_name
+from capture_app.names import check_name, free_name
 from capture_app.net.address import Address
 from capture_app.node.child import Child
 from capture_app.node.news import NewsLog
@@ -159,7 +159,7 @@ class LocalNodes:
                     return known
                 await self._children[known].process.wait()  # it has the device until then
             if name is None:
-                name = self._free_name(parsed.label, taken)
+                name = free_name(parsed.label, {*self._children, *taken})
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
             self._specs[spec] = name
@@ -236,13 +236,6 @@ class LocalNodes:
             raise BadInputError(f"a node named {name} is here already", hint="choose another name")
         if len(self._children) >= MAX_NODES:
             raise BadInputError(f"{MAX_NODES} nodes run on this machine already")
-
-    def _free_name(self, wished: str, taken: Collection[str]) -> str:
-        number, name = 1, wished
-        while name in self._children or name in taken:
-            number += 1
-            name = f"{wished}-{number}"
-        return name
 
     async def _start(self, name: str, spec: str, clock: str, tolerance_us: int | None = None) -> Child:
         arguments = [

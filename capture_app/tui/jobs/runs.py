@@ -209,13 +209,11 @@ class Runs:
                 child.pause()
                 run.state = RunState.PAUSED
                 self._tell(run)
-            assert child.process.stdout is not None
-            printed = await child.process.stdout.read()
-            if await child.process.wait():
-                failure = await child.failure()
-                raise SimulshotError(failure.what.partition(": ")[2] or failure.what)
+            printed = await child.output()
             await asyncio.wait((child.listening,), timeout=1.0)
             return outcome(run.command, printed)
+        except SimulshotError as failure:
+            raise SimulshotError(failure.what.partition(": ")[2] or failure.what) from failure
         finally:
             self._child = None
             await child.stop()

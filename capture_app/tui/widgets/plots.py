@@ -12,47 +12,31 @@ from textual.content import Content
 from capture_app.text import count, duration
 from capture_app.tui.widgets.lines import bar_rows, joined_cells
 
-_QUARTERS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
-_LINES = {0: " ", 1: "▔", 2: "─", 4: "▁"}
-_STROKE = "│"
+QUARTERS = 2, 2, " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
+"""Dots in a cell across and down, and the glyph of each set of them: four dots."""
+LEVELS = 1, 3, " ▔─│▁│││"
+"""A thin line at one of three heights, or a stroke through several."""
 
 
-class DotCanvas:
-    """A grid of dots, two across and two down in each cell; (0, 0) is at the top left."""
+class Canvas:
+    """A grid of dots, some in each cell; (0, 0) is at the top left."""
 
-    def __init__(self, width: int, height: int) -> None:
-        """`width` and `height` count cells."""
-        self.dots = 2 * width, 2 * height
+    def __init__(self, width: int, height: int, of: tuple[int, int, str]) -> None:
+        """`width` and `height` count cells; `of` is QUARTERS or LEVELS."""
+        self._across, self._down, self._glyphs = of
+        self.dots = self._across * width, self._down * height
         """How many dots there are across and down."""
         self._cells = [[0] * width for _ in range(height)]
 
     def put(self, x: int, y: int) -> None:
         """Put a dot; beyond the edge nothing happens."""
         if 0 <= x < self.dots[0] and 0 <= y < self.dots[1]:
-            self._cells[y // 2][x // 2] |= 1 << (2 * (y % 2) + x % 2)
-
-    def row(self, y: int) -> str:
-        """A row of cells as text."""
-        return "".join(_QUARTERS[marks] for marks in self._cells[y])
-
-
-class TraceCanvas:
-    """A thin line over time: one value a cell, at one of three levels in each row of cells."""
-
-    def __init__(self, width: int, height: int) -> None:
-        """`width` and `height` count cells."""
-        self.levels = 3 * height
-        """How many levels there are; 0 is the highest."""
-        self._cells = [[0] * width for _ in range(height)]
-
-    def put(self, x: int, level: int, to_level: int) -> None:
-        """Draw column `x` from one level to another, both ends included."""
-        for each in range(min(level, to_level), max(level, to_level) + 1):
-            self._cells[each // 3][x] |= 1 << (each % 3)
+            place = self._across * (y % self._down) + x % self._across
+            self._cells[y // self._down][x // self._across] |= 1 << place
 
     def row(self, y: int, empty: str = " ") -> str:
-        """A row of cells as text, `empty` where the line is not."""
-        return "".join(_LINES.get(marks, _STROKE) if marks else empty for marks in self._cells[y])
+        """A row of cells as text, `empty` where no dot is."""
+        return "".join(self._glyphs[marks] if marks else empty for marks in self._cells[y])
 
 
 SHOWN_SHARE = 0.98
@@ -113,7 +97,7 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
     best = sorted(offset for offset, _ in by_trip[: max(1, len(by_trip) // 20)])
     middle = best[len(best) // 2]
     reach = max((longest - shortest) / 2, *(abs(offset - middle) for offset, _ in shown), 1.0)
-    points, edges = (DotCanvas(width - LABEL_WIDTH, height - 1) for _ in range(2))
+    points, edges = (Canvas(width - LABEL_WIDTH, height - 1, QUARTERS) for _ in range(2))
     across, down = points.dots
 
     def row_of(offset: float) -> int:
@@ -217,17 +201,19 @@ def strip_rows(
     errors_ns: Sequence[int | None], axis: PhaseAxis, *, width: int, height: int, dimmed: bool
 ) -> list[Content]:
     """Draw the errors, one for each cell across; `dimmed` for a camera that is gone."""
-    trace, band = TraceCanvas(width, height), band_share(height)
+    trace, band = Canvas(width, height, LEVELS), band_share(height)
+    levels = trace.dots[1]
     before: int | None = None
     for x, error in enumerate(errors_ns):
         y = None
         if error is not None:
-            y = min(int((1 - axis.place(error, band)) * trace.levels), trace.levels - 1)
+            y = min(int((1 - axis.place(error, band)) * levels), levels - 1)
         if y is not None:
             # A jump over half of the axis is a phase that went around, not one that passed all between.
-            joined = before is not None and abs(y - before) <= trace.levels // 2
+            joined = before is not None and abs(y - before) <= levels // 2
             begin = y if before is None or not joined else before + (y > before) - (y < before)
-            trace.put(x, begin, y)
+            for level in range(min(begin, y), max(begin, y) + 1):
+                trace.put(x, level)
         before = y
     if height == 1:
         newest = next((error for error in reversed(errors_ns) if error is not None), None)

@@ -80,7 +80,7 @@ def _certificate_part(pem: str) -> str:
 
 @contextlib.contextmanager
 def private_part(path: Path, data: bytes) -> Iterator[Path]:
-    """Data in a file beside `path`, for the block to put there: its user alone can read it. Raises OSError."""
+    """Data in a file beside `path` for the block to put there; its user alone can read it. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

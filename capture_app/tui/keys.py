@@ -65,15 +65,6 @@ class HelpScreen(BoxDialog[bool]):
         Binding("escape,q,question_mark", "dismiss(False)", "Back", id="help.back"),
         Binding("w", "dismiss(True)", "Write keys.toml", id="help.write"),
     ]
-    DEFAULT_CSS = """
-    HelpScreen > Vertical {
-        width: 76; max-width: 96%; max-height: 92%; padding: 0 2;
-        border-title-color: $primary; border-title-style: bold;
-    }
-    HelpScreen VerticalScroll { height: auto; scrollbar-size-vertical: 1; }
-    HelpScreen #help-foot { height: auto; dock: bottom; padding: 1 0 0 0; color: $foreground-muted; }
-    HelpScreen #help-keys { margin-bottom: 3; }
-    """
 
     def __init__(self, actions: Sequence[Binding], key_names: dict[str, str], folder: str) -> None:
         """`actions` are those of the screen that help is asked for; `key_names`: how keys are shown.

@@ -21,8 +21,6 @@ class ModeView(Vertical, can_focus=True):
     asks by posting `SessionsRequested` and `Mishap`.
     """
 
-    DEFAULT_CSS = "ModeView { height: 1fr; width: 1fr; }"
-
     def on_mode_shown(self) -> None:
         """Called when the user comes to this mode; puts the focus where the work is."""
         if not self.has_focus_within:
@@ -40,11 +38,6 @@ class ModeScreen(Screen[None]):
     """A mode of the app: one of these for each, on which dialogs and whole-screen views may be pushed."""
 
     AUTO_FOCUS: ClassVar[str | None] = ""
-    DEFAULT_CSS = """
-    #header { dock: top; height: 1; background: $panel; color: $foreground; }
-    #header #tabs { width: auto; height: 1; }
-    #header #rig-line { width: 1fr; height: 1; }
-    """
 
     def __init__(self, mode: str, view: ModeView, record: RigRecord) -> None:
         super().__init__(id=f"mode-{mode}")

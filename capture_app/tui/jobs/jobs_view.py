@@ -82,16 +82,6 @@ class JobsView(ModeView):
         Binding("r", "retry", "Run again", id="jobs.retry"),
         Binding("delete,backspace", "forget", "Take off the list", id="jobs.forget", key_display="del"),
     ]
-    DEFAULT_CSS = """
-    JobsView #jobs-empty { padding: 1 2; color: $foreground-muted; }
-    JobsView #jobs { height: 1fr; min-height: 4; border: round $border; border-title-color: $primary;
-                     border-title-style: bold; border-subtitle-color: $foreground-muted; }
-    JobsView #jobs:focus { border: round $primary; }
-    JobsView #job-log { height: 40%; min-height: 5; border: round $border; padding: 0 1;
-                        border-title-color: $primary; border-title-style: bold;
-                        border-subtitle-color: $foreground-muted; scrollbar-size-vertical: 1; }
-    JobsView #job-log:focus { border: round $primary; }
-    """
 
     def __init__(self, runs: Runs) -> None:
         self._runs = runs

@@ -108,16 +108,6 @@ class ResultScreen(WholeScreen[None]):
         Binding("o", "report", "Report", id="result.report"),
         Binding("escape,backspace", "dismiss", "Back", id="result.back", key_display="esc"),
     ]
-    DEFAULT_CSS = """
-    ResultScreen #result-words { width: 1fr; height: 1fr; padding: 1 2 0 2; scrollbar-size-vertical: 1; }
-    ResultScreen #result-pictures { width: 1fr; height: 1fr; }
-    ResultScreen #result-sides { height: 1; padding: 0 2; }
-    ResultScreen #result-verdict { height: auto; max-height: 6; padding: 0 2; margin-bottom: 1; }
-    ResultScreen #result-caption { height: auto; max-height: 3; padding: 0 2; }
-    ResultScreen.-wide #result-words { width: 2fr; min-width: 72; max-width: 84; }
-    ResultScreen.-wide #result-pictures { width: 3fr; padding: 1 1 0 0; }
-    ResultScreen.-wide #result-verdict { display: none; }
-    """
 
     def __init__(self, run: Run, result: StudyResult) -> None:
         self._verdict = Lines(id="result-verdict")

@@ -38,20 +38,6 @@ class ChoiceForm(BoxDialog[Choice | None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss", "Cancel", id="form.cancel"),
     ]
-    DEFAULT_CSS = """
-    ChoiceForm > Vertical {
-        width: 100; max-width: 94%; max-height: 100%; padding: 1 2 0 2;
-        border-subtitle-color: $foreground-muted;
-    }
-    ChoiceForm OptionList {
-        height: auto; max-height: 12; border: none; padding: 0; background: $panel;
-        scrollbar-size-vertical: 1; text-wrap: nowrap; text-overflow: ellipsis;
-    }
-    ChoiceForm OptionList:focus { border: none; background-tint: $foreground 0%; }
-    ChoiceForm .label { margin-top: 1; color: $foreground-muted; height: auto; }
-    ChoiceForm .preview { color: $foreground-muted; height: auto; margin-top: 1; }
-    ChoiceForm .wrong.-refused { background: $error; color: $background; text-style: bold; }
-    """
 
     def __init__(self, title: str, choices: Sequence[Choice], *, label: str, chosen: str = "") -> None:
         """`label` names the line; `chosen` is the value to begin with."""

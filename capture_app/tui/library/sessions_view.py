@@ -61,20 +61,6 @@ class SessionsView(ModeView):
         Binding("v", "verify", "Verify", id="sessions.verify", tooltip="whether all files are whole"),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
-    DEFAULT_CSS = """
-    SessionsView { layout: horizontal; }
-    SessionsView #sessions-frame { width: 1fr; height: 1fr; border: round $border;
-        border-title-color: $primary; border-title-style: bold; border-subtitle-color: $foreground-muted; }
-    SessionsView #sessions-frame:focus-within { border: round $primary; }
-    SessionsView #sessions-find { border: none; height: 1; padding: 0 1; background: $surface;
-        display: none; }
-    SessionsView #sessions-empty { padding: 1 2; display: none; }
-    SessionsView TakePane { display: none; width: 1fr; height: 1fr; border: round $border;
-        border-title-color: $primary; border-title-style: bold; }
-    SessionsView TakePane:focus-within { border: round $primary; }
-    SessionsView.-wide TakePane { display: block; }
-    SessionsView.-wide #sessions-frame { max-width: 92; }
-    """
 
     def __init__(self, root: Path, runs: Runs, samples: Path | None, settings: Settings) -> None:
         """`samples`: a folder of sessions that are shown too, and left as they are."""

@@ -23,10 +23,6 @@ LOW = 30
 class TakePane(Vertical):
     """Shows a session; the sheet is loaded by whoever shows it."""
 
-    DEFAULT_CSS = """
-    TakePane #take-words { height: auto; padding: 0 1; margin-bottom: 1; }
-    """
-
     def __init__(self) -> None:
         self.entry: Entry | None = None
         """The session that is shown."""

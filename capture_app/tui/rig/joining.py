@@ -62,15 +62,6 @@ LOOK_EVERY_S = 1.0
 class GuideScreen(BoxDialog[None]):
     """What to do in words, and a QR code beside them."""
 
-    DEFAULT_CSS = """
-    GuideScreen > Vertical {
-        width: 78; max-width: 100%; max-height: 100%; padding: 0 1; border-subtitle-color: $text-muted;
-    }
-    GuideScreen Horizontal { height: auto; }
-    GuideScreen .words { width: 1fr; height: auto; }
-    GuideScreen .code { width: auto; height: auto; }
-    """
-
     def __init__(self, name: str, title: str, width: int) -> None:
         """`width` is that of the words, in cells."""
         self._width = width

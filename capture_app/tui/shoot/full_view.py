@@ -83,10 +83,6 @@ class FullView(WholeScreen[str]):
         Binding("m", "meters", "Meters", id="finder.meters"),
         Binding("b", "blink", "Blink with next", id="finder.blink", tooltip="this camera and the next"),
     ]
-    DEFAULT_CSS = """
-    FullView > .title { padding: 0 1; }
-    FullView > #finder-meters { height: auto; padding: 0 1; }
-    """
 
     def __init__(self, rig: RigLink, record: RigRecord, cameras: Sequence[str], camera: str) -> None:
         self._picture = Picture(words="no picture yet", noise=NOISE)

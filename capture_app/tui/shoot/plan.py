@@ -229,10 +229,6 @@ class PlanPanel(Lines, can_focus=True):
         Binding("right", "change(1)", "More", id="plan.more", show=False),
         Binding("enter", "edit", "Edit", id="plan.edit", show=False),
     ]
-    DEFAULT_CSS = """
-    PlanPanel { height: auto; border: round $border; padding: 0 1; }
-    PlanPanel:focus { border: round $primary; }
-    """
 
     def __init__(self, settings: Settings) -> None:
         """The plan is remembered in the settings."""

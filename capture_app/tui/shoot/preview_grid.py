@@ -37,12 +37,6 @@ def grid_columns(cameras: int, width: int, height: int) -> int:
 class PreviewTile(Vertical):
     """One camera: name, state and rate above its picture."""
 
-    DEFAULT_CSS = """
-    PreviewTile { width: 1fr; height: 1fr; }
-    PreviewTile > Lines { height: 1; width: 1fr; }
-    PreviewTile.chosen > Lines { background: $primary 30%; }
-    """
-
     def __init__(self, name: str) -> None:
         self.camera = name
         self._title = Lines()
@@ -98,9 +92,6 @@ class PreviewGrid(Container, can_focus=True):
         Binding("down", "move(0,1)", "Camera below", id="previews.down", show=False),
         Binding("enter", "choose", "Full size", id="previews.open"),
     ]
-    DEFAULT_CSS = """
-    PreviewGrid { layout: grid; grid-gutter: 0 1; width: 1fr; height: 1fr; }
-    """
 
     @dataclass
     class Chosen(Message):

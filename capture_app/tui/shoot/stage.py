@@ -22,14 +22,6 @@ LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
 class Stage(ContentSwitcher):
     """Shows one of the three, and says when it shows another."""
 
-    DEFAULT_CSS = """
-    Stage { width: 1fr; height: 1fr; border: round $border; }
-    Stage:focus-within { border: round $primary; }
-    Stage > #countdown { align: center middle; }
-    Stage > #countdown Digits { width: auto; color: $primary; }
-    Stage > #countdown Lines { width: auto; margin-top: 1; }
-    """
-
     class Changed(Message):
         """It shows something else."""
 

@@ -84,11 +84,6 @@ WIDE = 34
 class TakePanel(VerticalScroll, can_focus=False):
     """The newest take in full, a line for each of those before it."""
 
-    DEFAULT_CSS = """
-    TakePanel { height: 1fr; border: round $border; padding: 0 1; scrollbar-size: 1 1; }
-    TakePanel > Static { width: 1fr; height: auto; }
-    """
-
     def __init__(self) -> None:
         self._text = Static(id="takes-text")
         self.plain = ""

@@ -62,12 +62,6 @@ class ShootView(ModeView):
             tooltip="ahead, or being saved",
         ),
     ]
-    DEFAULT_CSS = """
-    ShootView #shoot-side { width: 40; height: 1fr; }
-    ShootView #shoot-advice { height: 1; padding: 0 1; }
-    ShootView.narrow #shoot-side { width: 30; }
-    ShootView.narrow.sheet #shoot-side { display: none; }
-    """
 
     def __init__(self, rig: RigLink, record: RigRecord, settings: Settings) -> None:
         self._rig, self._record = rig, record

@@ -20,7 +20,7 @@ from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import comparison_folder, write_metrics
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.timing_study import TimingStudy
-from reconstruction.report.tolerance_report import write_tolerance_report
+from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.scores.study_result import Interval, Measure, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
@@ -142,10 +142,12 @@ def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions
     """
     if out is None:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            return _measure(session, Path(scratch) / "stages", options)
+            result = _measure(session, Path(scratch) / "stages", options)
+            return msgspec.structs.replace(result, verdict=tolerance_sentence(result))
     with comparison_folder(out) as output:
         result = _measure(session, output.folder / "stages", options)
-        result = msgspec.structs.replace(result, report="report.html")
+        words = tolerance_sentence(result)
+        result = msgspec.structs.replace(result, report="report.html", verdict=words)
         write_tolerance_report(result, output.folder)
         write_metrics(output.folder, result)
     return result

@@ -42,6 +42,8 @@ class OffsetTolerance(Struct, frozen=True, kw_only=True):
     sync_residual_px: float | None = None
     """By how much what moves does so in that time."""
     reason: str = ""
+    verdict: str = ""
+    """The result in words; empty where it is a part of a comparison, whose page tells it."""
     session: str = ""
     time_shifts_ms: dict[str, float] = {}
     """What was added to the times of these cameras."""

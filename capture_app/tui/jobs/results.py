@@ -106,22 +106,8 @@ def _of_panorama(found: Mapping[str, Any]) -> str:
     return text
 
 
-def _of_tolerance(found: Mapping[str, Any]) -> str:
-    tolerated, timing = found["tolerable_offset_ms"], found.get("timing") or {}
-    if timing.get("offset"):
-        late = timing["late_ms"]
-        if late is None:
-            return "not synchronized: what moves is lost and off its rows; by how much is not known"
-        side, (_, second) = "early" if late < 0 else "late", found["cameras"]
-        if timing.get("by_depth"):
-            return f"not synchronized: {second} is about {abs(late):.0f} ms {side}, known to a frame"
-        far = f"{abs(late):.1f} ±{timing['uncertainty_ms']:.1f} ms {side}"
-        return f"not synchronized: {second} is {far}"
-    if timing and not timing["synchronized"]:
-        return f"whether it is synchronized cannot be told: {timing['reason']}"
-    if tolerated is None:
-        return f"less than a tenth is lost up to {max(found['points'][-1]['offsets_ms'].values()):.0f} ms"
-    return f"this motion tolerates a delay of about {tolerated:.1f} ms"
+def _as_told(found: Mapping[str, Any]) -> str:
+    return str(found["verdict"])
 
 
 def _of_verify(found: Mapping[str, Any]) -> str:
@@ -140,11 +126,11 @@ def _of_export(found: Mapping[str, Any]) -> str:
 
 
 _SENTENCES = {
-    "compare": lambda found: str(found["verdict"]),
+    "compare": _as_told,
     "multiview": _of_multiview,
     "panorama": _of_panorama,
-    "tolerance": _of_tolerance,
-    "read": lambda found: str(found["words"]["verdict"]),
+    "tolerance": _as_told,
+    "read": lambda found: _as_told(found["words"]),
     "verify": _of_verify,
     "repair": _of_repair,
     "export": _of_export,

@@ -237,7 +237,7 @@ class PhoneGateway:
         phone = self._phones.get(admitted.key)
         is_new = phone is None
         if phone is None:
-            phone = self._phones[admitted.key] = Phone(admitted.name, time.monotonic_ns)
+            phone = self._phones[admitted.key] = Phone(admitted.name, time.monotonic_ns, hello)
         phone.link_opened(send, hello)
         if is_new:
             self._on_phone(phone)

@@ -120,8 +120,8 @@ OnFrame = Callable[[TimedFrame], None]
 class Phone:
     """A phone that was let in; `link_opened` and `link_closed` tell of its page's connection."""
 
-    def __init__(self, name: str, now_ns: Callable[[], int]) -> None:
-        """`now_ns` is the gateway's monotonic clock."""
+    def __init__(self, name: str, now_ns: Callable[[], int], hello: wire.Hello) -> None:
+        """`now_ns` is the gateway's monotonic clock; `hello` is what its first page said."""
         self.name = name
         self.came = asyncio.Event()
         """Set while its camera streams and its clock is known."""
@@ -135,10 +135,10 @@ class Phone:
         self._now_ns = now_ns
         self._send: Send | None = None
         self._needs_state = False
-        self.page = ""
+        self._hello, self.page = hello, hello.page
         """The load of its page, whose frames the phone keeps."""
-        self._hello: wire.Hello
-        self._clock: PhoneClock | None = None
+        self.clock = PhoneClock(hello.resolution_us)
+        """Its page's clock."""
         self._opened: wire.Opened | None = None
         self._why_away = NEVER
         self._times = FrameTimes(0.0)
@@ -151,23 +151,16 @@ class Phone:
         self._on_away: Callable[[str], None] | None = None
 
     @property
-    def clock(self) -> PhoneClock:
-        """Its page's clock, known once it has come."""
-        assert self._clock is not None
-        return self._clock
-
-    @property
     def clock_words(self) -> str:
         """How well its clock is known, for its user."""
-        if self._clock is None or (accuracy := self._clock.accuracy) is None:
-            return "being measured"
-        return f"known to ±{accuracy.uncertainty_ns / 1e6:.2f} ms"
+        accuracy = self.clock.accuracy
+        return "being measured" if accuracy is None else f"known to ±{accuracy.uncertainty_ns / 1e6:.2f} ms"
 
     @property
     def facts(self) -> CameraFacts:
         """What its camera is. Raises CameraError while it does not stream."""
         opened, period_ns = self._opened, self._times.period_ns
-        if opened is None or period_ns is None or self._clock is None or not self._clock.is_known:
+        if opened is None or period_ns is None or not self.clock.is_known:
             raise CameraError(f"{self.name}: {self._why_away if opened is None else STARTING}")
         # Stamps are arrivals where all goes quickly: after the exposure, the readout and the way to the page.
         exposure_ns, browser = self.exposure_ns, browser_name(self._hello.user_agent)
@@ -278,9 +271,9 @@ class Phone:
     def link_opened(self, send: Send, hello: wire.Hello) -> None:
         """A page of this phone is connected; what it was asked for and has not brought is asked for again."""
         self._send, self._hello, self.said_goodbye = send, hello, False
-        if hello.page != self.page or self._clock is None:
+        if hello.page != self.page:
             # Another load of the page has another zero of its clock.
-            self.page, self._clock = hello.page, PhoneClock(hello.resolution_us)
+            self.page, self.clock = hello.page, PhoneClock(hello.resolution_us)
         self.gone.clear()
         self.back.set()
         self._needs_state = True

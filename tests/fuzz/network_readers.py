@@ -83,13 +83,14 @@ def read_pairing_word(data: bytes, folder: Path) -> None:
 def read_phone_page(data: bytes, folder: Path) -> None:
     """What a phone's page says: messages, a length byte before each; those that begin with `{` are text."""
     now_ns, at = 10**12, 0
-    phone = Phone("fuzzed", lambda: now_ns)
+    hello = wire.Hello(page="1", resolution_us=5.0)
+    phone = Phone("fuzzed", lambda: now_ns, hello)
 
     def assert_honest(page_us: float) -> None:
         assert isinstance(phone.clock.gateway_ns(page_us), int)
         assert 0 <= phone.clock.uncertainty_ns(page_us) <= phone.clock.hard_bound_ns(page_us)
 
-    phone.link_opened(_swallow, wire.Hello(page="1", resolution_us=5.0))
+    phone.link_opened(_swallow, hello)
     phone.watch(lambda frame: assert_honest(frame.page_us), lambda _: None)
     phone.take_text(wire.Opened(width=640, height=480, frame_rate=30.0))
     while at < len(data):

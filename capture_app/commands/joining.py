@@ -28,9 +28,6 @@ LOOK_EVERY_S = 0.5
 """Between two looks at which phone code is shown."""
 
 
-_WHERE_CODES_ARE = (
-    "On the leader's machine, capture-app trust invite shows a code; the terminal UI shows it with i."
-)
 CODE, PIN = ParsedType("code", parse_code), ParsedType("pin", parse_pin)
 code_option = click.option(
     "--code",
@@ -70,19 +67,25 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
         if asyncio.run(find_obstacle(leader, trust=Trust.open())) is not None:
             continue
         try:
-            if asyncio.run(_is_known(leader, trust)):
-                continue
-            if code is not None:
-                pair_with(leader, code)
-                code = None  # it is good once
-            elif sys.stdin.isatty():
-                talk(f"The leader at {leader} and this machine do not know each other yet.")
-                talk(_WHERE_CODES_ARE)
-                ask_and_pair(leader)
+            if not asyncio.run(_is_known(leader, trust)):
+                _introduce(leader, code)
+                code = None
         except UnknownMachineError:
             raise
         except NetworkError:
             continue
+
+
+def _introduce(leader: Address, code: str | None) -> None:
+    """Make this machine known by the code, which is good once, or by one that a person is asked for."""
+    if code is not None:
+        pair_with(leader, code)
+    elif sys.stdin.isatty():
+        talk(f"The leader at {leader} and this machine do not know each other yet.")
+        talk(
+            "On the leader's machine, capture-app trust invite shows a code; the terminal UI shows it with i."
+        )
+        ask_and_pair(leader)
 
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:

@@ -26,6 +26,7 @@ from capture_app.errors import (
 )
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
+from capture_app.text import count
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -105,15 +106,20 @@ def show_take(done: "BurstStatus", as_json: bool) -> dict[str, Any]:
     return {**asdict(done), "verdict": verdict}
 
 
-def require_whole(kind: str, done: "BurstStatus") -> None:
-    """Raise IncompleteError where images of a take are missing, or there is no session.
+def require_whole(kind: str, done: "BurstStatus", most_missing_pct: float = 0.0) -> None:
+    """Raise IncompleteError where more of a take is missing than that share, or there is no session.
 
     One without a number was taken by phones of their own app, which keep what they took.
     """
     if done.done and not done.burst:
         return
-    if done.session is None or done.received < done.expected:
+    missing = done.expected - done.received
+    if done.session is None or missing > most_missing_pct / 100 * done.expected:
         raise IncompleteError(f"{kind} {done.burst} is incomplete: {done.message}")
+    if missing:
+        talk(
+            f"{missing} of {count(done.expected, 'frame')} missing, at most {most_missing_pct:g} % asked for"
+        )
 
 
 def _judge_if_here(done: "BurstStatus") -> "Verdict | None":
@@ -314,6 +320,14 @@ MOST_S = 31 * 86_400.0
 )
 @click.option("--name", default="", show_default="recording", help="Its session is NAME-001.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
+@click.option(
+    "--most-missing",
+    "most_missing_pct",
+    type=FiniteRange(0, 100),
+    metavar="PERCENT",
+    default=1.0,
+    help="What may be missing of the frames without exit code 7.",
+)
 @click.option("--detach", is_flag=True, help="Return as soon as it has begun.")
 @click.option("--stop", is_flag=True, help="End the newest recording, or long burst, instead.")
 @ready_options
@@ -322,6 +336,7 @@ def record(
     leader: Address,
     fps: float | None,
     every_s: float | None,
+    most_missing_pct: float,
     detach: bool,
     stop: bool,
     as_json: bool,
@@ -344,7 +359,7 @@ def record(
     done = asyncio.run(_Recording(leader, detach).take(request))
     if done.done:
         answer(as_json, show_take(done, as_json))
-        require_whole("recording", done)
+        require_whole("recording", done, most_missing_pct)
     else:
         goes_on = f"recording {done.burst} goes on; end it with: capture-app record --stop"
         answer(as_json, {**asdict(done), "verdict": None}, said=goes_on)

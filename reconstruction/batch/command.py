@@ -13,7 +13,7 @@ from capture_app.terminal import talk
 from capture_app.text import ProgressStep
 from reconstruction.batch.executors import Executor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
-from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians
+from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians, judged_rows
 from reconstruction.batch.summary import NAMES, write_summary
 from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
 
@@ -47,7 +47,7 @@ def batch(
             outcomes = _run_units(missing, done, root, executor, task)
         finally:
             remove_leftovers(root)
-        rows = [_row(unit, root, outcomes) for unit in units] + failures
+        rows = judged_rows([_row(unit, root, outcomes) for unit in units] + failures)
         skipped = {unit.key for unit, row in zip(units, rows, strict=False) if row.not_applicable}
         computed = sum(outcome.computed for key, outcome in outcomes.items() if key not in skipped)
         failed = sum(bool(row.error) for row in rows)

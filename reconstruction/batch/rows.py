@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from capture_app.errors import ExitCode
 from reconstruction.batch.units import RESULT, Unit
+from reconstruction.session.conditions import SYNCED
 
 FIGURES = (
     "coverage", "within_2pct", "mover_within_2pct", "static_within_2pct", "median_error_pct", "fused_points",
@@ -92,6 +93,29 @@ def completed_row(unit: Unit, root: Path) -> Row:
         picture=f"{unit.folder}/{picture}" if picture else "",
         **{name: record.get(name) for name in FIGURES},
     )
+
+
+def judged_rows(rows: Sequence[Row]) -> list[Row]:
+    """The rows, less those of other conditions of an instant to which synchronized pictures do not apply.
+
+    Depth of pictures that were taken apart says nothing where there is none of those taken together.
+    """
+    refused = {
+        (row.session, row.instant): row.not_applicable
+        for row in rows
+        if row.condition == SYNCED and row.not_applicable
+    }
+    return [
+        Row(
+            session=row.session,
+            instant=row.instant,
+            condition=row.condition,
+            not_applicable=f"nor are synchronized pictures: {reason}",
+        )
+        if row.condition != SYNCED and (reason := refused.get((row.session, row.instant)))
+        else row
+        for row in rows
+    ]
 
 
 def group_medians(rows: Sequence[Row]) -> tuple[Group, ...]:

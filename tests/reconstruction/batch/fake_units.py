@@ -42,6 +42,14 @@ def compute_or_fail(unit: Unit, folder: Path) -> None:
     compute(unit, folder)
 
 
+def refuse_synchronized(unit: Unit, folder: Path) -> None:
+    """No depth can be made of synchronized pictures of the first instant."""
+    if unit.condition == "synced" and unit.instant == 0:
+        (folder / "unit.json").write_text('{"not_applicable": "nothing to calibrate from"}\n')
+    else:
+        compute(unit, folder)
+
+
 def _log(line: str) -> None:
     if LOG in os.environ:
         with Path(os.environ[LOG]).open("a") as file:

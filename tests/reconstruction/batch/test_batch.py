@@ -163,6 +163,21 @@ def test_no_name_becomes_markup_in_the_summary(run: Callable[..., Any], scene: S
     assert 'href="units/%3Cscript%3Ealert%281%29%3C%21--/0000-synced-' in page
 
 
+def test_what_is_not_applicable_synchronized_is_not_judged_otherwise(run: Callable[..., Any]) -> None:
+    conditions = (Condition.parse("66"), Condition.parse("synced"))
+    task = "tests.reconstruction.batch.fake_units:refuse_synchronized"
+    done = run(task=task, conditions=conditions, instants=(0, 2)).result
+    judged = {(row.instant, row.condition): (row.coverage, bool(row.not_applicable)) for row in done.units}
+    assert judged == {
+        (0, "synced"): (None, True),
+        (0, "66"): (None, True),
+        (2, "synced"): (0.5, False),
+        (2, "66"): (0.5, False),
+    }
+    assert (done.computed, done.failed, done.not_applicable) == (2, 0, 2)
+    assert {(of.condition, of.instants) for of in done.groups} == {("66", 1), ("synced", 1)}
+
+
 def test_all_failed_alike_is_that_exit_code(run: Callable[..., Any], tmp_path: Path) -> None:
     done = run(sessions=[tmp_path / "a", tmp_path / "b"])
     assert exit_code(done.result) is ExitCode.BAD_INPUT

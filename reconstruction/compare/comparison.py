@@ -112,7 +112,7 @@ class Comparison:
         for condition in options.conditions:
             condition.check(dataset)
         self.against = Dataset.open(options.against) if options.against is not None else None
-        matcher = choose_matcher(options.matcher)
+        matcher = choose_matcher(options.matcher, quick=True)
         self.stereo = StereoStudy(rig, offset, options.stereo, most)
         self.panorama = PanoramaStudy(rig, offset, options.panorama, most)
         self.multiview = MultiviewStudy(

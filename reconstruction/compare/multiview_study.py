@@ -259,6 +259,7 @@ class MultiviewStudy(Study):
             tuple(reach.items()),
             library_versions()["pycolmap"],
             self.matcher.name,
+            self.matcher.quick,
         )
         return InstantDepth(**made)
 

@@ -67,6 +67,7 @@ class Refinement(NamedTuple):
     """By which share of the picture's width edges may move before."""
 
 
+MIN_WIDTH_PX = 200
 STEP_PX = 0.8
 """Distance between the depths of the first sweep, in the source in which it is largest."""
 PENALTIES, FINE_PENALTIES = (20, 800), (10, 300)
@@ -88,6 +89,8 @@ class SweepOptions:
     refinements: tuple[Refinement, ...] = (Refinement(0.5, 4, 0.0125), Refinement(0.25, 4, 0.005))
     max_cells: int = 80_000_000
     """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
+    first_scale: float = 1.0
+    """Size of the pictures in the first sweep, where they are wider than `MIN_WIDTH_PX`."""
     engine: SweepEngine = CPU
 
 
@@ -213,7 +216,8 @@ def _plan_first_sweep(
 ) -> tuple[float, int]:
     """Size of the pictures in the first sweep, and how many depths it takes."""
     moved = max(motion_px(SourceView(reference, source), *span) for source in sources)
-    scale, pixels = 1.0, reference.grey.size
+    pixels = reference.grey.size
+    scale = options.first_scale if reference.view.width > MIN_WIDTH_PX else 1.0
     while True:
         count = int(np.clip(np.ceil(moved * scale / STEP_PX) + 1, MIN_PLANES, MAX_PLANES))
         if count * pixels * scale**2 <= options.max_cells:

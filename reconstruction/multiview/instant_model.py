@@ -55,6 +55,8 @@ class MultiviewOptions:
     offsets_ms: tuple[float, ...] = ()
     matcher: Matcher = Matcher.AUTO
     mesh: bool = True
+    quick: bool = False
+    """A first sweep at half the size, and no scores of the cloud."""
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
     """What is added to the times of the cameras it names."""
 
@@ -97,7 +99,8 @@ def model_instant(
     marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
     views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
-    movers = score_movers(dataset, images, unit, options.instant, part / FUSED)
+    # Open3D, which looks for the cloud's neighbours, is slower to load than all the rest.
+    movers = None if options.quick else score_movers(dataset, images, unit, options.instant, part / FUSED)
     marks["judging"] = time.perf_counter()
     model = MeshModel(fused, 0, ())
     if options.mesh:
@@ -198,7 +201,7 @@ def multiview(
     if options.mesh:
         require_reconstruction("open3d", "making a mesh")
     output = OutputFolder(out, replaces_only(OURS))
-    matcher = choose_matcher(options.matcher)
+    matcher = choose_matcher(options.matcher, quick=options.quick)
     dataset = Dataset.open(session, options.time_shifts_ms)
     adopt_kept_calibration(dataset)
     with output:

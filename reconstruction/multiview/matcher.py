@@ -37,6 +37,8 @@ class ChosenMatcher:
     gpu: CudaGpu | None = None
     note: str = FINDS_MORE
     engine: SweepEngine = CPU
+    quick: bool = False
+    """Whether the sweep begins at half the pictures' size."""
 
     @property
     def name(self) -> str:
@@ -44,7 +46,7 @@ class ChosenMatcher:
         return Matcher.SWEEP if self.gpu is None else Matcher.PATCHMATCH
 
 
-def choose_matcher(asked: Matcher) -> ChosenMatcher:
+def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
     """The matcher that is asked for, see `Matcher.engine`.
 
     Raises:
@@ -55,7 +57,7 @@ def choose_matcher(asked: Matcher) -> ChosenMatcher:
         return ChosenMatcher(gpu, f"on {gpu.name}")
     engine = find_engine()
     why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
-    return ChosenMatcher(note="; ".join(filter(None, (why, engine.note))), engine=engine)
+    return ChosenMatcher(note="; ".join(filter(None, (why, engine.note))), engine=engine, quick=quick)
 
 
 def match_cameras(
@@ -69,7 +71,9 @@ def match_cameras(
     """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there."""
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
-        return match_all_views(calibrated, sources, depth_ranges, matcher.engine, progress)
+        return match_all_views(
+            calibrated, sources, depth_ranges, matcher.engine, progress, quick=matcher.quick
+        )
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu.name}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)

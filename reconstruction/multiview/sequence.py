@@ -94,6 +94,7 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     matcher: str
     meshes: bool
     depth: bool
+    quick: bool = False
 
     def require_same(self, earlier: "SequencePlan", out: Path) -> None:
         """Raises BadInputError where an earlier plan differs."""
@@ -264,7 +265,7 @@ def model_sequence(
         require_reconstruction("open3d", "making meshes")
     if options.recording:
         load_optional("rerun", "rerun", "the .rrd format")
-    matcher = choose_matcher(options.each.matcher)
+    matcher = choose_matcher(options.each.matcher, quick=options.each.quick)
     dataset = Dataset.open(session, options.each.time_shifts_ms)
     chosen = _chosen_instants(dataset, options.instants)
     adopt_kept_calibration(dataset)
@@ -276,6 +277,7 @@ def model_sequence(
         matcher=matcher.name,
         meshes=options.each.mesh,
         depth=options.depth,
+        quick=options.each.quick,
     )
     with SequenceFolder(out, plan) as folder:
         progress = progress or Progress(1)

@@ -65,6 +65,19 @@ def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, recon
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
 
 
+def test_quick_depth_comes_without_a_mesh_and_is_nearly_as_right(
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    out = tmp_path / "out"
+    result = reconstruct("multiview", trio.folder, "--instant", 2, "--quick", "--out", out, "--json").result
+    assert result["within_2pct"] > 0.75
+    assert result["mover_within_2pct"] > 0.8
+    assert result["mesh_triangles"] == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        ["depth", "fused.ply", "fused.ply.vis", "multiview.json", "workspace"]
+    )
+
+
 @pytest.mark.slow
 def test_offset_cameras_lose_what_moves_and_keep_the_rest(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct

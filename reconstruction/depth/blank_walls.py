@@ -14,9 +14,10 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
+from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import WORST_COST, combine_likeness, correlate_windows
 from reconstruction.depth.engine import aggregate_costs
-from reconstruction.depth.plane_fitting import fit_planes, surface_normals
+from reconstruction.depth.plane_fitting import surface_normals
 from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
 
 MAX_WIDTH_PX = 160
@@ -24,8 +25,6 @@ MAX_SCALE = 0.25
 """Greatest scale of the small pictures: a pixel is the mean of 16 or more, and the less noisy."""
 WINDOW = 7
 """Side of the window that is matched in them, px."""
-NOISY = 1.25
-"""A window is blank if its deviation, squared, is less than so many times that of noise alone."""
 MIN_BLANK = 0.3
 """Share of a small picture's pixel that must be blank."""
 SAME_SHADE = 6.0
@@ -54,7 +53,7 @@ class BlankPart:
 
 def extract_blank_part(image: CalibratedImage) -> BlankPart:
     """The blank part of a picture."""
-    mask = image.deviation**2 < NOISY * image.noise
+    mask = image.flat
     view = image.view
     scale = min(MAX_SCALE, MAX_WIDTH_PX / view.width)
     small = resize_view(view, round(view.width * scale), round(view.height * scale))
@@ -80,8 +79,9 @@ MIN_SHARE = 0.004
 MAX_PLANES = 32
 EVERY = 2
 """One of so many points of a picture is taken."""
-TRIALS, JUDGES = 80, 3000
-"""Points whose own planes are tried for the next plane, and points by which these are judged."""
+TRIALS, JUDGES, FINALISTS = 240, 2000, 8
+"""Points whose own planes are tried for the next plane, points by which these are judged, and how many all
+points judge: by some points alone another plane may win if a grey level differs."""
 ROUNDS = 4
 NORMAL_RADIUS_PX = 3
 
@@ -115,7 +115,7 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     """Points of a view's surface and their normals where it is evident (bool height x width)."""
     usual = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
-    level, right, down = fit_planes(known, 3 * TOLERANCE * usual, radius=NORMAL_RADIUS_PX, rounds=3)
+    level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * usual, radius=NORMAL_RADIUS_PX, rounds=3)
     facing = surface_normals(level, right, down, image.rays)
     rows, columns = np.nonzero(evident)
     rows, columns = rows[::EVERY], columns[::EVERY]
@@ -147,7 +147,9 @@ def _most_supported(points: SurfacePoints) -> ScenePlane:
     )
     distances = (tried.normals * tried.places).sum(1)
     support = (_relative_gaps(tried.normals, distances, judges) < TOLERANCE).sum(1)
-    best = int(support.argmax())
+    last = np.argsort(-support, kind="stable")[:FINALISTS]
+    support = (_relative_gaps(tried.normals[last], distances[last], points) < TOLERANCE).sum(1)
+    best = int(last[support.argmax()])
     return ScenePlane(tried.normals[best], float(distances[best]))
 
 

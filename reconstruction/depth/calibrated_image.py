@@ -8,6 +8,8 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View, other_from_reference, resize_view
 
+NOISY = 1.25
+"""A window holds no more than noise if its deviation, squared, is less than so many times noise's own."""
 BLACK, WHITE = 20, 245
 """Grey levels (of 255) beyond which a picture shows nothing of what there may be."""
 OUTSIDE = -1000.0
@@ -23,6 +25,8 @@ class CalibratedImage:
     window: int
     noise: float
     """Variance that the noise alone gives a window, grey levels squared."""
+    moving: Array | None = None
+    """What moves (bool), of the picture's size, and no wall; None where that is not known."""
 
     def scaled(self, scale: float) -> "CalibratedImage":
         """The same picture, `scale` (at most 1) times as large."""
@@ -31,7 +35,7 @@ class CalibratedImage:
         view = self.view
         width, height = round(view.width * scale), round(view.height * scale)
         grey = cv2.resize(self.grey, (width, height), interpolation=cv2.INTER_AREA)
-        return replace(self, view=resize_view(view, width, height), grey=grey)
+        return replace(self, view=resize_view(view, width, height), grey=grey, moving=None)
 
     @cached_property
     def mean(self) -> Array:
@@ -54,7 +58,13 @@ class CalibratedImage:
         """Where a window holds no more than noise, and is black or burnt out (bool)."""
         # `noise` is that of three deviations, and part of `deviation`: a quarter of it is one and a half.
         empty = (self.mean < BLACK) | (self.mean > WHITE)
-        return np.asarray(empty & (self.deviation**2 < 1.25 * self.noise))
+        return np.asarray(empty & (self.deviation**2 < NOISY * self.noise))
+
+    @property
+    def flat(self) -> Array:
+        """Where a window holds no more than noise (bool), and what it shows does not move."""
+        flat = self.deviation**2 < NOISY * self.noise
+        return np.asarray(flat if self.moving is None else flat & ~self.moving)
 
     @cached_property
     def rays(self) -> Array:

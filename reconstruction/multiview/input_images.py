@@ -12,6 +12,7 @@ from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count
+from reconstruction.depth.blank_walls import MIN_BLANK_SHARE
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
@@ -74,6 +75,16 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     return InputImage(camera, instant, colours, photo, view)
 
 
+def _know_movers(image: InputImage, motion: SceneMotion) -> InputImage:
+    """The picture with what moves in it, if its camera took others."""
+    if len(motion.dataset.instants(image.camera)) < 2:
+        return image
+    mask = motion.widened_movers(image.camera, image.instant).astype(np.uint8)
+    return replace(
+        image, calibrated=replace(image.calibrated, moving=undistort_nearest(image.view, mask) > 0)
+    )
+
+
 def load_input_images(
     dataset: Dataset, instants: dict[str, int]
 ) -> tuple[dict[str, InputImage], dict[str, str], str, str]:
@@ -113,4 +124,8 @@ def load_input_images(
             f"fewer than two cameras can be used ({reasons})",
             hint="depth needs two that are calibrated and see the same from different places",
         )
+    if np.mean([image.calibrated.flat.mean() for image in images.values()]) >= MIN_BLANK_SHARE:
+        # Planes are laid on blank walls, and must not be on what moves before them.
+        motion = SceneMotion(dataset, 1)
+        images = {camera: _know_movers(image, motion) for camera, image in images.items()}
     return images, left_out, calibration.source_words, calibration.unit

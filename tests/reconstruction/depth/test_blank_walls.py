@@ -1,12 +1,20 @@
 """Walls with hardly any texture: which planes there are, and that they are laid where pictures are blank."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.reconstruction import blank_scenes
 from capture_app.simulation.rendering.scene import Scene
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.blank_walls import ScenePlane, SurfacePoints, find_scene_planes
+from reconstruction.depth.blank_walls import (
+    ScenePlane,
+    SurfacePoints,
+    extract_blank_part,
+    find_scene_planes,
+)
+from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_source_views
@@ -51,6 +59,19 @@ def test_a_plane_is_where_a_camera_sees_it() -> None:
     pixel = np.array([[120.0, 100.0]])
     depth = 1 / float(plane.inverse_depth_gradient(view) @ view.rays(pixel)[0])
     assert float(view.unproject(pixel, np.array([depth]))[0] @ plane.normal) == pytest.approx(plane.distance)
+
+
+def test_what_moves_is_no_wall() -> None:
+    rng = np.random.default_rng(2)
+    view = View(200, 160, np.diag([300.0, 300.0, 1.0]), np.zeros(5), np.eye(3), np.zeros(3))
+    grey = (128 + rng.normal(0, 1, (160, 200))).astype(np.float32)
+    image = CalibratedImage(view, grey, 5, 9.0)
+    moving = np.zeros((160, 200), bool)
+    moving[40:120, 60:100] = True
+    assert extract_blank_part(image).mask.mean() > 0.95
+    part = extract_blank_part(replace(image, moving=moving))
+    assert not part.mask[moving].any()
+    assert part.mask[~moving].mean() > 0.95
 
 
 @pytest.mark.slow

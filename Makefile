@@ -8,7 +8,8 @@
 # make test-libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
 # make test-mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as test-gige, and Chromium)
 # make test-slurm   batches on a real SLURM of this one machine (root)
-# make test-slow   the other tests, each of some seconds or minutes
+# make test-slow   the tests of some seconds or minutes each
+# make test-long   those that take up to an hour each: every step killed, every bit flipped, odd inputs, an hour held
 # make test-docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test-odd-inputs   200 broken or odd calibrations and inputs through every command of reconstruct (an hour of CPU)
 # make samples   render the sample sessions again from their recipes: the same bytes
@@ -53,7 +54,7 @@ LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 # Tests wait half of their time for processes and screens: more workers than cores.
 WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -105,6 +106,9 @@ test-slow: $(VENV)/.installed-dev
 
 test-docs: $(VENV)/.installed-dev
 	$(BIN)/pytest -m "slow or not slow" -n auto tests/documentation
+
+test-long: $(VENV)/.installed-dev
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m long
 
 test-odd-inputs: $(VENV)/.installed-dev
 	$(BIN)/pytest -m "long or not long" -n auto tests/reconstruction/odd_inputs
@@ -185,7 +189,7 @@ animation: $(VENV)/.installed-dev
 	$(BIN)/python docs/images/take_animation.py
 
 test-crash: $(VENV)/.installed-dev
-	$(BIN)/pytest -m slow tests/session/crashes
+	$(BIN)/pytest -m "slow or long" -n auto tests/session/crashes
 
 screenshots: $(VENV)/.installed
 	$(BIN)/python docs/images/screenshots.py

@@ -58,7 +58,7 @@ async def test_four_nodes_are_aligned_to_30_us_though_no_row_was_known() -> None
     assert quantiles(spreads_ns, n=100)[94] < 30_000
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 @in_stepped_time
 async def test_they_are_held_to_30_us_for_an_hour() -> None:

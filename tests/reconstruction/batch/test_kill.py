@@ -78,7 +78,7 @@ def test_a_batch_killed_twenty_times_resumes(boards: Session, tmp_path: Path) ->
         kill_and_compare(boards, tmp_path / str(seed), 3, seed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_real_units_killed_twenty_times_give_the_same_bytes(boards: Session, tmp_path: Path) -> None:
     chance = random.Random(3)

@@ -117,7 +117,7 @@ def test_a_real_ball_is_there_when_synchronized_and_gone_four_frames_later(throw
 
 
 @pytest.mark.shared
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> None:
     assert len(throw.in_both) >= 27
@@ -127,7 +127,7 @@ def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> 
 
 
 @pytest.mark.shared
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_the_tolerance_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
     options = ("--pair", "L,R", "--max-instants", "8", "--out", str(tmp_path / "out"))

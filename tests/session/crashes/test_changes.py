@@ -39,7 +39,7 @@ def test_a_change_killed_at_some_steps_leaves_a_whole_session(
     check(tmp_path, change, every, least)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("change", list(LEFT))
 def test_a_change_killed_at_every_step_leaves_a_whole_session(tmp_path: Path, change: str) -> None:

@@ -43,7 +43,7 @@ def test_flipped_bits_are_noticed_wherever_they_are(tmp_path: Path) -> None:
     assert verify(session) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
     session = Take(tmp_path).write()

@@ -108,7 +108,7 @@ def test_killed_at_some_steps_one_result_is_whole_and_leftovers_are_mentioned(tm
     assert any(one["next"] == -9 for one in killed(tmp_path, 29, 23))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_killed_at_every_step_and_again_in_the_next_run(tmp_path: Path) -> None:
     assert len(killed(tmp_path, 1, 0)) > 150

@@ -8,11 +8,12 @@ from functools import partial
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import BURST, START_UP, WORST_PAIR
+from benchmarks.simulated.wifi_laws import LOOPBACK
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.simulation.exchanges import TURNAROUND_NS
-from capture_app.simulation.links import LOOPBACK, PAPER_LINK, Channel
+from capture_app.simulation.links import PAPER_LINK, Channel
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.terminal import talk

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.simulated.panel_photographs import difference_ns, read_time
+from benchmarks.simulated.wifi_laws import LOOPBACK
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.panel.simulated import Image, render
-from capture_app.simulation.links import LOOPBACK, PAPER_LINK, Channel, DelayLaw, GammaDelay, Link
+from capture_app.simulation.links import PAPER_LINK, Channel, DelayLaw, GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.simulation.sensor import SensorFrame

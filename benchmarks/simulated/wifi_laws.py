@@ -16,6 +16,9 @@ from capture_app.simulation.links import (
     Link,
 )
 
+LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
+"""From the leader's own camera to the leader: another process of the same machine."""
+
 
 @dataclass(frozen=True, slots=True)
 class LognormalDelay(GammaDelay):

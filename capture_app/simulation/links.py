@@ -1,7 +1,7 @@
-"""Network links in virtual time: laws of one-way delays, loss, spells of trouble, a shared medium, outages.
+"""Network links in virtual time: laws of one-way delays, loss, spells of trouble.
 
-A `Link` is data; a `Channel` is one node's use of it, and remembers its spells and its queue. True times are
-those of the simulation, in ns.
+A `Link` is data; a `Channel` is one node's use of it, and remembers its spells. True times are those of the
+simulation, in ns.
 """
 
 import random
@@ -89,23 +89,6 @@ class QuickMoments:
 
 
 @dataclass(frozen=True, slots=True)
-class Outage:
-    """Nothing passes from this true time on, for so long; both in ns."""
-
-    start_true_ns: int
-    duration_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class SharedMedium:
-    """One radio channel for all links that name it: datagrams queue, with those of other networks."""
-
-    airtime_ns: int = 300_000
-    foreign_load: float = 0.3
-    """Share of the time that other networks use, in datagrams of the same length at random times."""
-
-
-@dataclass(frozen=True, slots=True)
 class Link:
     """A link between a client and its leader; datagrams can overtake each other."""
 
@@ -115,47 +98,13 @@ class Link:
     duplication: float = 0.0
     quick: QuickMoments | None = None
     spells: TroubleSpells | None = None
-    medium: SharedMedium | None = None
-    outages: tuple[Outage, ...] = ()
-
-
-LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
-"""From the leader's own camera to the leader: another process of the same machine."""
-
-
-class MediumQueue:
-    """The queue of a medium in use."""
-
-    def __init__(self, medium: SharedMedium) -> None:
-        self.medium = medium
-        self._at_true_ns = 0.0
-        self._work_ns = 0.0
-
-    def enter(self, true_ns: int, rng: random.Random) -> int:
-        """Queue a datagram at a true time in ns, no earlier than the last; return when it has left, in ns."""
-        airtime_ns = self.medium.airtime_ns
-        if self.medium.foreign_load > 0.0:
-            # An idle stretch longer than this has been forgotten.
-            self._at_true_ns = max(self._at_true_ns, true_ns - 200.0 * airtime_ns)
-            rate = self.medium.foreign_load / airtime_ns
-            while (gap_ns := rng.expovariate(rate)) <= true_ns - self._at_true_ns:
-                self._pass(gap_ns)
-                self._work_ns += airtime_ns
-        self._pass(true_ns - self._at_true_ns)
-        self._work_ns += airtime_ns
-        return round(true_ns + self._work_ns)
-
-    def _pass(self, gap_ns: float) -> None:
-        self._work_ns = max(0.0, self._work_ns - gap_ns)
-        self._at_true_ns += gap_ns
 
 
 class Channel:
-    """A link in use by one node; nodes that share a medium share its `MediumQueue`."""
+    """A link in use by one node."""
 
-    def __init__(self, link: Link, queue: MediumQueue | None = None) -> None:
+    def __init__(self, link: Link) -> None:
         self.link = link
-        self._queue = queue if queue is not None or link.medium is None else MediumQueue(link.medium)
         self._trouble = False
         self._turns_true_ns: float | None = None
         self._first_true_ns: int | None = None
@@ -164,8 +113,6 @@ class Channel:
     def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
         """Return the delays in ns at which copies of one datagram arrive: none, one or two."""
         link = self.link
-        if any(0 <= true_ns - o.start_true_ns < o.duration_ns for o in link.outages):
-            return []
         extra_ns = 0.0
         if link.spells is not None and self._in_trouble(link.spells, true_ns, rng):
             if rng.random() < link.spells.loss:
@@ -173,8 +120,6 @@ class Channel:
             extra_ns = rng.expovariate(1.0 / link.spells.extra_ns)
         if rng.random() < link.loss:
             return []
-        if self._queue is not None:
-            extra_ns += self._queue.enter(true_ns, rng) - true_ns
         copies = 2 if rng.random() < link.duplication else 1
         by_way: Link | QuickMoments = link
         if link.quick is not None and self._is_quick(link.quick, true_ns, rng):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from capture_app.clock import NodeClock
-from capture_app.simulation.links import PAPER_LINK, Channel, Link, MediumQueue, SharedMedium
+from capture_app.simulation.links import PAPER_LINK, Channel, Link
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
@@ -135,7 +135,6 @@ class VirtualRig:
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
         self._time = VirtualTime()
-        self._media: dict[SharedMedium, MediumQueue] = {}
         self._leader_timer = Timer(self._time, self._pump_leader)
         rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns)
         self._config = LeaderConfig(0, 0, rig, beacons=beacons)
@@ -168,7 +167,7 @@ class VirtualRig:
         client: Client[SensorFrame] = Client(config, rng, spec.schedule(), samples=spec.samples)
         if spec.any_clock:
             client.time.timekeeper.target = AccuracyTarget()
-        node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
+        node = VirtualNode(spec, Sensor(spec.profile, rng), client, Channel(spec.link))
         node.timer = Timer(self._time, self._pump, node)
         self.nodes[spec.name] = node
         self._start_stream(node)
@@ -224,12 +223,6 @@ class VirtualRig:
         return len(clients) == len(self.nodes) and all(c.report.state in states for c in clients)
 
     # The world
-
-    def _channel(self, link: Link) -> Channel:
-        """Open a link; all who name the same medium share its queue."""
-        if link.medium is None:
-            return Channel(link)
-        return Channel(link, self._media.setdefault(link.medium, MediumQueue(link.medium)))
 
     def _start_stream(self, node: VirtualNode) -> None:
         if not node.alive:

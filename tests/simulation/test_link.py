@@ -14,10 +14,7 @@ from capture_app.simulation.links import (
     Channel,
     GammaDelay,
     Link,
-    MediumQueue,
-    Outage,
     ReplayedDelay,
-    SharedMedium,
     TroubleSpells,
 )
 
@@ -39,13 +36,6 @@ def test_a_channel_without_memory_draws_as_its_link_does() -> None:
         assert channel.deliveries("to_client", i, one) == expected()
 
 
-def test_nothing_passes_in_an_outage() -> None:
-    channel = Channel(Link(STEADY, STEADY, outages=(Outage(2 * S, S),)))
-    rng = random.Random(1)
-    passed = [bool(channel.deliveries("to_leader", t * S // 2, rng)) for t in range(8)]
-    assert passed == [True] * 4 + [False] * 2 + [True] * 2
-
-
 def test_trouble_comes_in_bursts() -> None:
     spells = TroubleSpells(calm_ns=2 * S, trouble_ns=S, extra_ns=5 * MS, loss=0.0)
     channel, rng = Channel(Link(STEADY, STEADY, spells=spells)), random.Random(2)
@@ -54,22 +44,6 @@ def test_trouble_comes_in_bursts() -> None:
     assert share == pytest.approx(1 / 3, abs=0.06)
     after_late = sum(b for a, b in pairwise(late) if a) / sum(late)
     assert after_late > 0.9
-
-
-def test_those_who_share_a_medium_wait_for_each_other() -> None:
-    medium = SharedMedium(airtime_ns=MS, foreign_load=0.0)
-    air, rng = MediumQueue(medium), random.Random(1)
-    channels = [Channel(Link(STEADY, STEADY, medium=medium), air) for _ in range(5)]
-    delays = [channel.deliveries("to_leader", 7, rng)[0] for channel in channels]
-    assert [round(d / MS, 1) for d in delays] == [1.5, 2.5, 3.5, 4.5, 5.5]
-    assert channels[0].deliveries("to_leader", 7 + 20 * MS, rng)[0] == pytest.approx(1.5 * MS, abs=10)
-
-
-def test_strangers_make_a_queue_as_queueing_theory_has_it() -> None:
-    """M/D/1: the mean wait is airtime * load / (2 (1 - load))."""
-    air, rng = MediumQueue(SharedMedium(airtime_ns=MS, foreign_load=0.6)), random.Random(5)
-    waits = [air.enter(i * 50 * MS, rng) - i * 50 * MS - MS for i in range(8000)]
-    assert sum(waits) / len(waits) / MS == pytest.approx(0.6 / (2 * 0.4), rel=0.1)
 
 
 def test_a_replayed_law_goes_by_the_time() -> None:

@@ -156,16 +156,11 @@ def _card_without_manifest(folder: Path) -> SessionCard:
         return SessionCard(
             folder=folder, state=SessionState.UNREADABLE, problem=f"{folder}: {error.strerror}"
         )
-    state, problem, remedy = (
-        SessionState.WRITING,
-        "its images are still coming in",
-        "wait until the burst is saved",
-    )
-    if not writing:
-        state, problem = (
-            SessionState.INTERRUPTED,
-            "its capture ended before it was saved whole; the images that came are safe",
-        )
-        remedy = f"capture-app sessions repair {folder}"
+    if writing:
+        state, remedy = SessionState.WRITING, "wait until the burst is saved"
+        problem = "its images are still coming in"
+    else:
+        state, remedy = SessionState.INTERRUPTED, f"capture-app sessions repair {folder}"
+        problem = "its capture ended before it was saved whole; the images that came are safe"
     created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
     return SessionCard(folder=folder, created=created, state=state, problem=problem, remedy=remedy)

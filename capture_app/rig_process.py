@@ -22,7 +22,7 @@ from capture_app.net.interfaces import own_hosts
 from capture_app.node.child import error_of_exit
 from capture_app.node.requests import ask_status, give_order
 from capture_app.node.wire.operating import AddCamera
-from capture_app.session.files.durable import write_atomic_unsynced
+from capture_app.session.files.durable import write_atomic
 
 START_TIMEOUT_S = 60.0
 CHECK_EVERY_S = 0.1
@@ -80,7 +80,7 @@ def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> I
     path = rigs_folder() / f"{rig.pid}.json"
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic_unsynced(path, msgspec.json.encode(rig))
+        write_atomic(path, msgspec.json.encode(rig))
     try:
         yield
     finally:

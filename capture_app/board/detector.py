@@ -1,6 +1,7 @@
 """Detects a board in pictures: one with markers printed light or dark, from its front or its back."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import cv2
@@ -14,58 +15,39 @@ Corners = dict[int, NDArray[Any]]
 """Pixels (2,) of the board's corners by their number."""
 
 
-@dataclass(frozen=True)
-class BoardAppearance:
-    """How a picture is changed before the board is detected in it.
+class BoardDetector:
+    """Detects a board; the appearance that one with markers had last time is tried first.
 
-    `dark`: brightness turned round, for boards printed white on black. `back`: left and right turned round,
-    for the back of a board that was printed on both sides or on glass, as cameras on two sides of it need.
+    It may be dark, printed white on black; and seen from the back of a print on both sides or on glass, as
+    cameras on two sides of it need.
     """
 
-    dark: bool = False
-    back: bool = False
-
-
-class BoardDetector:
-    """Detects a board; the appearance it had last time is tried first."""
-
     def __init__(self, board: Board) -> None:
-        self._plain = board if isinstance(board, Checkerboard) else None
-        self._detector = (
-            cv2.aruco.CharucoDetector(board.to_opencv()) if isinstance(board, CharucoBoard) else None
-        )
         self._places = np.asarray(board.places, np.float64)[:, :2]
-        self._appearances = [BoardAppearance(dark, back) for dark in (False, True) for back in (False, True)]
+        self._find: Callable[[NDArray[Any]], Corners]
+        if isinstance(board, Checkerboard):
+            self._find, self._appearances = board.detect, [(False, False)]
+        else:
+            self._find = partial(_find_marked, cv2.aruco.CharucoDetector(board.to_opencv()))
+            self._appearances = [(dark, back) for dark in (False, True) for back in (False, True)]
 
     def detect(self, grey: NDArray[Any]) -> Corners:
         """Pixels of the board's corners by their number in a picture (uint8); none = it is not there."""
-        if self._plain is not None:
-            found = self._plain.detect(grey)
-            flat = found and is_flat_board(self._places, np.array(list(found.values())))
-            return found if flat else {}
-        for appearance in self._appearances:
-            found = self._detect_as(appearance, grey)
-            if found:
-                self._appearances.remove(appearance)
-                self._appearances.insert(0, appearance)
-                return found
+        for dark, back in self._appearances:
+            seen = 255 - grey if dark else grey
+            found = self._find(np.ascontiguousarray(seen[:, ::-1]) if back else seen)
+            if found and is_flat_board(self._places[[*found]], np.array([*found.values()])):
+                self._appearances.sort(key=lambda one: one != (dark, back))
+                last = grey.shape[1] - 1
+                return {n: np.array([last - x, y]) for n, (x, y) in found.items()} if back else found
         return {}
 
-    def _detect_as(self, appearance: BoardAppearance, grey: NDArray[Any]) -> Corners:
-        seen = 255 - grey if appearance.dark else grey
-        if appearance.back:
-            seen = np.ascontiguousarray(seen[:, ::-1])
-        if self._detector is None:
-            return {}
-        at, numbers, _, _ = self._detector.detectBoard(seen)
-        if numbers is None or len(numbers) < MIN_CORNERS:
-            return {}
-        ids, pixels = np.ravel(numbers), np.asarray(at, float).reshape(-1, 2)
-        if not is_flat_board(self._places[ids], pixels):
-            return {}
-        if appearance.back:
-            pixels[:, 0] = grey.shape[1] - 1 - pixels[:, 0]
-        return dict(zip(ids.tolist(), pixels, strict=True))
+
+def _find_marked(detector: cv2.aruco.CharucoDetector, grey: NDArray[Any]) -> Corners:
+    at, numbers, _, _ = detector.detectBoard(grey)
+    if numbers is None or len(numbers) < MIN_CORNERS:
+        return {}
+    return dict(zip(np.ravel(numbers).tolist(), np.asarray(at, float).reshape(-1, 2), strict=True))
 
 
 MAX_BEND_SHARE = 0.03

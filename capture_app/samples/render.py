@@ -125,11 +125,10 @@ def _render_frame(
         dropped=False,
     )
     seed = stable_seed(f"{recipe.seed}/{taken.camera}/{taken.true_ns}")
-    truth = SimulatedTruth(source, frame).encode() if recipe.depth else None
-    writer.add_ground_truth(taken.camera, taken.instant, truth, taken.true_ns)
     writer.add_image(
         SimulatedPicture(source, frame, seed, recipe.jpeg_quality).encode(),
-        **{name: value for name, value in msgspec.structs.asdict(taken).items() if name != "true_ns"},
+        truth=SimulatedTruth(source, frame).encode() if recipe.depth else b"",
+        **msgspec.structs.asdict(taken),
         residual_ns=taken.leader_ns - take.burst.instants_ns[taken.instant],
         gain=1.0,
         white_balance=(1.0, 1.0),

@@ -85,18 +85,13 @@ class SensorProfile:
         return self.frame_length_rows * self.row_time_ns
 
     @property
-    def min_frame_duration_ns(self) -> int | None:
-        """Shortest time that a frame can be made to last; None where durations cannot be set."""
+    def frame_durations_ns(self) -> tuple[int, int] | tuple[None, None]:
+        """Shortest and longest time that a frame can be made to last; None where durations cannot be set."""
         if self.phase_control is not PhaseControl.FRAME_DURATION:
-            return None
-        return (self.min_frame_rows or self.frame_length_rows) * self.row_time_ns
-
-    @property
-    def max_frame_duration_ns(self) -> int | None:
-        """Longest time that a frame can be made to last; None where durations cannot be set."""
-        if self.phase_control is not PhaseControl.FRAME_DURATION:
-            return None
-        return (self.max_frame_rows or 4 * self.frame_length_rows) * self.row_time_ns
+            return None, None
+        least = self.min_frame_rows or self.frame_length_rows
+        most = self.max_frame_rows or 4 * self.frame_length_rows
+        return least * self.row_time_ns, most * self.row_time_ns
 
     @property
     def neutral_rows(self) -> int:
@@ -229,7 +224,7 @@ def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
         exposure_ns=profile.whole_rows(profile.exposure_ns) * profile.row_time_ns,
         min_exposure_ns=profile.min_exposure_ns,
         max_exposure_ns=profile.max_exposure_ns,
-        min_frame_duration_ns=profile.min_frame_duration_ns,
-        max_frame_duration_ns=profile.max_frame_duration_ns,
+        min_frame_duration_ns=profile.frame_durations_ns[0],
+        max_frame_duration_ns=profile.frame_durations_ns[1],
     )
     return facts if profile.stamp_bias_ns is None else structs.replace(facts, stamp=facts.assumed_stamp)

@@ -64,11 +64,6 @@ class Sensor:
         self._exposure_rows: dict[int, int] = {}
         self._length_rows: dict[int, int] = {}
 
-    @property
-    def true_period_ns(self) -> float:
-        """Period of this device's stream in true time, its crystal's error included."""
-        return self.profile.period_ns * (1.0 + self._error_ppb * 1e-9)
-
     def start(self, true_ns: int) -> None:
         """Start a stream; its first frame comes after the start latency. Raises CameraError if it runs."""
         if self.streaming:
@@ -122,7 +117,7 @@ class Sensor:
         The duration is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
         one frame each. Raises CameraError where the sensor cannot do that or does not stream.
         """
-        least_ns, most_ns = self.profile.min_frame_duration_ns, self.profile.max_frame_duration_ns
+        least_ns, most_ns = self.profile.frame_durations_ns
         if least_ns is None or most_ns is None:
             raise CameraError(f"the frame duration of a simulated {self.profile.name} cannot be set")
         if not self.streaming:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from platformdirs import user_config_path
 
-from capture_app.session.files.durable import write_atomic_unsynced
+from capture_app.session.files.durable import write_atomic
 
 Choice = str | int | float | bool
 C = TypeVar("C", bound=Choice)
@@ -68,7 +68,7 @@ class Settings:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.choices, indent=2, sort_keys=True)
-        write_atomic_unsynced(self.folder / CHOICES_FILE, text.encode() + b"\n")
+        write_atomic(self.folder / CHOICES_FILE, text.encode() + b"\n")
 
     def _read(self, name: str) -> dict[str, Any]:
         assert self.folder is not None

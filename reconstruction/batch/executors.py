@@ -25,7 +25,7 @@ import msgspec
 
 from capture_app.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
 from capture_app.optional_packages import load_optional
-from capture_app.session.files.durable import write_atomic_unsynced
+from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
 from reconstruction.common.memory import (
     DEFAULT_SHARE,
@@ -196,7 +196,7 @@ class SlurmExecutor:
                 some = new[first : first + LARGEST_ARRAY]
                 for unit, job in zip(some, self._submit(task, some, root, folder), strict=True):
                     jobs[unit.key] = job
-                    write_atomic_unsynced(_job_file(folder, unit), f"{job.job_id}\n".encode())
+                    write_atomic(_job_file(folder, unit), f"{job.job_id}\n".encode())
             yield from _wait_for(jobs)
         finally:
             _cancel([job.job_id for job in jobs.values()])

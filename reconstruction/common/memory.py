@@ -10,15 +10,16 @@ import resource
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from capture_app.errors import BadInputError
 
 if TYPE_CHECKING:
     from reconstruction.common.geometry import Array
 
+T = TypeVar("T")
 _UNLIMITED = 1 << 62
 
 
@@ -140,20 +141,24 @@ def memory_budget() -> MemoryBudget:
     return _running[-1] if _running else MemoryBudget(default_budget())
 
 
-@contextmanager
-def limited_memory(limit_bytes: int | None = None) -> Iterator[MemoryBudget]:
+def limited_memory(limit_bytes: int | None = None) -> AbstractContextManager[MemoryBudget]:
     """Set the budget of what runs within; None = `default_budget`."""
-    asked = limit_bytes is not None
-    budget = MemoryBudget(limit_bytes if limit_bytes is not None else default_budget(), asked_for=asked)
-    _running.append(budget)
-    try:
-        yield budget
-    finally:
-        _running.remove(budget)
+    size = default_budget() if limit_bytes is None else limit_bytes
+    return running(_running, MemoryBudget(size, asked_for=limit_bytes is not None))
 
 
 _running: list[MemoryBudget] = []
 """Budgets of this process, the innermost last: memory is the process's, whichever thread asks."""
+
+
+@contextmanager
+def running(stack: list[T], one: T) -> Iterator[T]:
+    """Let something be the innermost of what runs in this process."""
+    stack.append(one)
+    try:
+        yield one
+    finally:
+        stack.remove(one)
 
 
 def default_budget() -> int:

@@ -5,11 +5,11 @@ result, or refused.
 """
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from capture_app.errors import IncompleteError
+from reconstruction.common.memory import running
 
 _VERIFY = "capture-app sessions verify checks every image"
 
@@ -56,15 +56,9 @@ def picture_checks() -> PictureChecks:
     return _running[-1] if _running else PictureChecks(required=False)
 
 
-@contextmanager
-def checked_pictures(*, required: bool) -> Iterator[PictureChecks]:
+def checked_pictures(*, required: bool) -> AbstractContextManager[PictureChecks]:
     """Check the pictures that are read within."""
-    checks = PictureChecks(required=required)
-    _running.append(checks)
-    try:
-        yield checks
-    finally:
-        _running.remove(checks)
+    return running(_running, PictureChecks(required=required))
 
 
 _running: list[PictureChecks] = []

@@ -155,11 +155,12 @@ def write_session(
                 continue
             time = 0.0 if frozen else k + (late or {}).get(name, 0.0)
             image, depth, movers = scene.look(moved(view, time), time)
-            add_image(writer, name, k, image)
+            known: dict[str, Any] = {}
             if truth:
                 packed = BytesIO()
                 np.savez(packed, depth_m=depth, objects=movers.astype(np.uint8), movers=movers)
-                writer.add_ground_truth(name, k, packed.getvalue(), k * PERIOD_NS)
+                known = {"truth": packed.getvalue(), "true_ns": k * PERIOD_NS}
+            add_image(writer, name, k, image, **known)
     if calibrated:
         writer.set_calibration(
             Calibration(cameras={name: v.to_calibration() for name, v in views.items()}, source="boards")
@@ -167,10 +168,10 @@ def write_session(
     return finish_session(writer, views, instants)
 
 
-def add_image(writer: SessionWriter, name: str, instant: int, image: Array) -> None:
+def add_image(writer: SessionWriter, name: str, instant: int, image: Array, **truth: Any) -> None:
     """One camera's image (grey, uint8) of an instant."""
-    data = cv2.imencode(".png", image)[1].tobytes()
-    writer.add_image(data, camera=name, instant=instant, leader_ns=instant * PERIOD_NS, suffix=".png")
+    data, at_ns = cv2.imencode(".png", image)[1].tobytes(), instant * PERIOD_NS
+    writer.add_image(data, camera=name, instant=instant, leader_ns=at_ns, suffix=".png", **truth)
 
 
 def finish_session(writer: SessionWriter, names: Iterable[str], instants: int) -> Session:

@@ -72,6 +72,9 @@ def fill(writer: SessionWriter) -> Session:
             if (camera, number) == ("right", 2):
                 continue
             leader_ns = instant_ns + residual_ns
+            truth: dict[str, Any] = (
+                {"truth": b"npz", "true_ns": 77} if (camera, number) == ("left", 0) else {}
+            )
             writer.add_image(
                 jpeg(number),
                 camera=camera,
@@ -85,9 +88,9 @@ def fill(writer: SessionWriter) -> Session:
                 gain=1.5,
                 white_balance=(1.9, 1.4),
                 sequence=number,
+                **truth,
             )
     writer.add_event({"event": "aligned", "camera": "left", "phase_ns": 12})
-    writer.add_ground_truth("left", 0, b"npz", 77)
     writer.set_ground_truth_clocks({"left": SimulatedClock(5)})
     return writer.finish(
         [camera_record("left"), camera_record("right")],

@@ -106,13 +106,8 @@ def free_name(path: Path) -> Path:
 
 def write_atomic(path: Path, data: bytes) -> None:
     """Write a file so that after a crash it is there in full or not at all; replaces an older one."""
-    write_atomic_unsynced(path, data)
-    sync_folder(path.parent)
-
-
-def write_atomic_unsynced(path: Path, data: bytes) -> None:
-    """Do the same but for the last step: the name outlives a power cut only once its folder is synced."""
     _write_aside(path, data, synced=True)
+    sync_folder(path.parent)
 
 
 def write_unsynced(path: Path, data: bytes) -> None:

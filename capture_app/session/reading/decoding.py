@@ -23,7 +23,7 @@ def decode_image(
     a half, quarter or eighth of its size (2, 4 or 8), which takes far less time. `upright`: of 8 bits and
     turned as its EXIF says, which no other image is.
     """
-    told = told_size(data)
+    told = size_of(data)
     if told is not None and told[0] * told[1] > MOST_PIXELS:
         return None
     import cv2  # heavy: only where images are looked at
@@ -42,11 +42,6 @@ def decode_image(
     except cv2.error:
         return None
     return image
-
-
-def told_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in pixels as an image file's first bytes tell them; None where they do not."""
-    return size_of(data)
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:

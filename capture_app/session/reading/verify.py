@@ -25,7 +25,8 @@ from capture_app.session.format.manifest import (
     ImageRecord,
 )
 from capture_app.session.reading.checksums import changed_files
-from capture_app.session.reading.decoding import image_size, told_size
+from capture_app.session.reading.decoding import image_size
+from capture_app.session.reading.file_headers import size_of
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import computed_sync
 
@@ -140,7 +141,7 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
 
 
 def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> Iterator[Problem]:
-    told, own = told_size(data), (camera.facts.width, camera.facts.height)
+    told, own = size_of(data), (camera.facts.width, camera.facts.height)
     # What is of another size need not be decoded, and might not fit into memory.
     size = told if told is not None and (told != own or not in_full) else image_size(data)
     if size is None:

@@ -62,7 +62,15 @@ class StoredImage:
 
 
 def image_of_bytes(
-    data: bytes, *, camera: str, instant: int, leader_ns: int, suffix: str, **further: Any
+    data: bytes,
+    *,
+    camera: str,
+    instant: int,
+    leader_ns: int,
+    suffix: str,
+    truth: bytes,
+    true_ns: int | None,
+    **further: Any,
 ) -> StoredImage:
     """An image of these bytes. Raises BadInputError as `SessionWriter.add_image` does."""
     check_name(camera, "camera")
@@ -81,7 +89,7 @@ def image_of_bytes(
         sha256=hashlib.sha256(data).hexdigest(),
         **further,
     )
-    return StoredImage(record, data)
+    return StoredImage(record, data, truth, true_ns)
 
 
 class NewFolders:
@@ -239,12 +247,6 @@ class ImageStore:
                 with suppress(OSError):
                     (self._folder / images[place].record.path).unlink()
         return errors
-
-    def add_truth(self, camera: str, instant: int, true_ns: int, data: bytes | None) -> None:
-        """Save the truth of an image alone. Raises OSError."""
-        failed = self._folders.sync(self.truth.add(camera, instant, true_ns, data))
-        for error in failed.values():
-            raise error
 
     def close(self) -> None:
         """Close the journals: all that is saved is in them already."""

@@ -162,15 +162,32 @@ class SessionWriter:
             self._know_plan(plan)
 
     def add_image(
-        self, data: bytes, *, camera: str, instant: int, leader_ns: int, suffix: str = ".jpg", **further: Any
+        self,
+        data: bytes,
+        *,
+        camera: str,
+        instant: int,
+        leader_ns: int,
+        suffix: str = ".jpg",
+        truth: bytes = b"",
+        true_ns: int | None = None,
+        **further: Any,
     ) -> ImageRecord:
         """Save one image's file bytes as they are; once this returns no crash can lose it.
 
-        `further` are the fields of its ImageRecord that are known. Raises BadInputError for an unsafe camera
-        name, an unknown kind of file, an empty image, or an image that the session has already.
+        `truth` and `true_ns` are those of `StoredImage`, `further` what is known of its ImageRecord. Raises
+        BadInputError for an unsafe camera name, an unknown kind of file, an empty image, or one that is there
+        already.
         """
         image = image_of_bytes(
-            data, camera=camera, instant=instant, leader_ns=leader_ns, suffix=suffix, **further
+            data,
+            camera=camera,
+            instant=instant,
+            leader_ns=leader_ns,
+            suffix=suffix,
+            truth=truth,
+            true_ns=true_ns,
+            **further,
         )
         for error in self.save([image]):
             if error is not None:
@@ -206,15 +223,6 @@ class SessionWriter:
         """Append what the engine saw or did to events.ndjson."""
         with self._writing():
             self._events.append(*(msgspec.json.encode(event) for event in events), durable=False)
-
-    def add_ground_truth(self, camera: str, instant: int, data: bytes | None, true_ns: int) -> None:
-        """Save the .npz of a simulated image and its true first-row time in ns of the host's clock.
-
-        `data` is None where there is no .npz, only the time.
-        """
-        check_name(camera, "camera")
-        with self._writing():
-            self._images.add_truth(camera, instant, true_ns, data)
 
     @property
     def knows_true_times(self) -> bool:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.reading.decoding import decode_image, told_size
+from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.file_headers import size_of
 from capture_app.simulation.sensor import SensorFrame
 
 if TYPE_CHECKING:
@@ -201,7 +202,7 @@ class Replay(PictureSource):
         starts = [b"", *[_START] * (len(parts) - 1)]
         ends = [*[_END] * (len(parts) - 1), b""]
         jpegs = tuple(start + part + end for start, part, end in zip(starts, parts, ends, strict=True))
-        sizes = {told_size(jpeg) for jpeg in jpegs}
+        sizes = {size_of(jpeg) for jpeg in jpegs}
         known = sizes.pop()
         if known is None or sizes:
             raise BadInputError(f"{path} does not hold JPEGs of one size, one behind the other")

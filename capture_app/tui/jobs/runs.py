@@ -18,7 +18,7 @@ import msgspec
 
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.node.child import Child
-from capture_app.session.files.durable import write_atomic_unsynced
+from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.files.strangers import read_regular
 from capture_app.session.library.changes import RESULTS, results_folder
@@ -235,10 +235,10 @@ class Runs:
             return str(absolute.relative_to(root) if absolute.is_relative_to(root) else absolute)
 
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic_unsynced(path, pretty_json(msgspec.to_builtins(run, enc_hook=shorten)))
+        write_atomic(path, pretty_json(msgspec.to_builtins(run, enc_hook=shorten)))
         if run.state.is_over:
             log = "".join(f"{line}\n" for line in self._said[run.key])
-            write_atomic_unsynced(path.with_suffix(".log"), log.encode(errors="replace"))
+            write_atomic(path.with_suffix(".log"), log.encode(errors="replace"))
         else:
             path.with_suffix(".log").unlink(missing_ok=True)
 

@@ -15,7 +15,6 @@ def test_pictures_are_no_nearer_to_their_instants_than_their_stamps_are_known(tm
     writer = SessionWriter.create(tmp_path, "small")
     data = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
     for camera, residual_ns in (("left", 4_000), ("right", -9_000)):
-        times = {"leader_ns": residual_ns, "residual_ns": residual_ns}
         writer.add_image(
             data,
             camera=camera,
@@ -23,7 +22,8 @@ def test_pictures_are_no_nearer_to_their_instants_than_their_stamps_are_known(tm
             suffix=".png",
             uncertainty_ns=20_000,
             hard_bound_ns=250_000,
-            **times,
+            leader_ns=residual_ns,
+            residual_ns=residual_ns,
         )
     session = finish_session(writer, ("left", "right"), 1)
     known = Dataset.open(session.folder)

@@ -54,8 +54,10 @@ class Take:
 
     def add(self, writer: SessionWriter, name: str, instant: int) -> None:
         data = jpeg(instant)
-        writer.add_ground_truth(name, instant, b"truth" * 99, PERIOD_NS * instant)
-        writer.add_image(data, camera=name, instant=instant, leader_ns=PERIOD_NS * instant, gain=0.1)
+        at_ns, truth = PERIOD_NS * instant, b"truth" * 99
+        writer.add_image(
+            data, camera=name, instant=instant, leader_ns=at_ns, gain=0.1, truth=truth, true_ns=at_ns
+        )
         self.confirmed[name, instant] = data
 
     def end(self, writer: SessionWriter) -> Session:

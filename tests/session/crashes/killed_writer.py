@@ -76,8 +76,10 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
             for camera in range(CAMERAS):
                 if (instant * CAMERAS + camera) % threads == mine:
                     name, at_ns = f"cam{camera}", PERIOD_NS * instant
-                    writer.add_ground_truth(name, instant, b"truth", at_ns)
-                    writer.add_image(picture(camera, instant), camera=name, instant=instant, leader_ns=at_ns)
+                    data = picture(camera, instant)
+                    writer.add_image(
+                        data, camera=name, instant=instant, leader_ns=at_ns, truth=b"truth", true_ns=at_ns
+                    )
                     REAL["write"](confirmed, bytes((camera, instant)))
 
     ways: dict[str, Callable[[], None]] = {

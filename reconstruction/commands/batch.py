@@ -9,11 +9,11 @@ from capture_app.errors import ExitCode, SimulshotError
 from capture_app.terminal import answer, json_option
 from capture_app.usage import examples
 from reconstruction.commands.options import (
+    CONDITION,
     CONDITION_HELP,
     matcher_option,
     memory_option,
     out_option,
-    parse_condition,
     parse_instants,
     time_shift_option,
 )
@@ -30,7 +30,7 @@ from reconstruction.session.conditions import SYNCED
 @click.option(
     "--condition",
     "conditions",
-    type=parse_condition,
+    type=CONDITION,
     metavar="CONDITION",
     multiple=True,
     default=(SYNCED,),

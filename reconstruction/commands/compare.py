@@ -58,7 +58,7 @@ def _refuse_synced(
 @click.option(
     "--condition",
     "conditions",
-    type=options.parse_condition,
+    type=options.CONDITION,
     metavar="CONDITION",
     multiple=True,
     callback=_refuse_synced,

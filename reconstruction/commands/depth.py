@@ -73,7 +73,7 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
 )
 @click.option(
     "--condition",
-    type=options.parse_condition,
+    type=options.CONDITION,
     metavar="CONDITION",
     default=SYNCED,
     help=options.CONDITION_HELP,

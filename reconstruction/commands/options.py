@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.errors import BadInputError
-from capture_app.terminal import talk
+from capture_app.terminal import ParsedType, talk
 from reconstruction.common.memory import limited_memory, parse_size
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
 from reconstruction.session.picture_checksums import checked_pictures
@@ -43,20 +42,8 @@ def parse_instants(text: str) -> tuple[int, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def parse_condition(text: str) -> Condition:
-    """Read how late each camera's images are: see `CONDITION_HELP` and `Condition.parse`."""
-    try:
-        return Condition.parse(text)
-    except BadInputError as error:
-        raise click.BadParameter(str(error)) from error
-
-
-def parse_memory(text: str) -> int:
-    """Read a size of memory, bytes."""
-    try:
-        return parse_size(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
+CONDITION = ParsedType("condition", Condition.parse)
+"""How late each camera's images are: see `CONDITION_HELP`."""
 
 
 def memory_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -64,7 +51,7 @@ def memory_option(command: Callable[..., None]) -> Callable[..., None]:
 
     @click.option(
         "--memory",
-        type=parse_memory,
+        type=ParsedType("size", parse_size),
         metavar="SIZE",
         show_default="half of what is free, at most 3 GiB",
         help="Memory for pictures and dense work, as in 800MB or 8GB; what takes more is made smaller.",

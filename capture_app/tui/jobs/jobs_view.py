@@ -102,9 +102,7 @@ class JobsView(ModeView):
         """The list is what is driven here."""
         (self._rows if self._runs.all else self).focus()
 
-    def on_focus(self) -> None:
-        """Pass the focus on, too, where the runs were found just before it came."""
-        self.focus_first()
+    on_focus = focus_first
 
     def on_mode_shown(self) -> None:
         """Catch up with what happened meanwhile."""

@@ -36,38 +36,36 @@ def verdict_lines(text: str, width: int) -> list[Content]:
     )
 
 
-def figure_lines(result: StudyResult, width: int) -> list[Content]:
+def figure_lines(result: StudyResult, width: int) -> Iterator[Content]:
     """The verdict, the tables, and what was not measured, in lines of a width."""
-    lines = [*verdict_lines(result.verdict, width), Content("")]
+    yield from (*verdict_lines(result.verdict, width), Content(""))
     for table in result.tables:
-        lines += [*_table(table, width), Content("")]
+        yield from (*_table(table, width), Content(""))
     for remark in result.remarks:
-        lines += Content.styled(printable(remark), "$foreground-muted").wrap(width)
-    return lines
+        yield from Content.styled(printable(remark), "$foreground-muted").wrap(width)
 
 
-def _table(table: ResultTable, width: int) -> list[Content]:
+def _table(table: ResultTable, width: int) -> Iterator[Content]:
     """A table as lines: groups above the conditions, numbers to the right."""
     rows = [tuple(printable(cell) for cell in row) for row in table.rows]
     columns = zip_longest(table.columns, *(row[1:] for row in rows), fillvalue="")
     widths = [max(map(len, column)) for column in columns]
     longest = max((len(row[0]) for row in rows), default=12)
     name = max(12, min(longest, width - sum(widths) - 2 * len(widths)))
-    lines = [Content.styled(printable(table.caption), "bold $primary").truncate(width, ellipsis=True)]
+    yield Content.styled(printable(table.caption), "bold $primary").truncate(width, ellipsis=True)
     if any(table.groups):
         groups = "".join(
             f"  {_cut(group.replace('Things at rest', 'At rest'), room):>{room}}"
             for group, room in _spans(table, widths)
         )
-        lines.append(Content.styled(f"{'':<{name}}{groups}", "$foreground-muted"))
+        yield Content.styled(f"{'':<{name}}{groups}", "$foreground-muted")
     heads = "".join(f"  {head:>{room}}" for head, room in zip(table.columns, widths, strict=True))
-    lines.append(Content.styled(f"{'':<{name}}{heads}", "$foreground-muted"))
+    yield Content.styled(f"{'':<{name}}{heads}", "$foreground-muted")
     styles = [_style(table, at) for at in range(len(widths))]
     for row in rows:
         cells = zip(row[1:], widths, styles, strict=False)
         parts = [Content.styled(f"  {cell:>{room}}", style) for cell, room, style in cells]
-        lines.append(Content("").join([Content(f"{_cut(row[0], name):<{name}}"), *parts]))
-    return lines
+        yield Content("").join([Content(f"{_cut(row[0], name):<{name}}"), *parts])
 
 
 def _style(table: ResultTable, at: int) -> str:
@@ -130,10 +128,6 @@ class ResultScreen(WholeScreen[None]):
     def on_mount(self) -> None:
         """Begin to blink, as soon as that is wanted."""
         self.set_interval(BLINK_S, self._blink)
-
-    def on_resize(self) -> None:
-        """Side by side where there is room for both."""
-        self._lay_out()
 
     @property
     def picture(self) -> ResultPicture | None:
@@ -200,6 +194,8 @@ class ResultScreen(WholeScreen[None]):
         if self._figures and not both:
             self._text.focus()
         self.call_after_refresh(self._show)
+
+    on_resize = _lay_out
 
     def _show(self) -> None:
         width = max(24, self._text.scrollable_content_region.width or self.size.width - 4)

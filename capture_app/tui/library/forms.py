@@ -80,19 +80,11 @@ class ChoiceForm(BoxDialog[Choice | None]):
         self._line.value = self._choices[event.option_index].text
         self._show()
 
-    def on_option_list_option_selected(self) -> None:
-        """Take it."""
-        self._take()
-
     def on_input_changed(self, event: Input.Changed) -> None:
         """Keep the line of each choice."""
         at = self._options.highlighted or 0
         self._choices[at] = replace(self._choices[at], text=event.value)
         self._show()
-
-    def on_input_submitted(self) -> None:
-        """Take it."""
-        self._take()
 
     def _take(self) -> None:
         choice = self._choices[self._options.highlighted or 0]
@@ -102,6 +94,8 @@ class ChoiceForm(BoxDialog[Choice | None]):
             self._line.focus()
         else:
             self.dismiss(choice)
+
+    on_input_submitted = on_option_list_option_selected = _take
 
     def _show(self) -> None:
         choice = self._choices[self._options.highlighted or 0]

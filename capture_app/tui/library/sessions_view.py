@@ -173,6 +173,8 @@ class SessionsView(ModeView):
             self._frame.border_title, self._frame.border_subtitle = title, subtitle
         self.on_row_list_chosen()
 
+    on_input_changed = _show
+
     def _choose_saved(self, entries: list[Entry]) -> bool:
         """Put the cursor on the first session that is saved, else on the first; whether there is any."""
         saved = (entry for entry in entries if entry.card.state is SessionState.COMPLETE)
@@ -188,10 +190,6 @@ class SessionsView(ModeView):
     def on_row_list_opened(self) -> None:
         """Look at it."""
         self.action_look()
-
-    def on_input_changed(self) -> None:
-        """Find as one types."""
-        self._show()
 
     def on_input_submitted(self) -> None:
         """Back to what was found."""

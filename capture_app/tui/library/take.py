@@ -1,12 +1,13 @@
 """One session: what it is good for in words, its contact sheet, and each picture full size."""
 
+from collections.abc import Iterator
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 
-from capture_app.session.library.listing import SessionState
+from capture_app.session.library.listing import SessionCard, SessionState
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
 from capture_app.tui.library.session_rows import STATES, Entry
@@ -37,37 +38,30 @@ class TakePane(Vertical):
             self.sheet.show(sheet)
         self._show_words()
 
-    def on_resize(self) -> None:
-        """Wrap anew."""
-        self._show_words()
-
     def _show_words(self) -> None:
-        width = max(20, self.size.width - 2)
-        entry, sheet = self.entry, self.sheet.sheet
-        if entry is None:
-            self._words.show([])
-            return
-        card, low = entry.card, self.size.height < LOW
-        lines: list[Content] = []
+        self._words.show(() if self.entry is None else self._lines(self.entry.card, self.sheet.sheet))
+
+    def _lines(self, card: SessionCard, sheet: TakeSheet | None) -> Iterator[Content]:
+        width, low = max(20, self.size.width - 2), self.size.height < LOW
         if card.state is not SessionState.COMPLETE:
             sign = STATES[card.state]
-            lines += Content.styled(f"{sign}: {printable(card.problem)}", sign.style).wrap(width)
-            lines += Content(f"→ {printable(card.remedy)}").wrap(width)
+            yield from Content.styled(f"{sign}: {printable(card.problem)}", sign.style).wrap(width)
+            yield from Content(f"→ {printable(card.remedy)}").wrap(width)
         elif sheet is not None and sheet.session.folder == card.folder:
-            verdict = sheet.verdict
-            sign = GRADES[verdict.grade]
-            lines += Content.assemble(
+            verdict, sign = sheet.verdict, GRADES[sheet.verdict.grade]
+            yield from Content.assemble(
                 (f"{sign.glyph} ", f"bold {sign.style}"), (printable(verdict.headline), "bold")
             ).wrap(width)
             if not low:
                 sentence = f"{verdict.spread} apart: {printable(verdict.sentence)}"
-                lines += Content.styled(sentence, "$foreground-muted").wrap(width)
+                yield from Content.styled(sentence, "$foreground-muted").wrap(width)
                 if verdict.stamps:
-                    lines += Content.styled(printable(verdict.stamps), "$warning").wrap(width)
+                    yield from Content.styled(printable(verdict.stamps), "$warning").wrap(width)
         if card.note:
             note = Content.assemble(("note  ", "$foreground-muted"), printable(card.note))
-            lines += [note.truncate(width, ellipsis=True)] if low else note.wrap(width)
-        self._words.show(lines)
+            yield from [note.truncate(width, ellipsis=True)] if low else note.wrap(width)
+
+    on_resize = _show_words
 
 
 class TakeScreen(WholeScreen[None]):

@@ -48,11 +48,8 @@ class Offers:
 
 def find_offers(sessions: Path, *, local: bool) -> Offers:
     """Look around; opens camera devices, so it may take a second. `local`: cameras here can be the rig's."""
-    cameras: list[CameraListing] = []
-    if local:
-        for kind, driver in DRIVERS.items():
-            if kind != SIMULATED:
-                cameras += driver.load().list_cameras()
+    drivers = [driver for kind, driver in DRIVERS.items() if local and kind != SIMULATED]
+    cameras = [camera for driver in drivers for camera in driver.load().list_cameras()]
     places = (Path(SAMPLES), Path(__file__).resolve().parents[3] / SAMPLES)
     samples = next((place for place in places if _count(place)), None)
     return Offers(tuple(cameras), _count(sessions), samples)
@@ -138,10 +135,6 @@ class StartPanel(Vertical):
             self._leader = printable(leader)
             self._explain()
 
-    def on_resize(self) -> None:
-        """Wrap anew."""
-        self._explain()
-
     # What is offered
 
     def _offer(self) -> None:
@@ -220,6 +213,10 @@ class StartPanel(Vertical):
             ]
         )
 
+    on_option_list_option_highlighted = _explain
+
+    on_resize = _explain
+
     def _meanings(self) -> list[Content]:
         words = next((one.what for one in self._choices() if one.name == self._chosen), "")
         code = max((len(line) for line in self._code.plain), default=0)
@@ -227,10 +224,6 @@ class StartPanel(Vertical):
         return [Content.styled(line, "$foreground-muted") for line in lines]
 
     # Doing
-
-    def on_option_list_option_highlighted(self) -> None:
-        """Say what the line means."""
-        self._explain()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Do what the line says."""

@@ -45,9 +45,7 @@ class NewsPane(VerticalScroll, can_focus=True):
         if following:
             self.call_after_refresh(self.scroll_end, animate=False)
 
-    def on_resize(self) -> None:
-        """Wrap anew."""
-        self.draw()
+    on_resize = draw
 
 
 ADVICE_LINES = 2

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 from textual import work
@@ -209,15 +209,13 @@ class FullView(WholeScreen[str]):
         await self._rig.want_previews(cameras=cameras, width=width, fps=fps)
 
 
-def _about(node: NodeStatus) -> list[str]:
-    about = []
+def _about(node: NodeStatus) -> Iterator[str]:
     if node.fps is not None:
-        about.append(f"{node.fps:.1f} fps")
+        yield f"{node.fps:.1f} fps"
     if node.exposure_ns is not None:
-        about.append(f"exposure {duration(node.exposure_ns)}")
+        yield f"exposure {duration(node.exposure_ns)}"
     if node.gain is not None:
-        about.append(f"gain {node.gain:.1f}")
-    return about
+        yield f"gain {node.gain:.1f}"
 
 
 def _decode_and_measure(jpeg: bytes) -> tuple[Image, float, Exposure] | None:

@@ -49,10 +49,6 @@ class PreviewTile(Vertical):
         """What stands above the picture."""
         return "".join(self._title.plain)
 
-    def on_resize(self) -> None:
-        """Say as much as there is room for."""
-        self._show()
-
     def show_node(self, node: NodeStatus) -> None:
         """Show how the camera is."""
         self._node = node
@@ -80,6 +76,8 @@ class PreviewTile(Vertical):
             if title.cell_length + more.cell_length <= self.size.width:
                 title += more
         self._title.show([title])
+
+    on_resize = _show
 
 
 class PreviewGrid(Container, can_focus=True):
@@ -170,15 +168,13 @@ class PreviewGrid(Container, can_focus=True):
                 self._choose(at)
                 self.action_choose()
 
-    def on_resize(self) -> None:
-        """Lay the pictures out again."""
-        self._lay_out()
-
     def _lay_out(self) -> None:
         if self.size and self._tiles:
             self._columns = grid_columns(len(self._tiles), self.size.width, self.size.height)
             self.styles.grid_size_columns = self._columns
             self.styles.grid_size_rows = math.ceil(len(self._tiles) / self._columns)
+
+    on_resize = _lay_out
 
     def _choose(self, at: int) -> None:
         if not 0 <= at < len(self._tiles):

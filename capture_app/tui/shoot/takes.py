@@ -1,6 +1,6 @@
 """The takes that the screen has heard of, whoever ordered them, and what became of each."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,12 +93,7 @@ class TakePanel(VerticalScroll, can_focus=False):
 
     def show(self, takes: Sequence[Take], now_s: float = 0.0) -> None:
         """Show these, the newest last."""
-        lines = [Content.styled("No take yet: press Space.", "$foreground-muted")]
-        if takes:
-            lines = [*_in_full(takes[-1], now_s, wide=self.size.width >= WIDE)]
-            if len(takes) > 1:
-                lines += [Content(""), *(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])]
-        text = Content("\n").join(lines)
+        text = Content("\n").join(_lines(takes, now_s, wide=self.size.width >= WIDE))
         shown = self._text.content
         if not isinstance(shown, Content) or not shown.is_same(text):
             self.plain = text.plain
@@ -131,45 +126,53 @@ def transfer_line(transfer: CameraTransfer) -> Content:
     )
 
 
-def _verdict_lines(verdict: Verdict, *, wide: bool) -> list[Content]:
-    sign = GRADES[verdict.grade]
-    lines = [
-        Content.styled(f"{sign.glyph} {verdict.headline}", sign.style),
-        Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold")),
-    ]
-    if verdict.stamps:
-        lines.append(Content.styled(printable(verdict.stamps), "$warning"))
-    if wide:
-        lines += [Content.styled(text, "$foreground-muted") for text in (verdict.sentence, GRADE_LIMITS)]
-    return lines
-
-
-def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
-    status = take.status
-    lines = [Content.styled(printable(take.name) or "the take", "bold")]
-    if take.retake_of:
-        lines.append(Content.styled(f"retake of {printable(take.retake_of)}", "$foreground-muted"))
-    if take.trashed:
-        return [*lines, Content.styled("in the trash", "$foreground-muted")]
-    if take.sheet is not None:
-        lines += _verdict_lines(take.sheet.verdict, wide=wide)
-    elif take.problem:
-        lines.append(Content.styled(f"✖ {printable(take.problem)}", "$error"))
-    elif not status.done:
-        lines.append(Content.styled(f"◔ {progress_words(status, now_s - take.begun_s)}", "$primary"))
-    elif status.session is not None:
-        lines.append(Content.styled("✔ saved where the leader runs:", "$success"))
-        lines.append(Content(printable(status.session)))
-        lines.append(Content(f"{status.received} of {status.expected} images"))
+def _lines(takes: Sequence[Take], now_s: float, *, wide: bool) -> Iterator[Content]:
+    if not takes:
+        yield Content.styled("No take yet: press Space.", "$foreground-muted")
+        return
+    yield Content.styled(printable(takes[-1].name) or "the take", "bold")
+    if takes[-1].retake_of:
+        yield Content.styled(f"retake of {printable(takes[-1].retake_of)}", "$foreground-muted")
+    if takes[-1].trashed:
+        yield Content.styled("in the trash", "$foreground-muted")
     else:
-        lines.append(Content.styled("✖ no session", "$error"))
+        yield from _in_full(takes[-1], now_s, wide=wide)
+    if len(takes) > 1:
+        yield Content("")
+        yield from (_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])
+
+
+def _verdict_lines(verdict: Verdict, *, wide: bool) -> Iterator[Content]:
+    sign = GRADES[verdict.grade]
+    yield Content.styled(f"{sign.glyph} {verdict.headline}", sign.style)
+    yield Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold"))
+    if verdict.stamps:
+        yield Content.styled(printable(verdict.stamps), "$warning")
+    if wide:
+        yield from (Content.styled(text, "$foreground-muted") for text in (verdict.sentence, GRADE_LIMITS))
+
+
+def _in_full(take: Take, now_s: float, *, wide: bool) -> Iterator[Content]:
+    status = take.status
+    if take.sheet is not None:
+        yield from _verdict_lines(take.sheet.verdict, wide=wide)
+    elif take.problem:
+        yield Content.styled(f"✖ {printable(take.problem)}", "$error")
+    elif not status.done:
+        yield Content.styled(f"◔ {progress_words(status, now_s - take.begun_s)}", "$primary")
+    elif status.session is not None:
+        yield Content.styled("✔ saved where the leader runs:", "$success")
+        yield Content(printable(status.session))
+        yield Content(f"{status.received} of {status.expected} images")
+    else:
+        yield Content.styled("✖ no session", "$error")
     if status.message and take.sheet is None and (status.done or status.received):
-        lines.append(Content.styled(printable(status.message), "$warning"))
+        yield Content.styled(printable(status.message), "$warning")
     whole = status.done and all(one.received >= one.expected for one in status.transfer)
     begun = status.done or any(one.received or one.problem for one in status.transfer)
     if begun and not (whole and take.sheet is not None):
-        lines += [Content(""), *(transfer_line(one) for one in status.transfer)]
-    return lines
+        yield Content("")
+        yield from map(transfer_line, status.transfer)
 
 
 def _in_short(take: Take, now_s: float) -> Content:

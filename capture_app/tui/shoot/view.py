@@ -98,10 +98,6 @@ class ShootView(ModeView):
         super().on_mode_shown()
         self._want_previews()
 
-    def on_mode_hidden(self) -> None:
-        """No previews while nobody looks."""
-        self._want_previews()
-
     def focus_first(self) -> None:
         """Arrows go over the sheet, or change the plan."""
         (self.stage.sheet if self.stage.is_sheet else self.plan_panel).focus()
@@ -330,6 +326,8 @@ class ShootView(ModeView):
 
     def _want_previews(self) -> None:
         self.stage.want_previews(self.screen.is_active)
+
+    on_mode_hidden = _want_previews
 
 
 ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)

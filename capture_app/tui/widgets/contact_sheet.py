@@ -121,10 +121,6 @@ class ContactSheet(ScrollView, can_focus=True):
         self._lay_out()
         self._scroll_to_cursor()
 
-    def on_resize(self) -> None:
-        """Fit the pictures again."""
-        self._lay_out()
-
     def on_click(self, event: events.Click) -> None:
         """Put the cursor on a picture; a second click opens it."""
         if self.sheet is None or event.y < 1 or event.x < GUTTER:
@@ -169,6 +165,8 @@ class ContactSheet(ScrollView, can_focus=True):
                 1 + self.sheet.instants * (size.height + 1),
             )
         self.refresh()
+
+    on_resize = _lay_out
 
     def _names(self, cameras: range) -> Strip:
         assert self.sheet is not None

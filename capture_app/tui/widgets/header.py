@@ -1,5 +1,7 @@
 """The line on top: the modes with their keys, which rig this is, whether it is ready, room on its disk."""
 
+from collections.abc import Iterator
+
 from textual import events
 from textual.content import Content
 
@@ -43,10 +45,6 @@ class RigLine(Lines):
         super().__init__(id="rig-line")
         self._record = record
 
-    def on_resize(self) -> None:
-        """Show what there is room for."""
-        self.draw()
-
     def draw(self) -> None:
         """Show the rig as it is now, or that its leader is lost."""
         room = self.size.width - 1
@@ -58,24 +56,25 @@ class RigLine(Lines):
         line = Content(" · ").join(parts[::-1])
         self.show([Content(" " * max(self.size.width - line.cell_length - 1, 0)) + line])
 
-    def _parts(self) -> list[Content]:
+    on_resize = draw
+
+    def _parts(self) -> Iterator[Content]:
         status = self._record.status
         sign = NO_LEADER if self._record.lost else WAITING if status is None else rig_sign(status)
-        parts = [Content.styled(str(sign), f"bold {sign.style}")]
+        yield Content.styled(str(sign), f"bold {sign.style}")
         if status is None:
-            return parts
+            return
         if status.is_open:
-            parts.append(Content.styled("OPEN to anybody", "$warning"))
+            yield Content.styled("OPEN to anybody", "$warning")
         if present := [phone for phone in status.app_phones if phone.state != "lost"]:
             synced = sum(phone.state == "synced" for phone in present)
             words = f"{synced} of {count(len(present), 'app phone')} with the time"
-            parts.append(Content.styled(words, "$warning"))
+            yield Content.styled(words, "$warning")
         free = status.disk_free_bytes
         if free is not None:
             low = free < 2e9
             words = f"{'! ' if low else ''}{free / 1e9:.0f} GB free"
-            parts.append(Content.styled(words, "$error" if low else ""))
-        parts.append(Content.styled(printable(status.leader), "$foreground-muted"))
+            yield Content.styled(words, "$error" if low else "")
+        yield Content.styled(printable(status.leader), "$foreground-muted")
         if status.period_ns:
-            parts.append(Content.styled(f"{1e9 / status.period_ns:.3g} fps", "$foreground-muted"))
-        return parts
+            yield Content.styled(f"{1e9 / status.period_ns:.3g} fps", "$foreground-muted")

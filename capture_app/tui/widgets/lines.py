@@ -75,13 +75,13 @@ class Lines(Widget):
         """The lines without their style."""
         return tuple(line.plain for line in self._lines)
 
-    def show(self, lines: Sequence[Content]) -> None:
+    def show(self, lines: Iterable[Content]) -> None:
         """Show these lines instead, and redraw the cells that differ."""
         before = self._strips
         self._lines = tuple(lines)
         if not self.is_attached:
             return
-        self._strips = [strip_of_line(self, line) for line in lines]
+        self._strips = [strip_of_line(self, line) for line in self._lines]
         if len(before) != len(self._strips):
             self.refresh(layout=True)
             # A layout that is under way would swallow this one.
@@ -113,10 +113,6 @@ class Lines(Widget):
             strip = Strip([*kept, Segment("…", list(kept)[-1].style)])
         return strip.adjust_cell_length(width, self.rich_style)
 
-    def on_mount(self) -> None:
-        """Draw what was shown before there was a place for it."""
-        self._draw_anew()
-
     def notify_style_update(self) -> None:
         """Draw anew: the colours have changed."""
         super().notify_style_update()
@@ -127,6 +123,8 @@ class Lines(Widget):
         if self.is_attached and self._lines:
             self._strips = [strip_of_line(self, line) for line in self._lines]
             self.refresh(layout=True)
+
+    on_mount = _draw_anew
 
 
 def _difference(old: Strip, new: Strip) -> tuple[int, int] | None:

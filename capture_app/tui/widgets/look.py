@@ -81,10 +81,6 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._sources: dict[tuple[str, int], tuple[Source, Source]] = {}
         self._load = lru_cache(maxsize=KEPT)(self._load_now)
 
-    def on_mount(self) -> None:
-        """Begin to move, where it shall."""
-        self._start()
-
     @property
     def shown(self) -> tuple[str, int]:
         """The camera and instant that are seen now."""
@@ -126,6 +122,8 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         if self.motion is not Motion.STILL and len(self._frames()) > 1:
             self._timer = self.set_interval(1 / self._rate, self._advance)
         self._show()
+
+    on_mount = _start
 
     def _advance(self) -> None:
         self._step += 1

@@ -190,10 +190,6 @@ class Picture(Widget):
         """Dots are dark on a light theme."""
         self.app.theme_changed_signal.subscribe(self, lambda _: self._draw_again())
 
-    def on_resize(self) -> None:
-        """Draw it again in the new size."""
-        self._draw_again()
-
     def on_unmount(self) -> None:
         """Leave nothing in the terminal."""
         self._put_sharp(None)
@@ -213,6 +209,8 @@ class Picture(Widget):
         if not self._drawing and self.is_mounted and self.size:
             self._drawing = True
             self._draw()
+
+    on_resize = _draw_again
 
     @work
     async def _draw(self) -> None:

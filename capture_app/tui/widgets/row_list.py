@@ -113,10 +113,6 @@ class RowList(ScrollView, can_focus=True):
 
     # Drawing
 
-    def on_resize(self) -> None:
-        """Draw in the new width."""
-        self._draw_anew()
-
     def notify_style_update(self) -> None:
         """Draw anew: the colours have changed."""
         super().notify_style_update()
@@ -165,3 +161,5 @@ class RowList(ScrollView, can_focus=True):
             self._fit()
             self.refresh()
             self.call_after_refresh(self._scroll_to_chosen)
+
+    on_resize = _draw_anew

@@ -223,7 +223,7 @@ def _rows(found: "Character") -> list[tuple[str, str]]:
     ]
     if found.starts is not None:
         rows.append(("starts", _starts(found.starts)))
-    return [*(row for row in rows if row[1]), *_moves(found.moves)]
+    return [*(row for row in rows if row[1]), *(_moves(found.moves) if found.moves else ())]
 
 
 def _starts(starts: "Starts") -> str:
@@ -235,23 +235,20 @@ def _starts(starts: "Starts") -> str:
     )
 
 
-def _moves(moves: "Moves | None") -> list[tuple[str, str]]:
-    if moves is None:
-        return []
-    rows = [("moves", f"{moves.effective} of {count(moves.commands, 'command')} moved it")]
+def _moves(moves: "Moves") -> Iterator[tuple[str, str]]:
+    yield "moves", f"{moves.effective} of {count(moves.commands, 'command')} moved it"
     if moves.reason:
-        rows.append(("rows", moves.reason))
+        yield "rows", moves.reason
     if moves.latency_frames is not None:
-        rows.append(("it obeys after", "{} to {} frames".format(*moves.latency_frames)))
+        yield "it obeys after", "{} to {} frames".format(*moves.latency_frames)
     if moves.step_ns is not None:
-        rows.append(("phase moves in steps of", f"{moves.step_ns / 1000:.2f} µs"))
+        yield "phase moves in steps of", f"{moves.step_ns / 1000:.2f} µs"
     if moves.row_time_ns is not None:
-        rows.append(("row", f"{moves.row_time_ns / 1000:.2f} µs"))
+        yield "row", f"{moves.row_time_ns / 1000:.2f} µs"
     if moves.injection is not None:
-        rows.append(("gain of an injection", f"{moves.injection.gain:g}"))
+        yield "gain of an injection", f"{moves.injection.gain:g}"
     if moves.overhead_ns is not None:
-        rows.append(("overhead", f"a frame is {moves.overhead_ns / 1000:.0f} µs longer than its exposure"))
-    return rows
+        yield "overhead", f"a frame is {moves.overhead_ns / 1000:.0f} µs longer than its exposure"
 
 
 def _range(exposures_ns: tuple[int, int] | None) -> str:

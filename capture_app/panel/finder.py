@@ -1,5 +1,6 @@
 """Finds a panel in a picture by the markers of its frame."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -83,16 +84,15 @@ class PanelFinder:
             )
         return _place(best, ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2))
 
-    def _looks(self, grey: NDArray[np.uint8]) -> "list[tuple[NDArray[Any], float]]":
+    def _looks(self, grey: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
         """Pictures to look for markers in, and how large each is against the original."""
-        looks: list[tuple[NDArray[Any], float]] = [(grey, 1.0)]
+        yield grey, 1.0
         # Dark pictures, as short exposures are, show little of what does not shine.
-        looks.append((cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0))
+        yield cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0
         if grey.shape[1] > _LARGE_PX:
-            looks.append((cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5))
+            yield cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5
         else:
-            looks.append((cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), 2.0))
-        return looks
+            yield cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), 2.0
 
     def _detect(self, grey: NDArray[Any], scale: float) -> dict[int, Floats]:
         corners, numbers, _ = self._detector.detectMarkers(grey)

@@ -83,11 +83,10 @@ class RigErrors(Struct, frozen=True, kw_only=True):
 def rig_errors(times: SessionTimes) -> RigErrors:
     """Pair by pair and in all, the errors that a session's pictures of a panel show."""
     errors = [_pair_error(one, other, times.panel.cycle_ns) for one, other in pairs(times)]
-    tables = []
-    for cameras in combinations(times.cameras, 2):
-        some = [error for error in errors if (error.first, error.second) == cameras]
-        if some:
-            tables.append(_table(cameras, some))
+    by_pair = {
+        cameras: [error for error in errors if (error.first, error.second) == cameras]
+        for cameras in combinations(times.cameras, 2)
+    }
     told = [error for error in errors if error.session_uncertainty_ns is not None]
     bounded = [error for error in errors if error.session_bound_ns is not None]
     misses = [
@@ -98,7 +97,7 @@ def rig_errors(times: SessionTimes) -> RigErrors:
     rate = _rate(times)
     return RigErrors(
         all=_table(times.cameras, errors) if errors else None,
-        pairs=tuple(tables),
+        pairs=tuple(_table(cameras, some) for cameras, some in by_pair.items() if some),
         errors=tuple(errors),
         within_uncertainty=_held(
             abs(e.clock_ns) <= math.hypot(e.session_uncertainty_ns or 0, e.reading_uncertainty_ns)

@@ -197,19 +197,16 @@ def _is_drawn(one: ConditionResult) -> bool:
 
 
 def _details(one: ConditionResult) -> str:
-    parts = [
+    late = [
         f"{study.subject}: {wording.lateness(study.late_ms)}"
         for study in one.studies
         if study.name in ("stereo", "panorama") and not study.skipped and study.late_ms is not None
     ]
-    if one.session:
-        parts.append("another recording, not paired by instant")
-    elif one.offsets_ms:
-        parts.insert(0, wording.delays(one.offsets_ms))
-    else:
-        parts.append(f"{EACH_DELAYED}, drawn at random for each instant")
-    parts += [f"{study.subject}: {study.skipped}" for study in one.studies if study.skipped]
-    return "; ".join(parts)
+    given = wording.delays(one.offsets_ms) if one.offsets_ms and not one.session else ""
+    drawn = "" if given else f"{EACH_DELAYED}, drawn at random for each instant"
+    other = "another recording, not paired by instant" if one.session else drawn
+    skipped = [f"{study.subject}: {study.skipped}" for study in one.studies if study.skipped]
+    return "; ".join(filter(None, (given, *late, other, *skipped)))
 
 
 def instants_table(caption: str, study: StudyResult, sides: Sides) -> Table:

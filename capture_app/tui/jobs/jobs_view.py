@@ -1,5 +1,6 @@
 """The mode Jobs: what runs, waits and has been done, what each said, and the way to its results."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from textual import work
@@ -40,7 +41,7 @@ class RunRows(RowList):
         """The run under the cursor."""
         return self._run(self.chosen)
 
-    def draw_row(self, key: str, width: int, *, chosen: bool) -> list[Content | Strip]:
+    def draw_row(self, key: str, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
         """State, what, of which session; how far it is, or what came of it."""
         run = self._run(key)
         if run is None:

@@ -1,7 +1,7 @@
 """The list of sessions: which, in what order, and of each a picture, how good it is, what was made of it."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -126,29 +126,25 @@ class SessionRows(RowList):
         """The session under the cursor."""
         return self._entries.get(self.chosen)
 
-    def draw_row(self, key: str, width: int, *, chosen: bool) -> list[Content | Strip]:
+    def draw_row(self, key: str, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
         """The picture beside three lines."""
         entry = self._entries.get(key)
         if entry is None:
             return [Content("")] * ROWS
         room = width - THUMB - 3
-        lines = [self._title(entry, room), self._facts(entry.card, room), _remarks(entry.card)]
+        remarks = Content.styled(" · ", "$foreground-muted").join(_remarks(entry.card))
+        lines = [self._title(entry, room), self._facts(entry.card, room), remarks]
         style = "on $block-cursor-background" if chosen else ""
-        strips: list[Content | Strip] = []
-        for number, line in enumerate(lines):
+        mark = strip_of_line(self, Content.styled("▌" if chosen else " ", "$primary").stylize_before(style))
+
+        def beside(line: Content) -> Strip:
             line = line.truncate(room, ellipsis=True)
             line = Content.assemble(" ", line, " " * max(0, room + 1 - line.cell_length))
-            mark = Content.styled("▌" if chosen else " ", "$primary")
-            strips.append(
-                Strip.join(
-                    [
-                        strip_of_line(self, mark.stylize_before(style)),
-                        self._thumb_line(entry, number),
-                        strip_of_line(self, line.stylize_before(style)),
-                    ]
-                )
-            )
-        return strips
+            return strip_of_line(self, line.stylize_before(style))
+
+        return [
+            Strip.join([mark, self._thumb_line(entry, at), beside(line)]) for at, line in enumerate(lines)
+        ]
 
     def notify_style_update(self) -> None:
         """Draw the pictures anew: the palette may have changed."""
@@ -204,18 +200,18 @@ class SessionRows(RowList):
             self.show_again(key)
 
 
-def _remarks(card: SessionCard) -> Content:
+def _remarks(card: SessionCard) -> Iterator[Content]:
     if card.state is not SessionState.COMPLETE:
-        return Content.styled(f"→ {printable(card.remedy)}", "$foreground")
+        yield Content.styled(f"→ {printable(card.remedy)}", "$foreground")
+        return
     what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
-    parts = [Content.styled(what, "$foreground-muted")]
+    yield Content.styled(what, "$foreground-muted")
     if card.missing:
-        parts.append(Content.styled(f"! {count(card.missing, 'image')} missing", "$warning"))
+        yield Content.styled(f"! {count(card.missing, 'image')} missing", "$warning")
     if card.late:
-        parts.append(Content.styled(f"! {card.late} late", "$warning"))
+        yield Content.styled(f"! {card.late} late", "$warning")
     if card.note:
-        parts.append(Content(printable(card.note)))
-    return Content.styled(" · ", "$foreground-muted").join(parts)
+        yield Content(printable(card.note))
 
 
 def spread_of(card: SessionCard) -> Content:

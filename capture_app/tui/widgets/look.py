@@ -1,6 +1,6 @@
 """One picture of a take on the whole screen: blinked with its neighbours, or a wiggle through all cameras."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from functools import lru_cache, partial
 from typing import ClassVar
@@ -9,7 +9,7 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.timer import Timer
 
-from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
 from capture_app.text import duration, printable
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.picture import Picture, Source, sharp_terminal_of
@@ -152,26 +152,22 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         found = self._sources.setdefault(here, (partial(self._load, *here), partial(self._load_sharp, *here)))
         words = printable(place.remark) if place.image is None else "no picture"
         self._picture.show(found[0], words, sharp=found[1] if self.motion is Motion.STILL else None)
-        self.title_line.show([self._describe(camera, instant)])
+        self.title_line.show([Content(" · ").join(self._describe(place))])
 
-    def _describe(self, camera: str, instant: int) -> Content:
-        place = self._sheet.place(camera, instant)
-        parts = [
-            Content.styled(printable(camera), "bold $primary"),
-            Content(f"instant {instant + 1} of {self._sheet.instants}"),
-            Content(duration(self._sheet.since_start_ns(instant), signed=True)),
-        ]
+    def _describe(self, place: SheetPlace) -> Iterator[Content]:
+        yield Content.styled(printable(place.camera), "bold $primary")
+        yield Content(f"instant {place.instant + 1} of {self._sheet.instants}")
+        yield Content(duration(self._sheet.since_start_ns(place.instant), signed=True))
         if place.image is not None:
             error = place.image.uncertainty_ns
             bar = "" if error is None else f" ±{duration(error)}"
-            parts.append(Content(f"{duration(place.image.residual_ns, signed=True)}{bar} from it"))
+            yield Content(f"{duration(place.image.residual_ns, signed=True)}{bar} from it")
         if place.remark:
-            parts.append(Content.styled(f"! {printable(place.remark)}", "$warning"))
+            yield Content.styled(f"! {printable(place.remark)}", "$warning")
         if self.motion is Motion.CAMERAS and (apart := self._apart_ns()) is not None:
-            parts.append(Content.styled(f"{duration(apart)} apart", "bold"))
+            yield Content.styled(f"{duration(apart)} apart", "bold")
         if self.motion is not Motion.STILL:
-            parts.append(Content.styled(f"{self.motion.value}, {self._rate:.1f}/s", "$foreground-muted"))
-        return Content(" · ").join(parts)
+            yield Content.styled(f"{self.motion.value}, {self._rate:.1f}/s", "$foreground-muted")
 
     def _apart_ns(self) -> int | None:
         """Time between the two pictures that are blinked."""

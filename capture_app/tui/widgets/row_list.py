@@ -45,7 +45,7 @@ class RowList(ScrollView, can_focus=True):
 
     # What subclasses give
 
-    def draw_row(self, key: str, width: int, *, chosen: bool) -> list[Content | Strip]:
+    def draw_row(self, key: str, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
         """The lines of a row, `row_height` of them."""
         raise NotImplementedError
 

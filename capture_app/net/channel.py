@@ -113,11 +113,15 @@ def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
 
 MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
 """A node has two open at most; those below a relay have the address of the relay."""
+MOST_OF_ONE_MACHINE = 200
+"""A machine of cameras, each with two, takes no room of others."""
+RESERVED = 32
+"""Beyond all, for operators, whom it is seen to be only when they are here."""
 MOST_SILENT = 96
 """How many may have said nothing yet: TLS takes memory from a stream's first moment on."""
 WANTED_FILES = 8192
 MAX_HEADER_BYTES = 1 << 20
-FILES_OF_A_STREAM, OTHER_FILES = 2, 64
+FILES_OF_A_STREAM, OTHER_FILES = 2, 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,11 +169,29 @@ class OpenStreams:
             admitted = any(map(self._make_room, sorted(self._streams.values(), key=len, reverse=True)))
         else:
             admitted = True
+        if not admitted and len(self) < self._most + RESERVED:
+            admitted = stream.is_beyond = True
         if admitted:
             self._streams.setdefault(stream.host, []).append(stream)
         else:
             self.refused += 1
         return admitted
+
+    def admit_peer(self, stream: "Channel[Any]") -> bool:
+        """Whether it may stay, now that it is seen whose it is; one that was less of use may go for it."""
+        who = stream.who
+        if who.pin and (who.may(Role.OPERATOR) or (who.may(Role.RELAY) and not stream.is_beyond)):
+            return True
+        stays = not stream.is_beyond
+        own = [one for all_of in self._streams.values() for one in all_of if who.pin and one.who == who]
+        if stays and len(own) > MOST_OF_ONE_MACHINE:
+            spare = next((one for one in own if not one.is_known), stream)
+            spare.abort()
+            self.remove(spare)
+            stays = spare is not stream
+            self.refused += stays
+        self.refused += not stays
+        return stays
 
     def remove(self, stream: "Channel[Any]") -> None:
         """Forget a stream that has ended, or was never admitted."""
@@ -180,7 +202,9 @@ class OpenStreams:
             self._streams.pop(stream.host, None)
 
     def _make_room(self, streams: "list[Channel[Any]]") -> bool:
-        strangers = [stream for stream in streams if not stream.is_known]
+        strangers = [
+            one for one in streams if not (one.is_known or (one.who.pin and one.who.may(Role.OPERATOR)))
+        ]
         stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
         if stream is None:
             return False
@@ -235,6 +259,8 @@ class Channel(Generic[M]):
         """Whether the peer has sent a message."""
         self.is_known = False
         """Whether it is a node that has joined."""
+        self.is_beyond = False
+        """Whether it was let in for what it may be, where there is no room for others."""
         self.who: Peer = STRANGER
         """Who the peer is, as far as its key shows it."""
         where = writer.get_extra_info("peername") or ("?", 0)
@@ -250,6 +276,11 @@ class Channel(Generic[M]):
     def host(self) -> str:
         """Host of the other end."""
         return self.peer.host
+
+    @property
+    def unread(self) -> int:
+        """How many bytes of the last message's payload are still to be read."""
+        return self._unread
 
     async def identify(self, trust: Trust) -> None:
         """See who has come, before anything of the stream is read. Raises OSError where it does not show."""

@@ -89,6 +89,9 @@ class TransferServer(Generic[M]):
         try:
             async with channel:
                 await channel.identify(self._trust)
+                if not self._open.admit_peer(channel):
+                    channel.abort()
+                    return
                 self._shown[channel] = channel.who
                 await self._serve(channel)
         except (SimulshotError, OSError, asyncio.CancelledError):

@@ -21,7 +21,7 @@ from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyIssuer, KeyRequester
 from capture_app.node.leader.followers import RigFollower, SharedGrid
 from capture_app.node.leader.readiness import rig_advice
-from capture_app.node.leader.snapshots import node_statuses
+from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.news import FollowerNews, NewsLog, follower_line
 from capture_app.node.pairing import Enrolment, check_allowed, is_node, peer_of, speaks_for
 from capture_app.node.wire import pairing
@@ -168,21 +168,23 @@ class RelayNode:
         """This run of the relay, by which its nodes tell it from the next."""
         return self._engine.leader.config.instance
 
-    def status(self) -> RigStatus:
-        """What this relay knows by itself: its own nodes, and how its time stands."""
+    def status(self, after: str | None = None) -> RigStatus:
+        """What this relay knows by itself: its own nodes, or a page of them, and how its time stands."""
         now_ns = self._clock.now_ns()
         member, leader = self._engine.member, self._engine.leader
         time_map, views = member.time_map, leader.clients(now_ns)
         message = self._holdover_message(now_ns)
+        page, further, words = page_of(views, after)
         return RigStatus(
             leader=str(self.address),
             is_open=self.options.trust.is_open,
             relay=self.options.name,
-            message=message,
+            message="; ".join(filter(None, (message, words))),
+            further=further,
             advice=message or rig_advice(views, str(self.address)),
             now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
             period_ns=None if leader.grid is None else leader.grid.period_ns,
-            nodes=node_statuses(views),
+            nodes=node_statuses(page, views),
         )
 
     def shared_grid(self) -> SharedGrid | None:
@@ -232,10 +234,10 @@ class RelayNode:
             )
         except NetworkError as error:
             # Who is here can be said without a leader; all else has to wait.
-            known = isinstance(message, StatusRequest)
-            await below.send(
-                StatusAnswer(rig=self.status()) if known else Refusal.of_error(error, retry=True)
-            )
+            if isinstance(message, StatusRequest):
+                await below.send(StatusAnswer(rig=self.status(message.after)))
+            else:
+                await below.send(Refusal.of_error(error, retry=True))
             return False
         self._upstream_channels.add(above)
         try:

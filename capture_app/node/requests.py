@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import TypeVar
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from capture_app.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue, StampAccuracy
 from capture_app.errors import BadInputError, IncompleteError
@@ -17,7 +18,7 @@ from capture_app.node.asking import ANSWER_TIMEOUT_S, ask, receive_answer
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.operating import ExposeAppPhones
-from capture_app.node.wire.status import BurstStatus, NodeDetail, RigStatus
+from capture_app.node.wire.status import BurstStatus, NodeDetail, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 from capture_app.trust.known_machines import Role
 
@@ -28,8 +29,15 @@ A = TypeVar("A", bound=Message)
 
 
 async def ask_status(leader: Address) -> RigStatus:
-    """Return the status of the rig of a running leader. Raises NetworkError."""
-    return (await _ask(leader, messages.StatusRequest(), messages.StatusAnswer)).rig
+    """Return the status of the rig of a running leader, with all its nodes. Raises NetworkError."""
+    nodes: list[NodeStatus] = []
+    async with await connect(leader, messages.FromLeader) as channel:
+        while True:
+            request = messages.StatusRequest(after=nodes[-1].name if nodes else "")
+            rig = (await ask(channel, request, messages.StatusAnswer)).rig
+            nodes += rig.nodes
+            if not rig.further or not rig.nodes:
+                return replace(rig, nodes=tuple(nodes))
 
 
 async def ask_detail(leader: Address, camera: str) -> NodeDetail:

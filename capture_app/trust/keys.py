@@ -13,8 +13,8 @@ Address = tuple[str, int]
 
 MOST_KEYS = 20_000
 """Beyond, the key that was not used for the longest is forgotten."""
-MOST_OF_ONE = 2_000
-"""How many one machine has. Beyond, its first is forgotten: it takes no room of others."""
+MOST_OF_ONE = 256
+"""How many one machine has. Beyond, the one that it used least lately is forgotten: no room of others."""
 
 
 class Grant(Struct, frozen=True, kw_only=True):
@@ -60,7 +60,7 @@ class ClientKeys:
         given = self._given.setdefault(principal.pin, {})
         given[key_id] = None
         if len(given) > MOST_OF_ONE:
-            self._forget(next(iter(given)))
+            self._forget(next(known for known in self._clients if known in given))
         if len(self._clients) > self._most:
             self._forget(next(iter(self._clients)))
         return Grant(key_id=key_id, key=key, group_id=self._group.key_id, group_key=self._group_key)

@@ -45,6 +45,8 @@ class BurstSession:
         self.session: Path | None = None
         self.message = self.trouble = ""
         """Trouble: why the leader's disk takes nothing of it at present; nodes keep it, and ask again."""
+        self.without = ""
+        """Which cameras are left out of it, and why."""
         self._writer = writer
         self._disk = disk
         self._lost = lost
@@ -105,7 +107,7 @@ class BurstSession:
             expected=expected,
             done=done,
             session=None if self.session is None else str(self.session),
-            message=message,
+            message="; ".join(filter(None, (self.without, message))),
             transfer=transfer,
             recording=self.burst.video,
             skipped=self._choice.skipped(self._told),

@@ -11,7 +11,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.names import check_name
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import CancelledBurstError
@@ -229,7 +229,7 @@ class ActiveBursts:
         """Order a burst of all nodes that are here, and begin its session, which is named after the take.
 
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
-        where there is no camera, DiskFullError where it will hardly find room here or on a node.
+        where there is no camera, DiskFullError where it will hardly find room here or on any node.
         """
         self._check_number(order.at_leader_ns)
         prefix = name or (RECORDING if order.video else UNNAMED)
@@ -239,7 +239,10 @@ class ActiveBursts:
         # A recording may be stopped at any time.
         frames = min(order.frames, SURE_FRAMES) if order.video else order.frames
         root = self.options.sessions
-        check_room(root, image_bytes, frames, self.spools)
+        without = check_room(root, image_bytes, frames, self.spools)
+        if without.keys() >= image_bytes.keys():
+            lacking = "; ".join(f"{name}: {why}" for name, why in without.items())
+            raise DiskFullError(lacking, hint="make room on that node, or take fewer frames")
         # A number that was given up is never given again: nodes may still know it.
         after = self._last_folders.get(prefix, 0)
         writer, folder = await asyncio.to_thread(create_numbered, root, prefix, after=after)
@@ -247,13 +250,16 @@ class ActiveBursts:
         number = max(self._last_number + 1, folder if prefix == UNNAMED else 0)
         self._last_number = number
         try:
-            burst = self.engine.trigger(self.now_ns(), dataclasses.replace(order, number=number))
+            burst = self.engine.trigger(
+                self.now_ns(), dataclasses.replace(order, number=number, without=without)
+            )
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
         facts = {view.name: view.camera for view in self.engine.clients(self.now_ns())}
         shares = new_shares(burst, facts, short_timeouts=self._silent)
         session = self._bursts[number] = self.newest = BurstSession(burst, shares, writer, self._disk)
+        session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._begin_following(session)
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:

@@ -109,11 +109,12 @@ def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) 
 
 def check_room(
     root: Path, image_bytes: Mapping[str, int], frames: int, spools: Mapping[str, SpoolSpace]
-) -> None:
+) -> dict[str, str]:
     """Check that a burst fits: `image_bytes` by camera, `frames` of each, `spools` as nodes told them.
 
-    Raises DiskFullError that says where there is too little room.
+    Return what each camera lacks that is to be left out. Raises DiskFullError where there is no room here.
     """
+    without: dict[str, str] = {}
     needed = int(MARGIN * frames * sum(image_bytes.values())) + SPARE_BYTES
     free = free_bytes(root)
     if needed > free:
@@ -125,10 +126,9 @@ def check_room(
         spool = spools.get(name)
         needed = int(MARGIN * frames * size)
         if spool is not None and needed > spool.free_bytes:
-            raise DiskFullError(
-                f"{name} may need {megabytes(needed)}; {spool.spool} has {megabytes(spool.free_bytes)} free",
-                hint="make room on that node, or take fewer frames",
-            )
+            free_text = f"{megabytes(spool.free_bytes)} free in its {spool.spool}"
+            without[name] = f"it may need {megabytes(needed)}, and has {free_text}"
+    return without
 
 
 def check_open_bursts(ahead: Sequence[int], open_bursts: int, *, is_ahead: bool) -> None:

@@ -159,7 +159,7 @@ class LeaderService:
     async def _answer_operator(self, channel: Channel[messages.ToLeader], message: messages.ToLeader) -> None:
         match message:
             case messages.StatusRequest():
-                await channel.send(messages.StatusAnswer(rig=self._rig.status()))
+                await channel.send(messages.StatusAnswer(rig=self._rig.status(message.after)))
             case messages.BurstRequest():
                 async with contextlib.aclosing(self._bursts.take(message)) as progress:
                     async for status in progress:

@@ -1,5 +1,7 @@
 """What an engine knows of its clients as the status that people and programs see: a tree of nodes."""
 
+from bisect import bisect_right
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec.structs import asdict, replace
@@ -10,19 +12,22 @@ from capture_app.node.wire.operating import Vitals
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import MAX_DEPTH, WITHOUT_CAMERA, NodeState, Report
+from capture_app.text import count
 
 _UNKNOWN = Vitals()
+MOST_OF_A_PAGE = 250
 
 
 def node_statuses(
     views: tuple[ClientView, ...],
+    all_views: tuple[ClientView, ...] | None = None,
     *,
     vitals: Mapping[str, Vitals] | None = None,
     spools: Mapping[str, SpoolSpace] | None = None,
     local: Collection[str] = (),
 ) -> tuple[NodeStatus, ...]:
-    """All nodes by name, with their place in the tree; `local` are processes of the leader's."""
-    by_name = {view.name: view for view in views}
+    """These nodes by name, with their place in the tree of all; `local` are processes of the leader's."""
+    by_name = {view.name: view for view in all_views or views}
     known = spools or {}
     return tuple(
         NodeStatus(
@@ -39,6 +44,21 @@ def node_statuses(
         )
         for view in views
     )
+
+
+def page_of(views: tuple[ClientView, ...], after: str | None) -> tuple[tuple[ClientView, ...], int, str]:
+    """Return the nodes of a page, which are after that name, how many follow it, and what those are in words.
+
+    None for all of them. A page is short enough for a message.
+    """
+    if after is None:
+        return views, 0, ""
+    rest = views[bisect_right(views, after, key=lambda view: view.name) :] if after else views
+    page, further = rest[:MOST_OF_A_PAGE], rest[MOST_OF_A_PAGE:]
+    states = Counter(str(view.report.state) for view in further)
+    words = ", ".join(f"{number} {state}" for state, number in sorted(states.items()))
+    text = f"and {count(len(further), 'more node')}, not listed here: {words}" if further else ""
+    return page, len(further), text
 
 
 def _with_disk(report: Report, space: SpoolSpace | None) -> Report:

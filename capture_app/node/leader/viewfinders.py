@@ -29,6 +29,7 @@ NodeAnswer = DetailAnswer | ControlsAnswer | StampKept
 A = TypeVar("A", DetailAnswer, ControlsAnswer, StampKept)
 NOTHING = PreviewsWanted(width=16, fps=0)
 UNKNOWN = Vitals()
+MAX_PREVIEW_BYTES = 4 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,10 @@ class _Stream:
     asking: asyncio.Lock = field(default_factory=asyncio.Lock)
     """One request at a time: answers do not tell which they are to."""
 
+    def wants(self, size: int) -> bool:
+        """Whether somebody looks, and a picture of so many bytes can be one: any other is not kept."""
+        return bool(self.wanted.fps) and size <= MAX_PREVIEW_BYTES
+
 
 @dataclass(slots=True)
 class Viewfinders:
@@ -76,7 +81,7 @@ class Viewfinders:
                 match message:
                     case Vitals():
                         stream.vitals = message
-                    case PreviewFrame(camera=camera) if camera == name:
+                    case PreviewFrame(camera=camera) if camera == name and stream.wants(channel.unread):
                         jpeg = b"".join([chunk async for chunk in channel.payload()])
                         self._number += 1
                         stream.picture = Picture(self._number, message, jpeg)

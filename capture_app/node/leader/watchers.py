@@ -9,7 +9,7 @@ from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.readiness import FolderRoom, RateReview, rig_advice
-from capture_app.node.leader.snapshots import node_statuses
+from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.news import NewsLog
 from capture_app.node.wire.messages import StatusAnswer, ToLeader
@@ -38,18 +38,22 @@ class RigState:
         self._local, self._rates = local, rates
         self._room = FolderRoom(bursts.options.sessions)
 
-    def status(self) -> RigStatus:
-        """All of it at this moment."""
+    def status(self, after: str | None = None) -> RigStatus:
+        """All of it at this moment; of the nodes a page, those `after` that name, where that is given."""
         options, engine, bursts = self._bursts.options, self._bursts.engine, self._bursts
         now_ns = options.clock.now_ns()
         grid, views = engine.grid, engine.clients(now_ns)
+        page, further, words = page_of(views, after)
         return RigStatus(
             leader=str(self._address),
             is_open=options.trust.is_open,
             advice=rig_advice(views, str(self._address), self._rates.off),
             now_ns=now_ns,
             period_ns=None if grid is None else grid.period_ns,
+            message=words,
+            further=further,
             nodes=node_statuses(
+                page,
                 views,
                 vitals=self._viewfinders.vitals,
                 spools=bursts.spools,
@@ -113,7 +117,7 @@ class _Watcher:
         told_s, news_ns = 0.0, 0
         while True:
             began_s = loop.time()
-            status = self._rig.status()
+            status = self._rig.status("")
             timeless = without_times(status)
             if timeless != told or began_s - told_s >= KEEPALIVE_S:
                 told, told_s = timeless, began_s

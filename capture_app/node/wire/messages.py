@@ -148,6 +148,9 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
 class StatusRequest(Message, frozen=True, kw_only=True, tag="status-request"):
     """The command line wants to see the rig."""
 
+    after: str = ""
+    """Its nodes by name from there on, in the pages of a large one."""
+
 
 class StatusAnswer(Message, frozen=True, kw_only=True, tag="status"):
     """The rig at this moment."""

@@ -117,6 +117,8 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     now_ns: int
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()
+    further: int = 0
+    """How many nodes follow those in this page, by name; `message` sums them up."""
     app_phones: tuple[FollowerStatus, ...] = ()
     """Phones with libsoftwaresync or RecSync; their pictures stay on them."""
     burst: BurstStatus | None = None

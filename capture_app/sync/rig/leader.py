@@ -112,11 +112,11 @@ class CurrentConfig:
         grid = self.grid
         return grid is not None and abs(camera.period_ns - grid.period_ns) <= _near_ns(grid.period_ns)
 
-    def follow_cameras(self, cameras: Sequence[CameraFacts], now_ns: int) -> bool:
-        """Lay the grid at the rate of most of these cameras; whether it has changed.
+    def follow_cameras(self, cameras: Sequence[Member], now_ns: int) -> bool:
+        """Lay the grid at the rate of most machines, each by most of its cameras; whether it has changed.
 
-        Of equals the present one stays; rates of stills, not of video, are for rigs that have nothing else.
-        Without any camera the next one lays it.
+        In a rig that asks nobody each camera counts as a machine. Of equals the present one stays; rates of
+        stills, not of video, are for rigs that have nothing else. Without any camera the next one lays it.
         """
         grid = self.grid
         if grid is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
@@ -124,15 +124,11 @@ class CurrentConfig:
         if not cameras:
             self.grid_is_of_cameras = False
             return False
-        ordered = sorted(camera.period_ns for camera in cameras)
-
-        def support(period_ns: int) -> tuple[bool, int]:
-            near_ns = _near_ns(period_ns)
-            held = bisect_right(ordered, period_ns + near_ns) - bisect_left(ordered, period_ns - near_ns)
-            return held > 0 and period_ns <= SLOWEST_VIDEO_NS, held
-
-        best_ns = max(dict.fromkeys(camera.period_ns for camera in cameras), key=support)
-        if support(best_ns) <= support(grid.period_ns):
+        machines: dict[str, list[int]] = {}
+        for camera in cameras:
+            machines.setdefault(camera.pin or camera.name, []).append(camera.camera.period_ns)
+        best_ns = _most(grid.period_ns, [_most(grid.period_ns, own) for own in machines.values()])
+        if best_ns == grid.period_ns:
             return False
         self.grid_choice = GridChoice(FrameGrid(now_ns, best_ns))
         return True
@@ -171,7 +167,7 @@ class GridReview:
             return False
         self.is_due = False
         voters = self._roster.cameras() or self._roster.cameras(even_unconfirmed=True)
-        return self._current.follow_cameras([member.camera for member in voters], now_ns)
+        return self._current.follow_cameras(voters, now_ns)
 
     def update_grid(self, now_ns: int) -> bool:
         """Move the grid to suit the cameras that cannot follow it; whether it has changed."""
@@ -188,6 +184,19 @@ class GridReview:
             return False
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
         return shared.update(self._roster.camera_phases(), now_ns)
+
+
+def _most(present_ns: int, periods_ns: Sequence[int]) -> int:
+    """The period near most of these, one of video where any is; the present one where none is better."""
+    ordered = sorted(periods_ns)
+
+    def support(period_ns: int) -> tuple[bool, int]:
+        near_ns = _near_ns(period_ns)
+        held = bisect_right(ordered, period_ns + near_ns) - bisect_left(ordered, period_ns - near_ns)
+        return held > 0 and period_ns <= SLOWEST_VIDEO_NS, held
+
+    best_ns = max(dict.fromkeys(periods_ns), key=support)
+    return best_ns if support(best_ns) > support(present_ns) else present_ns
 
 
 def _near_ns(period_ns: int) -> float:

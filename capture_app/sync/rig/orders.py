@@ -1,6 +1,6 @@
 """Bursts that a leader orders, and their triggers, sent again until each is answered or has expired."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from capture_app.camera_facts import PhaseControl
@@ -84,6 +84,8 @@ class BurstOrder:
     """Frames are sent as they come, and not after the last."""
     video: bool = False
     """They go into a video for each camera."""
+    without: Collection[str] = ()
+    """Cameras that are left out."""
 
 
 @dataclass(slots=True)
@@ -113,7 +115,7 @@ class Orders:
 
         Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
         """
-        if grid is None or not self._roster.cameras():
+        if grid is None or not self._cameras(order):
             raise NoCameraHereError("no camera is here")
         if not is_possible_burst(order.frames, order.spacing * grid.period_ns, streamed=order.streamed):
             most, most_ns = MAX_FRAMES, MAX_BURST_NS
@@ -131,7 +133,7 @@ class Orders:
         One that may begin as soon as all can know of it may be delayed by `max_delay_ns` to reach the best
         predicted alignment. Raises what `check` does.
         """
-        grid, cameras = self.check(grid, order), self._roster.cameras()
+        grid, cameras = self.check(grid, order), self._cameras(order)
         asked_ns = now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
         first_ns = asked_ns
         if abs(asked_ns - now_ns) > MOST_AWAY_NS:
@@ -152,6 +154,9 @@ class Orders:
         )
         self._open(burst, now_ns, step_ns, len(instants_ns))
         return burst
+
+    def _cameras(self, order: BurstOrder) -> list[Member]:
+        return [member for member in self._roster.cameras() if member.name not in order.without]
 
     def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
         """Let a burst that is streamed end after so many frames, and return it as it is then."""

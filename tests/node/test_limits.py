@@ -1,0 +1,232 @@
+"""What one paired machine can take up: its own share, and no room, rate or picture of others."""
+
+import asyncio
+import resource
+import sys
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from capture_app.errors import DiskFullError, NetworkError
+from capture_app.net.channel import MAX_HEADER_BYTES, MOST_OF_ONE_MACHINE, connect
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.snapshots import MOST_OF_A_PAGE
+from capture_app.node.requests import ask_status
+from capture_app.node.wire import messages as wire
+from capture_app.node.wire import operating
+from capture_app.node.wire.messages import BurstRequest, FromLeader, NodeStream, SpoolSpace, StatusAnswer
+from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.roster import MOST_OF_ONE
+from capture_app.sync.wire.codec import encode
+from capture_app.sync.wire.messages import Heartbeat, Hello, NodeState, Report
+from capture_app.sync.wire.principal import Principal
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
+from tests.facts import make_facts
+from tests.node.joining import joined
+from tests.node.sealed_nodes import introduced
+from tests.node.thieves import ask, say_hello
+from tests.waiting import until
+
+OWN = ("mine", 2222)
+SLOW = 1_000_000_000
+MIB = 1 << 20
+
+
+@pytest.fixture
+def trust(tmp_path: Path) -> Trust:
+    return Trust(tmp_path / "leader")
+
+
+@pytest.fixture
+async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
+    ) as node:
+        yield node
+
+
+def memory_bytes() -> int:
+    """The most that this process has taken until now."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+SENDER = """
+import asyncio, sys
+from pathlib import Path
+from capture_app.net.address import Address
+from capture_app.net.channel import connect
+from capture_app.node.wire import operating
+from capture_app.node.wire.messages import FromLeader
+from capture_app.trust.trust import Trust
+
+async def send(trust, leader):
+    channels = []
+    for n in range(8):
+        name = f"mine{n}"
+        channels.append(channel := await connect(leader, FromLeader, trust=trust))
+        await channel.send(operating.ViewfinderOpened(camera=name, instance=n + 1))
+        frame = operating.PreviewFrame(camera=name, leader_ns=0, width=1, height=1)
+        await channel.send(frame, bytes(60 << 20))
+        await channel.send(operating.Vitals(fps=7.0))
+    await asyncio.sleep(600)
+
+asyncio.run(send(Trust(Path(sys.argv[1])), Address("127.0.0.1", int(sys.argv[2]))))
+"""
+
+
+def join_many(leader: LeaderNode, pin: str, names: list[str], period_ns: int = 33_333_333) -> None:
+    """Let one machine's nodes say hello and a first word, as their keys would let them."""
+    engine = leader.bursts.engine
+    for instance, name in enumerate(names, 1):
+        who, now_ns = Principal(name, instance, pin), leader.bursts.now_ns()
+        address = ("127.0.0.1", 1 + instance)
+        engine.receive_datagram(
+            encode(Hello(name, instance, make_facts(period_ns=period_ns))), address, now_ns, who
+        )
+        member = engine.members.get(name)
+        if member is not None and member.instance == instance:
+            report = Heartbeat(member.number, Report(state=NodeState.READY))
+            engine.receive_datagram(encode(report), address, now_ns, who)
+    engine.handle_timer(leader.bursts.now_ns())
+    list(engine.datagrams_to_send(leader.bursts.now_ns()))
+
+
+async def test_one_machine_has_so_many_names_and_others_still_join(
+    tmp_path: Path, trust: Trust, leader: LeaderNode
+) -> None:
+    """It took 10,500 in 37 s, and nobody could be let in."""
+    join_many(leader, "pin-of-one", [f"made-up-{n}" for n in range(3000)])
+    assert len(leader.status().nodes) == MOST_OF_ONE
+    assert isinstance(await say_hello(leader.own_address, introduced(tmp_path, trust, "x"), *OWN), object)
+    assert "mine" in {node.name for node in leader.status().nodes}
+    # What it leaves goes first when it comes under further names: it keeps to its share.
+    await until(lambda: all(node.state is NodeState.LOST for node in leader.status().nodes))
+    join_many(leader, "pin-of-one", [f"later-{n}" for n in range(300)])
+    nodes = leader.status().nodes
+    assert len(nodes) == MOST_OF_ONE + 1
+    assert sum(node.name.startswith("later") for node in nodes) == MOST_OF_ONE
+
+
+async def test_the_status_of_a_large_rig_comes_in_pages_and_fits_a_message(
+    trust: Trust, leader: LeaderNode
+) -> None:
+    for machine in range(10):
+        names = [f"cam-{machine}-{n:03d}-{'n' * 40}" for n in range(MOST_OF_ONE)]
+        join_many(leader, f"pin-{machine}", names)
+    async with await connect(leader.own_address, FromLeader, trust=trust) as channel:
+        answer = await ask(channel, wire.StatusRequest())
+        assert isinstance(answer, StatusAnswer)
+        assert len(msgspec.json.encode(answer)) < MAX_HEADER_BYTES // 2
+        assert (len(answer.rig.nodes), answer.rig.further) == (MOST_OF_A_PAGE, 1000 - MOST_OF_A_PAGE)
+        assert answer.rig.message == f"and {1000 - MOST_OF_A_PAGE} more nodes, not listed here: 750 ready"
+        await channel.send(operating.WatchRequest())
+        told = await channel.receive_header()
+        assert isinstance(told, StatusAnswer)
+        assert told.rig.further == 1000 - MOST_OF_A_PAGE
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trust, "of_user", classmethod(lambda _: trust))
+        rig = await ask_status(leader.own_address)
+    assert [node.name for node in rig.nodes] == sorted(leader.bursts.engine.members)
+    assert (rig.further, rig.message) == (0, "")
+
+
+async def test_streams_of_one_machine_leave_room_for_operators_and_others(
+    tmp_path: Path, trust: Trust, leader: LeaderNode
+) -> None:
+    """766 of them locked everybody out."""
+    machine, other = introduced(tmp_path, trust, "machine"), introduced(tmp_path, trust, "other")
+    operator = introduced(tmp_path, trust, "operator", Role.OPERATOR)
+    loop = asyncio.get_running_loop()
+    async with AsyncExitStack() as stack, joined(leader.own_address, OWN, trust=machine):
+        kept = 0
+        for _ in range(MOST_OF_ONE_MACHINE + 40):
+            try:
+                channel = await stack.enter_async_context(
+                    await connect(leader.own_address, FromLeader, trust=machine)
+                )
+                opened = operating.ViewfinderOpened(camera=OWN[0], instance=OWN[1])
+                await channel.send(opened)
+                kept += 1
+            except NetworkError:
+                continue
+        began_s = loop.time()
+        async with await connect(leader.own_address, FromLeader, trust=operator) as channel:
+            assert isinstance(await ask(channel, wire.StatusRequest()), StatusAnswer)
+        async with joined(leader.own_address, ("cam", 1), trust=other):
+            pass
+        assert loop.time() - began_s < 30, "an answer all the same"
+
+
+@pytest.mark.parametrize("wanted", [False, True], ids=["unasked", "far too large"])
+async def test_pictures_that_nobody_wants_take_no_memory(
+    tmp_path: Path, trust: Trust, leader: LeaderNode, wanted: bool
+) -> None:
+    """Eight of them took 513 MB."""
+    machine = introduced(tmp_path, trust, "machine")
+    names = [f"mine{n}" for n in range(8)]
+    async with AsyncExitStack() as stack:
+        for n, name in enumerate(names):
+            await stack.enter_async_context(joined(leader.own_address, (name, n + 1), trust=machine))
+        if wanted:
+            operator = introduced(tmp_path, trust, "operator", Role.OPERATOR)
+            watching = await connect(leader.own_address, FromLeader, trust=operator)
+            await stack.enter_async_context(watching)
+            await watching.send(operating.WatchRequest())
+            await watching.send(operating.PreviewsWanted(width=160, fps=1.0))
+        before = memory_bytes()
+        where = str(tmp_path / "machine"), str(leader.own_address.port)
+        process = await asyncio.create_subprocess_exec(sys.executable, "-c", SENDER, *where)
+        try:
+            await until(lambda: all(n.fps == 7.0 for n in leader.status().nodes if n.name in names))
+            grown = memory_bytes() - before
+        finally:
+            process.kill()
+            await process.wait()
+    # Of 480 MiB that were sent.
+    assert grown < 100 * MIB, f"{grown / MIB:.0f} MiB"
+
+
+async def test_a_machine_has_one_vote_on_the_rate_however_many_cameras_it_makes_up(
+    trust: Trust, leader: LeaderNode
+) -> None:
+    for machine in range(2):
+        join_many(leader, f"honest-{machine}", [f"cam{machine}"])
+    join_many(leader, "pin-of-one", [f"slow{n}" for n in range(5)], period_ns=SLOW)
+    grid = leader.shared_grid()
+    assert grid is not None
+    assert grid.grid.period_ns == 33_333_333
+    # Of one machine alone most cameras decide, as ever.
+    for name in ("cam0", "cam1"):
+        leader.bursts.engine.drop_member(leader.bursts.engine.members[name], "away")
+    leader.bursts.engine.handle_timer(leader.bursts.now_ns())
+    grid = leader.shared_grid()
+    assert grid is not None
+    assert grid.grid.period_ns == SLOW
+
+
+async def test_a_camera_without_room_is_left_out_and_named(
+    tmp_path: Path, trust: Trust, leader: LeaderNode
+) -> None:
+    """ "0 bytes free" of one refused every burst."""
+    machine, other = introduced(tmp_path, trust, "machine"), introduced(tmp_path, trust, "other")
+    async with (
+        joined(leader.own_address, OWN, trust=machine),
+        joined(leader.own_address, ("cam", 1), trust=other),
+        await connect(leader.own_address, FromLeader, trust=machine) as channel,
+    ):
+        await ask(channel, NodeStream(camera=OWN[0], instance=OWN[1]))
+        await ask(channel, SpoolSpace(camera=OWN[0], free_bytes=0, spool="/full"))
+        burst = await leader.bursts.order(BurstOrder(frames=2))
+        assert burst.burst.clients == ("cam",)
+        assert "without mine: it may need" in burst.status.message
+        await leader.bursts.cancel(burst.burst.number)
+    await until(lambda: all(node.state is NodeState.LOST for node in leader.status().nodes))
+    async with joined(leader.own_address, OWN, trust=machine):
+        with pytest.raises(DiskFullError, match="mine: it may need"):
+            async for _ in leader.bursts.take(BurstRequest(frames=2)):
+                pass

@@ -170,12 +170,12 @@ def test_what_is_not_applicable_synchronized_is_not_judged_otherwise(run: Callab
     judged = {(row.instant, row.condition): (row.coverage, bool(row.not_applicable)) for row in done.units}
     assert judged == {
         (0, "synced"): (None, True),
-        (0, "66"): (None, True),
+        (0, "66ms"): (None, True),
         (2, "synced"): (0.5, False),
-        (2, "66"): (0.5, False),
+        (2, "66ms"): (0.5, False),
     }
     assert (done.computed, done.failed, done.not_applicable) == (2, 0, 2)
-    assert {(of.condition, of.instants) for of in done.groups} == {("66", 1), ("synced", 1)}
+    assert {(of.condition, of.instants) for of in done.groups} == {("66ms", 1), ("synced", 1)}
 
 
 def test_all_failed_alike_is_that_exit_code(run: Callable[..., Any], tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from capture_app.session.reading.sheet_pictures import encode_animation
 from reconstruction.common.drawing import EMPTY, fit_canvas
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
@@ -81,18 +82,9 @@ def save_animation(
         )
         for first, second, title in zip(*halves, titles[1], strict=True)
     ]
-    animation = cv2.Animation()
-    animation.frames = there + there[-2:0:-1]
-    animation.durations = [
-        REST_MS if k in (0, len(there) - 1) else STEP_MS for k in range(len(animation.frames))
-    ]
-    animation.loop_count = 0
     target = folder / "pictures" / f"{name}.gif"
     target.parent.mkdir(parents=True, exist_ok=True)
-    # Smaller and smoother than the writer's defaults: error diffusion, eight bits of colour.
-    how = [cv2.IMWRITE_GIF_DITHER, 3, cv2.IMWRITE_GIF_QUALITY, 8]
-    if not cv2.imwriteanimation(str(target), animation, how):
-        raise OSError(f"cannot write {target}")
+    target.write_bytes(encode_animation(there, ".gif", STEP_MS, REST_MS))
     return f"pictures/{name}.gif"
 
 

@@ -245,7 +245,8 @@ def wiggle(
     opened = TakeSheet.open(session)
     shown = opened.instants // 2 if instant is None else instant
     frames = list(wiggle_frames(opened, shown, width))
-    _write(out, encode_animation(frames, fps, suffix))
+    step_ms = round(1000 / fps)
+    _write(out, encode_animation(frames, suffix, step_ms, step_ms))
     told = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}
     answer(as_json, told, [str(out)])
 

@@ -1,9 +1,10 @@
 """`reconstruct panorama`: the panorama of a session's instant, or of a folder of pictures."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -75,9 +76,8 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str] = {}
 
 
-@dataclass(frozen=True)
-class ConditionInput:
-    """Pictures (BGR) by name, and what moves in them (bool) where that is known."""
+class Pictures(NamedTuple):
+    """One condition's pictures (BGR) by name, and what moves in them (bool) where that is known."""
 
     images: dict[str, Array]
     movers: dict[str, Array]
@@ -85,11 +85,11 @@ class ConditionInput:
 
 @dataclass(frozen=True)
 class PanoramaInput:
-    """What is composed: pictures of one instant, the same with every second camera late, and known views."""
+    """What is composed: one instant, and maybe the same with every second camera late; and known views."""
 
-    synced: ConditionInput
-    views: dict[str, View]
-    offset: ConditionInput | None = None
+    conditions: dict[str, Pictures]
+    """`synced`, and `offset` where it is asked for."""
+    views: dict[str, View] = field(default_factory=dict)
     late: tuple[str, ...] = ()
     offset_ms: float = 0.0
     absent: dict[str, str] = field(default_factory=dict)
@@ -109,17 +109,17 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
         given = _load_input(sources, options)
         with opencv_calls("stitching"):
             stitcher = _register(given)
-            synced = _save_panorama(stitcher, given, given.synced, "synced", output.folder)
-            offset = None
-            if given.offset is not None:
-                offset = _save_panorama(stitcher, given, given.offset, "offset", output.folder)
+            made = {
+                name: _save_panorama(stitcher, given.late, pictures, name, output.folder)
+                for name, pictures in given.conditions.items()
+            }
         result = PanoramaResult(
             source=" ".join(map(str, sources)),
             used=stitcher.used,
             left_out=given.absent | stitcher.left_out,
             calibration=given.calibration,
-            synced=synced,
-            offset=offset,
+            synced=made["synced"],
+            offset=made.get("offset"),
             actual_offset_ms=given.offset_ms,
             time_shifts_ms=dict(options.time_shifts_ms),
             seconds=time.monotonic() - began,
@@ -133,18 +133,18 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
 
 def _register(given: PanoramaInput) -> PanoramaStitcher:
     try:
-        return PanoramaStitcher(given.synced.images, given.synced.movers, given.views)
+        return PanoramaStitcher(*given.conditions["synced"], given.views)
     except ValueError as error:
         hint = "take them from one place, with a third of overlap between neighbours"
         raise BadInputError(f"the pictures make no panorama: {error}", hint=hint) from error
 
 
 def _save_panorama(
-    stitcher: PanoramaStitcher, given: PanoramaInput, shown: ConditionInput, condition: str, folder: Path
+    stitcher: PanoramaStitcher, late: Collection[str], shown: Pictures, condition: str, folder: Path
 ) -> ConditionPanorama:
     layers = stitcher.layers(shown.images)
     movers = {name: stitcher.layer_mask(name, shown.movers[name]) for name in layers if name in shown.movers}
-    overlaps = Overlaps(layers, movers, stitcher.projection.canvas, given.late)
+    overlaps = Overlaps(layers, movers, stitcher.projection.canvas, late)
     picture = stitcher.compose(layers)
     return ConditionPanorama(
         panorama=save_picture(folder, f"panorama_{condition}.jpg", picture),
@@ -180,7 +180,7 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
     images: dict[str, Array] = {}
     for path in paths:
         images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)
-    return PanoramaInput(ConditionInput(images, {}), {})
+    return PanoramaInput({"synced": Pictures(images, {})})
 
 
 def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
@@ -193,30 +193,26 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
     views = _known_views(dataset, cameras)
     calibration = dataset.calibration()
     source = calibration.source_words if calibration is not None and views else ""
-    if len(dataset.instants_ns) < 2:
-        images = {name: dataset.image(name, instant) for name in cameras}
-        return PanoramaInput(ConditionInput(images, {}), views, absent=absent, calibration=source)
-    motion = SceneMotion(dataset, 1)
-    synced = _condition(dataset, motion, dict.fromkeys(cameras, instant))
-    if options.offset_ms is None:
-        return PanoramaInput(synced, views, absent=absent, calibration=source)
-    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
-    later = dict(offset.pairs).get(instant)
-    late = cameras[1::2]
-    if later is None or not dataset.has_images((name, later) for name in late):
-        raise BadInputError(
-            f"{folder} has no pictures {offset.actual_ms:.0f} ms after instant {instant}",
-            hint="choose an earlier --instant",
-        )
-    shown = dict.fromkeys(cameras, instant) | dict.fromkeys(late, later)
-    offset_input = _condition(dataset, motion, shown)
-    return PanoramaInput(synced, views, offset_input, tuple(late), offset.actual_ms, absent, source)
+    motion = SceneMotion(dataset, 1) if len(dataset.instants_ns) > 1 else None
+    shown = {"synced": dict.fromkeys(cameras, instant)}
+    late, offset_ms = [], 0.0
+    if motion is not None and options.offset_ms is not None:
+        offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
+        later, late = dict(offset.pairs).get(instant), cameras[1::2]
+        if later is None or not dataset.has_images((name, later) for name in late):
+            raise BadInputError(
+                f"{folder} has no pictures {offset.actual_ms:.0f} ms after instant {instant}",
+                hint="choose an earlier --instant",
+            )
+        shown["offset"], offset_ms = shown["synced"] | dict.fromkeys(late, later), offset.actual_ms
+    conditions = {name: _pictures(dataset, motion, of) for name, of in shown.items()}
+    return PanoramaInput(conditions, views, tuple(late), offset_ms, absent, source)
 
 
-def _condition(dataset: Dataset, motion: SceneMotion, shown: Mapping[str, int]) -> ConditionInput:
-    return ConditionInput(
-        {name: dataset.image(name, k) for name, k in shown.items()},
-        {name: motion.widened_movers(name, k) for name, k in shown.items()},
+def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:
+    images = {name: dataset.image(name, k) for name, k in shown.items()}
+    return Pictures(
+        images, {name: motion.widened_movers(name, k) for name, k in shown.items()} if motion else {}
     )
 
 

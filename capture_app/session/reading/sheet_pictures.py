@@ -84,8 +84,8 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> Iterator["Pictu
             yield whole
 
 
-def encode_animation(frames: "list[Picture]", fps: float, suffix: str) -> bytes:
-    """There and back through the frames, for ever, as .gif or .webp.
+def encode_animation(frames: "list[Picture]", suffix: str, step_ms: int, rest_ms: int) -> bytes:
+    """There and back through the frames, for ever, as .gif or .webp; the first and the last are shown longer.
 
     Raises NotAvailableError where this OpenCV cannot write it.
     """
@@ -93,7 +93,8 @@ def encode_animation(frames: "list[Picture]", fps: float, suffix: str) -> bytes:
 
     animation = cv2.Animation()
     animation.frames = [*frames, *frames[-2:0:-1]]
-    animation.durations = [round(1000 / fps)] * len(animation.frames)
+    ends = 0, len(frames) - 1
+    animation.durations = [rest_ms if k in ends else step_ms for k in range(len(animation.frames))]
     animation.loop_count = 0
     # On a sample these give 30.5 dB as GIF (by OpenCV's defaults 21.4), 31.6 dB as WebP in half the bytes.
     options = {

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from capture_app.cameras.v4l2.kernel import PixelFormat
+from capture_app.session.reading.decoding import decode_image
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 _JPEG_QUALITY = 95
-_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""Markers of JPEG whose segment holds the picture's size (ITU T.81, table B.1)."""
 _JPEG_START = b"\xff\xd8"
 
 
@@ -36,22 +35,10 @@ class JpegPicture:
 
         Raises ValueError for bytes that are no picture.
         """
-        import cv2
-        import numpy as np
-
-        full, flag = _jpeg_width(self.data), cv2.IMREAD_COLOR
-        for part, reduced in (
-            (8, cv2.IMREAD_REDUCED_COLOR_8),
-            (4, cv2.IMREAD_REDUCED_COLOR_4),
-            (2, cv2.IMREAD_REDUCED_COLOR_2),
-        ):
-            if full >= part * width:
-                flag = reduced
-                break
-        picture = cv2.imdecode(np.frombuffer(self.data, np.uint8), flag)
+        picture = decode_image(self.data, colour=True, at_least=width)
         if picture is None:
             raise ValueError("the camera's JPEG cannot be decoded")
-        return np.asarray(picture, np.uint8)
+        return picture
 
 
 class PixelPicture(ABC):
@@ -119,17 +106,6 @@ class RawPicture(PixelPicture):
             picture = cv2.cvtColor(np.ascontiguousarray(plane[:, :width]), cv2.COLOR_YUV2BGR_NV12)
             return np.asarray(picture[::step, ::step], np.uint8)
         return plane[::step, :width:step]
-
-
-def _jpeg_width(data: bytes) -> int:
-    """Width of a JPEG in pixels, from its frame header; 0 where that is not found."""
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4])
-        if marker in _FRAME_HEADERS:
-            return int.from_bytes(data[at + 7 : at + 9])
-        at += 2 + length
-    return 0
 
 
 def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | RawPicture | None:

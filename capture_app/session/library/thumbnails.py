@@ -38,10 +38,7 @@ class ThumbnailCache:
         small = _decode(kept)
         if small is not None:
             return small
-        # The decoder of JPEG halves three times at next to no cost.
-        large = _decode(image, reduction=8)
-        if large is None or large.shape[1] < WIDTH_PX:
-            large = _decode(image)
+        large = _decode(image)
         return None if large is None else self._keep(kept, fit(large, WIDTH_PX, WIDTH_PX * large.shape[0]))
 
     def _keep(self, path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
@@ -62,10 +59,10 @@ class ThumbnailCache:
         return small if kept is None else kept
 
 
-def _decode(path: Path, reduction: int = 1) -> "NDArray[np.uint8] | None":
+def _decode(path: Path) -> "NDArray[np.uint8] | None":
     try:
         with path.open("rb") as file:
             # Of a video the first frame, which is a whole JPEG.
-            return decode_image(file.read(MOST_BYTES), colour=True, reduction=reduction)
+            return decode_image(file.read(MOST_BYTES), colour=True, at_least=WIDTH_PX)
     except OSError:
         return None

@@ -14,14 +14,14 @@ MOST_PIXELS = 1 << 28
 
 
 def decode_image(
-    data: bytes, *, colour: bool = False, reduction: int = 1, upright: bool = False
+    data: bytes, *, colour: bool = False, at_least: int = 0, upright: bool = False
 ) -> "NDArray[np.uint8] | None":
     """Decode an image file's bytes in full; None where they are not an image.
 
     Nor are those of more than MOST_PIXELS, which a small file can tell of.
-    `colour`: height x width x BGR of 8 bits, whatever the file has. `reduction`, of a coloured one only:
-    a half, quarter or eighth of its size (2, 4 or 8), which takes far less time. `upright`: of 8 bits and
-    turned as its EXIF says, which no other image is.
+    `colour`: height x width x BGR of 8 bits, whatever the file has; with `at_least` a half, a quarter or an
+    eighth of its size where that is still so wide, which takes far less time. `upright`: of 8 bits and turned
+    as its EXIF says, which no other image is.
     """
     told = size_of(data)
     if told is not None and told[0] * told[1] > MOST_PIXELS:
@@ -29,14 +29,15 @@ def decode_image(
     import cv2  # heavy: only where images are looked at
     import numpy as np
 
-    of_size = {
-        1: cv2.IMREAD_COLOR,
-        2: cv2.IMREAD_REDUCED_COLOR_2,
-        4: cv2.IMREAD_REDUCED_COLOR_4,
-        8: cv2.IMREAD_REDUCED_COLOR_8,
-    }
-    flags = of_size[reduction] | cv2.IMREAD_IGNORE_ORIENTATION if colour else cv2.IMREAD_UNCHANGED
-    flags = cv2.IMREAD_ANYCOLOR if upright else flags
+    flags = cv2.IMREAD_ANYCOLOR if upright else cv2.IMREAD_UNCHANGED
+    if colour:
+        sizes = (
+            (8, cv2.IMREAD_REDUCED_COLOR_8),
+            (4, cv2.IMREAD_REDUCED_COLOR_4),
+            (2, cv2.IMREAD_REDUCED_COLOR_2),
+        )
+        fitting = (flag for by, flag in sizes if told and at_least and told[0] >= by * at_least)
+        flags = next(fitting, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error:

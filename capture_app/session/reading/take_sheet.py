@@ -137,14 +137,11 @@ class TakeSheet:
         image = self._places[camera, instant].image
         if image is None:
             return None
-        full = self.session.camera(camera).facts.width
-        # A JPEG's decoder halves it at next to no cost.
-        reduction = next((by for by in (8, 4, 2) if width and full // by >= width), 1)
         try:
             data = self.session.image_bytes(image)
         except OSError:
             return None
-        return decode_image(data, colour=True, reduction=reduction)
+        return decode_image(data, colour=True, at_least=width)
 
 
 def _remark(image: ImageRecord) -> str:

@@ -67,6 +67,7 @@ def test_what_is_read_comes_whole_and_in_its_order(tmp_path: Path) -> None:
     assert [json.loads(line)["number"] for line in out.splitlines()] == list(range(90))
     assert err.count(b"line ") == 90
     assert process.returncode == 0
+    assert (tmp_path / "done").stat().st_mode & 0o777 == 0o640, "for its owner and group"
 
 
 @pytest.mark.parametrize("options", [["-v"], []], ids=["with what is logged", "as usual"])

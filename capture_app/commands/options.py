@@ -206,6 +206,9 @@ def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) 
         return await task
 
     wait_for_no_reader()
+    with contextlib.suppress(ValueError):
+        # Pictures are for their owner and group: other users of a machine are strangers.
+        os.umask(int(os.environ.get("SIMULSHOT_UMASK", "027"), 8))
     try:
         return asyncio.run(stoppable())
     except asyncio.CancelledError:

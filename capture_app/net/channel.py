@@ -67,9 +67,12 @@ async def open_identified(
     except (ssl.SSLError, ConnectionResetError, ConnectionAbortedError) as error:
         if context is None:
             raise
+        # A handshake that is cut may be somebody's doing: that is no reason to ask nobody.
+        paired = any(Role.LEADER in machine.roles for machine in trust.known.all())
+        what = "whoever answers was paired with this machine, or is another, and does not prove it now"
         raise UnknownMachineError(
-            f"the leader at {address} does not show who it is",
-            hint="if it runs with --open, give --open here, too",
+            f"the leader at {address} does not show who it is" + (f": {what}" if paired else ""),
+            hint="is that its address? Its own screen tells it, and OPEN where it asks nobody who they are",
         ) from error
     try:
         who = trust.peer(_certificate(writer))

@@ -79,7 +79,7 @@ class Child:
         """The error of a process that has ended when it should not have: its own last words."""
         await asyncio.wait((self.listening,), timeout=1.0)
         last = next((line for line in reversed(self.said) if line), "it said nothing")
-        last = last.partition(": error: ")[2] or last
+        last = (last.partition(": error: ")[2] or last).removeprefix(f"{self.name}: ")
         code = self.process.returncode
         return error_of_exit(code, f"{self.name} ended with code {code}: {last}")
 

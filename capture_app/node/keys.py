@@ -39,7 +39,7 @@ class KeyIssuer:
         opened its stream.
         """
         if self._sealed is None:
-            raise BadInputError("datagrams are not sealed here", hint="start the node with --open, too")
+            raise BadInputError("datagrams are not sealed here", hint="this rig is OPEN: it asks nobody")
         machine, role = self._trust.known.find(who.pin), Role.RELAY if request.is_relay else Role.CAMERA
         if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
             raise UnknownMachineError(f"this machine is not known here as {role} any more")

@@ -82,7 +82,8 @@ class Enrolment:
                 raise UnknownMachineError("a proof comes after a word")
 
     async def _answer_enrolment(self, channel: Channel[Any], message: pairing.EnrolRequest) -> None:
-        machine = None if self._trust.is_open else self._trust.known.note_certificate(message.certificate)
+        known = None if self._trust.is_open else self._trust.known.find(pin_of(message.certificate))
+        machine = None if known is None else self._trust.known.note_certificate(message.certificate)
         if machine is None:
             now_s = time.monotonic()
             if now_s - self._said_s >= SAID_AGAIN_S:
@@ -92,7 +93,8 @@ class Enrolment:
                     " if it is yours, show it a code: capture-app trust invite"
                 )
             raise UnknownMachineError("the leader does not know this machine")
-        self._log.say(f"{machine.name} is known from now on")
+        if machine != known:
+            self._log.say(f"{machine.name} is known from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
 
     async def _answer_word(self, channel: Channel[Any], message: pairing.PairingWord) -> None:

@@ -30,6 +30,7 @@ MOST_STRANGERS = 128
 STRANGER_S = 20.0
 """One that has not become a link by then is closed: no page takes so long to load."""
 HANDSHAKE_S = 10.0
+MOST_GREETED = 64
 LOOK_EVERY_S = 0.5
 
 
@@ -40,6 +41,8 @@ class Door:
         self._since_s: dict[asyncio.BaseTransport, float] = {}
         self._trusted: set[asyncio.BaseTransport] = set()
         self._stamped: dict[asyncio.BaseTransport, _StampedProtocol] = {}
+        self._greeting: dict[asyncio.Task[None], None] = {}
+        """Connections that have not shown yet that they speak TLS, the oldest first."""
 
     def received_ns(self, transport: asyncio.BaseTransport | None) -> int:
         """Return when bytes came last on a connection, by the monotonic clock: perhaps late, never early."""
@@ -51,20 +54,44 @@ class Door:
         self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None
     ) -> AsyncIterator[None]:
         """Accept what comes on a socket that listens, until the block ends."""
-        accepting = await asyncio.get_running_loop().create_server(
-            lambda: _StampedProtocol(server(), self._stamped),
-            sock=listening,
-            ssl=tls,
-            ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
-        )
-        sweeping = asyncio.create_task(self._sweep(server))
+        tasks = [asyncio.create_task(self._accept(server, listening, tls))]
+        tasks.append(asyncio.create_task(self._sweep(server)))
         try:
             yield
         finally:
-            accepting.close()
-            sweeping.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await sweeping
+            for task in (*tasks, *self._greeting):
+                task.cancel()
+            await asyncio.gather(*tasks, *self._greeting, return_exceptions=True)
+            listening.close()
+
+    async def _accept(self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
+        listening.setblocking(False)
+        while True:
+            try:
+                connection, _ = await asyncio.get_running_loop().sock_accept(listening)
+            except OSError:
+                await asyncio.sleep(LOOK_EVERY_S)  # as where no file is left
+                continue
+            # TLS takes memory from the first moment on, and whoever has said nothing yet makes room.
+            if len(self._greeting) >= MOST_GREETED:
+                next(iter(self._greeting)).cancel()
+            task = asyncio.create_task(self._greet(server, connection, tls))
+            self._greeting[task] = None
+            task.add_done_callback(lambda done: self._greeting.pop(done, None))
+
+    async def _greet(self, server: web.Server, connection: socket.socket, tls: ssl.SSLContext | None) -> None:
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(
+                lambda: _StampedProtocol(server(), self._stamped),
+                connection,
+                ssl=tls,
+                ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
+            )
+        except OSError:
+            connection.close()
+        except asyncio.CancelledError:
+            connection.close()
+            raise
 
     def trust(self, transport: asyncio.BaseTransport | None) -> None:
         """Let a connection stay: it is a phone's that was let in."""
@@ -171,6 +198,7 @@ class PhoneGateway:
     async def serving(self, listening: socket.socket, tls: ssl.SSLContext | None) -> AsyncIterator[None]:
         """Serve on a socket that listens until the block ends; then all pages are told."""
         app = web.Application(middlewares=[_guard], client_max_size=4096)
+        app.on_response_prepare.append(_say_no_server)
         for part in PARTS:
             app.router.add_get(f"/{part}", self._send_part)
         app.router.add_post("/join", self._join)
@@ -303,6 +331,11 @@ async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
         # Older browsers do not count a WebSocket of the page's own host to 'self'.
         response.headers["Content-Security-Policy"] = f"{_POLICY}; connect-src 'self' wss://{request.host}"
     return response
+
+
+async def _say_no_server(request: web.Request, response: web.StreamResponse) -> None:
+    """Tell nobody which program of which version this is."""
+    response.headers.popall("Server", None)
 
 
 _REPLACED = b"This phone takes part by another page of it. Close one of them."

@@ -167,3 +167,16 @@ async def test_a_port_that_is_open_and_silent_is_told_from_a_firewall(tmp_path: 
     assert found is not None
     assert found.what == f"the port of {address} is open, but nothing there says a word"
     assert "firewall" not in found.remedy + error.value.hint
+
+
+async def test_a_handshake_that_is_cut_is_no_reason_to_ask_nobody(tmp_path: Path) -> None:
+    """Whoever is on the way can cut it, and would be let in by that."""
+    node = Trust(tmp_path)
+    for paired in (False, True):
+        if paired:
+            node.known.add(Trust(tmp_path / "leader").identity.pin, Role.LEADER, name="leader")
+        async with a_leader(Trust.open()) as address:
+            with pytest.raises(NetworkError) as error:
+                await connect(address, Ping, trust=node)
+        assert "--open" not in str(error.value) + error.value.hint
+        assert ("was paired with this machine" in str(error.value)) is paired

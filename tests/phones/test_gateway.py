@@ -13,7 +13,7 @@ import pytest
 from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
 from capture_app.errors import SimulshotError
 from capture_app.node.requests import ask_controls
-from capture_app.phones.gateway import REPLACED
+from capture_app.phones.gateway import MOST_GREETED, REPLACED
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from tests.phones.places import Place, burst, ready, serving
@@ -226,3 +226,25 @@ async def test_two_phones_by_one_code_are_one_and_a_refusal(place: Place) -> Non
     assert "has let another phone in" in body["words"]
     second.secret = place.admission.secret
     assert await second.join() == "left-2"
+
+
+async def test_idle_connections_are_counted_when_they_are_accepted(place: Place) -> None:
+    """4,000 of them took 320 MB before any had spoken TLS."""
+    where = urlsplit(place.url)
+    idle = [await asyncio.open_connection(where.hostname, where.port) for _ in range(3 * MOST_GREETED)]
+    ended = [asyncio.create_task(reader.read()) for reader, _ in idle]
+    await until(lambda: sum(task.done() for task in ended) >= 2 * MOST_GREETED)
+    phone = await place.phone()
+    assert await phone.join() == "left", "whoever speaks is let in"
+    for task, (_, writer) in zip(ended, idle, strict=True):
+        task.cancel()
+        writer.transport.abort()
+
+
+async def test_no_answer_tells_which_program_serves_it(place: Place) -> None:
+    async with (
+        aiohttp.ClientSession(connector=aiohttp.TCPConnector(ssl=False)) as session,
+        session.get(place.url.partition("#")[0]) as page,
+    ):
+        assert page.status == 200
+        assert "Server" not in page.headers

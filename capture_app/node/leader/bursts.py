@@ -367,9 +367,8 @@ class ActiveBursts:
             self._news.note(DiskNews(space.camera, space.problem))
 
     def tell_progress(self, session: BurstSession) -> None:
-        """Report how far a burst is, a long one now and then; that it is finished is reported once."""
-        wait_ns = TELL_EVERY_NS if session.burst.streamed else 0
-        if not session.finished.is_set() and self.now_ns() >= self._told_ns + wait_ns:
+        """Report now and then how far a burst is; that it is finished is reported once."""
+        if not session.finished.is_set() and self.now_ns() >= self._told_ns + TELL_EVERY_NS:
             self._told_ns = self.now_ns()
             self._news.note(session.status)
 

@@ -93,7 +93,11 @@ async def test_pins_that_are_pasted_on_both_sides_do_without_a_code(
     assert home.known.all() == ()
     assert any("wants to join" in line for line in news(leader))
     home.known.add(machine.identity.pin, Role.CAMERA, name="garage")
-    await ask_to_enrol(leader.own_address, machine)
+    shown: list[str] = []
+    leader.news.show = shown.append
+    for _ in range(5):
+        await ask_to_enrol(leader.own_address, machine)
+    assert shown == ["garage is known from now on"], "said once, however often it knocks"
     assert await is_known(leader.own_address, machine)
 
 

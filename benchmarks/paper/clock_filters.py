@@ -7,6 +7,8 @@ from math import exp, log
 from pathlib import Path
 
 from benchmarks.paper.clock_cases import CASES, Case, CaseFigures, case_table, run_case
+from benchmarks.paper.clock_changes import CASES as CHANGES
+from benchmarks.paper.clock_changes import ChangeCase, ChangeFigures, change_table, run_cases
 from benchmarks.paper.clock_paper import (
     MESSAGES,
     NAMES,
@@ -168,6 +170,8 @@ class StudySize:
     coverage_trials: int = MOST_TRIALS
     cases: tuple[Case, ...] = CASES
     case_trials: int = 30
+    changes: tuple[ChangeCase, ...] = CHANGES
+    change_trials: int = 10
 
 
 FULL_SIZE = StudySize()
@@ -176,9 +180,10 @@ WORTH_PROCESSES = 20
 
 
 class ClockResult(Result, frozen=True, kw_only=True):
-    """The figures of the experiment, and those of each case."""
+    """The figures of the experiment, of each case, and of those in which clocks and ways change."""
 
     cases: list[CaseFigures]
+    changes: list[ChangeFigures]
 
 
 def run(
@@ -199,6 +204,9 @@ def run(
     case_trials = min(count, size.case_trials)
     talk(f"{len(size.cases)} cases in which premises fail or nearly do, {case_trials} trials each")
     found = call_all([partial(run_case, case, case_trials, str(seed)) for case in size.cases], few=few)
+    times = min(count, size.change_trials)
+    talk(f"{len(size.changes)} cases in which clocks or ways change, {times} trials each")
+    changes = run_cases(size.changes, times, str(seed), few=few)
     times = min(count, size.convergence_trials)
     talk(f"{size.messages} messages, {times} times")
     settings = (AS_THE_PAPER, BY_DEFAULT)
@@ -210,7 +218,7 @@ def run(
     times = min(count, LEAST_TRIALS)
     least = least_round_trips(str(seed), {300: times, 1000: times, size.messages: max(1, times // 10)})
     study = Study(laws, messages, convergence, coverages)
-    result = _result(study, least, [case.figures() for case in found], seed, count)
+    result = _result(study, least, [case.figures() for case in found], changes, seed, count)
     notes = (
         f"Stated 95 % held in {100 * result.ours['coverage_95']:.1f} % of all trials of all laws; in "
         f"{100 * result.ours['coverage_95_drawn']:.1f} % where the least delays differ by chance (5 % of "
@@ -221,7 +229,7 @@ def run(
         f"filter {FIGURE_S2['minimum.10000']:.0f}: so the one quickest message divided. How unequal the two "
         "ways of a link are no exchange can show; half the least round trip bounds it.",
     )
-    shown = (*tables(study), case_table(result.cases))
+    shown = (*tables(study), case_table(result.cases), change_table(result.changes))
     return Outcome(result, shown, notes, lambda folder: draw_study(study, folder))
 
 
@@ -230,7 +238,12 @@ def _coverage(law: str, count: int, seed: int, most: int) -> Coverages:
 
 
 def _result(
-    study: Study, least: dict[int, list[float]], cases: list[CaseFigures], seed: int, count: int
+    study: Study,
+    least: dict[int, list[float]],
+    cases: list[CaseFigures],
+    changes: list[ChangeFigures],
+    seed: int,
+    count: int,
 ) -> ClockResult:
     def figures(name: str) -> dict[str, object]:
         return {
@@ -286,4 +299,5 @@ def _result(
         baseline={name: figures(name) for name in names},
         paper=PAPER,
         cases=cases,
+        changes=changes,
     )

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.paper import (
     clock_cases,
+    clock_changes,
     clock_filters,
     clock_paper,
     led_panel,
@@ -32,6 +33,7 @@ SHORT = clock_filters.StudySize(
     coverage_trials=1,
     cases=clock_cases.CASES[:1],
     case_trials=1,
+    changes=clock_changes.CASES[:1],
 )
 
 

@@ -118,15 +118,7 @@ def follower_line(event: TimeClientEvent, parent: Address) -> str:
             return f"{parent} refused this relay: {event.reason}"
         case clock_events.ClockSynced():
             return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
-        case clock_events.ClockStepped():
-            return "a clock was changed: synchronizing again"
-        case clock_events.StepRefused():
-            return node_message.step_refused(event.times)
-        case clock_events.ClockRateUnusual():
-            return node_message.fast_clock(event.fast_ppm)
-        case clock_events.ClockRateChanged():
-            return node_message.RATE_CHANGED
-    return ""
+    return node_message.of_event(event)
 
 
 def burst_line(burst: BurstStatus) -> str:

@@ -115,6 +115,7 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.ClockStepped: ("clock-stepped", ()),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
+    clock_events.WayLonger: ("way-longer", ("longer_ns",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
     clock_events.ClockRateUsual: ("clock-rate-usual", ()),
     clock_events.ClockRateChanged: ("clock-rate-changed", ()),
@@ -148,10 +149,4 @@ def event_words(event: events.ClientEvent[Any]) -> str:
             return f"the leader says: {event.text}"
         case events.StrangeTrigger():
             return f"refused a trigger for burst {event.burst}: it is not of the leader that is followed"
-        case clock_events.ClockRateUnusual():
-            return node_message.fast_clock(event.fast_ppm)
-        case clock_events.StepRefused():
-            return node_message.step_refused(event.times)
-        case clock_events.ClockRateChanged():
-            return node_message.RATE_CHANGED
-    return ""
+    return node_message.of_event(event)

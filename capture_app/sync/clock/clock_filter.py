@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from heapq import nsmallest
 from math import hypot, sqrt
 
+from capture_app.sync.clock.answer_groups import AnswerGroups
 from capture_app.sync.clock.likely_line import (
     ASYMMETRY,
     DRIFT,
@@ -22,6 +23,13 @@ CHANGE_SIGMAS, CHANGE_PPM, SETTLING_NS = 5.0, 20.0, 10_000_000_000
 """A change of the rate is told from so many ppm on; those that follow each other so quickly are one."""
 STEP_SAMPLES = 3
 """Samples in a row that must agree on a step of a clock."""
+SLEW_SAMPLES, MOST_SLEW = 8, 0.1
+"""As many refused in a row are of a clock that runs beyond MAX_SKEW, if that explains them: chrony slews by a
+twelfth at most."""
+SETTLED_SAMPLES = 150
+"""After that the first as many are dropped: a clock may still have been slewed while they came."""
+CONFIRMED = 4
+"""A change is one that was beyond chance so many times in a row, each half a group later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +78,8 @@ class ClockFilter:
 
     def __init__(self, *, window_ns: int = 30_000_000_000) -> None:
         self._window_ns, self._not_before_ns = window_ns, LONG_AGO_NS
+        self._groups = AnswerGroups(window_ns)
+        self._restarted = False
         self.refused_steps = 0
         """How often samples told of a step that those after them did not confirm."""
         self.reset()
@@ -84,7 +94,18 @@ class ClockFilter:
         self._drift, self._stale = DRIFT, True
         self._changed: tuple[int, float] | None = None
         self._suspects: list[ClockSample] = []
-        """The newest samples, where they contradict those before and agree with each other."""
+        """The newest samples, where they contradict those before and can be of one clock."""
+        self._groups.clear()
+        self._least_gap, self._hidden = float(-LONG_AGO_NS), 0.0
+        self.longer_ns = 0.0
+        """By how much one of the ways has become longer than it was."""
+        self._beyond_chance = 0
+        """How often in a row the newest answers were beyond chance."""
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the newest answers tell of a change, which may be of a clock or of a way."""
+        return self._beyond_chance > 0
 
     @property
     def rate_change(self) -> RateChange | None:
@@ -115,6 +136,12 @@ class ClockFilter:
         if self._suspects:
             self._suspects.clear()
             self.refused_steps += 1
+        if self._restarted and self.samples >= SETTLED_SAMPLES:
+            samples, self._restarted = self.samples, False
+            self.reset()
+            self.add(sample)
+            self.samples = samples + 1
+            return True
         if self._blocks and sample.t3_ns // BLOCK_NS > self._newest_ns // BLOCK_NS:
             self._end_block()
         self._highest, self._lowest, self._stale = highest, lowest, True
@@ -122,6 +149,8 @@ class ClockFilter:
         self._newest_ns = max(self._newest_ns, sample.t3_ns)
         self._blocks.setdefault(sample.t0_ns // BLOCK_NS, (set(), set()))[0].add(upper)
         self._blocks.setdefault(sample.t3_ns // BLOCK_NS, (set(), set()))[1].add(lower)
+        if self._groups.add(upper, lower, 0.0 if self._fitted is None else self._fitted.skew):
+            self._look_for_change()
         return True
 
     def time_map(self, now_local_ns: int) -> TimeMap | None:
@@ -133,20 +162,26 @@ class ClockFilter:
         offset_ns = round(min(max(line.offset + line.skew * age, lowest), highest))
         # The best line through a parabola lies below its end, and is less steep there.
         span = float(self._newest_ns - min(self._blocks) * BLOCK_NS)
-        bend = self._drift * (span * span / 12.0 + span * age / 2.0 + age * age / 2.0)
-        turn = self._drift * (span / 2.0 + abs(age))
+        # What the samples showed is no promise for what follows them.
+        bend = self._drift * span * span / 12.0 + DRIFT * (span * age / 2.0 + age * age / 2.0)
+        turn = self._drift * span / 2.0 + DRIFT * abs(age)
         unseen = hypot(ASYMMETRY * line.gap / 2.0, STAMP_NS, bend)
+        # One way alone may have become longer by all that the round trip has.
+        self._least_gap = min(self._least_gap, line.gap)
+        longer = max(self.longer_ns / 2.0, (line.gap - self._least_gap) / 2.0 - sqrt(line.excess), 0.0)
         bound = max(highest - offset_ns, offset_ns - lowest) + ROUNDING_NS
         skew_bound = MAX_SKEW + abs(line.skew)
         return TimeMap(
             epoch_local_ns=now_local_ns,
             offset_ns=self._anchor_ns + offset_ns,
             skew=line.skew,
-            uncertainty_ns=min(SIGMAS_95 * sqrt(line.variance_at(age) + unseen**2), bound),
+            uncertainty_ns=min(
+                SIGMAS_95 * sqrt(line.variance_at(age) + unseen**2) + longer + self._hidden, bound
+            ),
             hard_bound_ns=bound,
             skew_uncertainty=min(SIGMAS_95 * sqrt(line.skew_variance + turn**2), skew_bound),
             skew_bound=skew_bound,
-            drift_uncertainty=SIGMAS_95 * self._drift,
+            drift_uncertainty=SIGMAS_95 * DRIFT,
             samples=self.samples,
             round_trip_ns=round(line.gap),
             age_ns=max(0, now_local_ns - self._newest_ns),
@@ -154,14 +189,16 @@ class ClockFilter:
 
     def _suspect(self, sample: ClockSample) -> bool:
         """Note a sample that contradicts the others; as `add` returns."""
-        suspects = self._suspects = [s for s in self._suspects if _can_both_be(s, sample)] + [sample]
-        if len(suspects) < STEP_SAMPLES:
+        self._suspects = [s for s in self._suspects if _can_both_be(s, sample, MOST_SLEW)] + [sample]
+        suspects = [s for s in self._suspects if _can_both_be(s, sample, MAX_SKEW)]
+        if len(suspects) < STEP_SAMPLES and len(self._suspects) < SLEW_SAMPLES:
             return True
         # Messages of before the step may still be on their way.
         self._not_before_ns = suspects[0].t0_ns
         self.reset()
         for suspect in suspects:
             self.add(suspect)
+        self._restarted = True
         return False
 
     def _line(self) -> LikelyLine:
@@ -183,41 +220,58 @@ class ClockFilter:
             bounds.intersection_update(lower_hull(bounds) + [b for _, b in nsmallest(TIGHTEST, levels)])
         oldest = (self._newest_ns - self._window_ns) // BLOCK_NS
         self._blocks = {i: self._blocks[i] for i in sorted(self._blocks) if i >= oldest}
-        indices, self._drift = list(self._blocks), DRIFT
-        # The newest two seconds, and the newest third of the window, against what was before.
-        for count in sorted({2, len(indices) // 3}):
-            if 0 < count <= len(indices) // 2 and self._has_changed(indices[:-count], indices[-count:]):
-                break
+        self._drift = self._find_drift(list(self._blocks))
 
-    def _has_changed(self, older: list[int], newer: list[int]) -> bool:
-        """Whether the newer seconds are on another line: then forget the older ones, else find the drift."""
+    def _find_drift(self, indices: list[int]) -> float:
+        """The drift that the newest third of the seconds shows against those before, within the prior."""
+        count = len(indices) // 3
+        older, newer = indices[: len(indices) - count], indices[len(indices) - count :]
         if not all(any(self._blocks[i][side] for i in part) for part in (older, newer) for side in (0, 1)):
-            return False
+            return DRIFT
         before, after = self._fit(older), self._fit(newer)
         span = (newer[0] + newer[-1] - older[0] - older[-1]) * BLOCK_NS / 2.0
-        middle = (newer[0] + newer[-1] + 1) * BLOCK_NS / 2.0 - self._newest_ns
-        turn, bend = after.skew - before.skew, DRIFT * span * span / 2.0
-        off = after.offset - before.offset + turn * middle
-        doubt = before.variance_at(middle) + after.variance_at(middle) + hypot(bend, 2.0 * STAMP_NS) ** 2
-        if off * off > CHANGE_SIGMAS**2 * doubt:
-            self._blocks, self._fitted = {i: self._blocks[i] for i in newer}, None
-            if self._changed is None or self._newest_ns - self._changed[0] > SETTLING_NS:
-                self._changed = self._newest_ns, before.skew
-            return True
         noise = (before.skew_variance + after.skew_variance) / span**2
         trust = DRIFT**2 / (DRIFT**2 + noise)
-        self._drift = hypot(trust * turn / span, sqrt(trust * noise))
-        return False
+        return hypot(trust * (after.skew - before.skew) / span, sqrt(trust * noise))
+
+    def _look_for_change(self) -> None:
+        """Begin anew where a clock's rate has changed; where a way has, keep the line and say less."""
+        newest = self._groups.newest()
+        beyond = [one for one in newest if one.is_beyond_chance]
+        self._hidden = max([0.0, *(one.hidden for one in newest)])
+        self._beyond_chance = self._beyond_chance + 1 if beyond else 0
+        if self._beyond_chance < CONFIRMED:
+            return
+        # By then the groups that tell it best are of after the change.
+        change = max(beyond, key=lambda one: abs(one.moved) / one.doubt)
+        self._beyond_chance, self._hidden = 0, 0.0
+        self._groups.forget_before(change.since_ns)
+        if change.is_of_clock:
+            self._forget_before(change.since_ns)
+        else:
+            self.longer_ns = max(0.0, *(one.grown for one in beyond))
+
+    def _forget_before(self, local_ns: int) -> None:
+        """Begin a new line with the samples from a local time in ns on: the rate of a clock has changed."""
+        if self._changed is None or self._newest_ns - self._changed[0] > SETTLING_NS:
+            self._changed = self._newest_ns, self._line().skew
+        kept = {
+            i: ({b for b in above if b[0] >= local_ns}, {b for b in below if b[0] >= local_ns})
+            for i, (above, below) in self._blocks.items()
+        }
+        self._blocks = {i: sides for i, sides in kept.items() if any(sides)}
+        self._fitted, self._stale, self._drift = None, True, DRIFT
+        self._least_gap = float(-LONG_AGO_NS)
 
 
 def _bound_at(bound: Bound, local_ns: int) -> float:
     return bound[1] + MAX_SKEW * abs(local_ns - bound[0])
 
 
-def _can_both_be(one: ClockSample, other: ClockSample) -> bool:
-    """Whether two samples can be of the same two clocks."""
+def _can_both_be(one: ClockSample, other: ClockSample, most_skew: float) -> bool:
+    """Whether two samples can be of the same two clocks, if their rates differ by so much at most."""
     apart_ns = max(one.t3_ns, other.t3_ns) - min(one.t0_ns, other.t0_ns)
-    slack = MAX_SKEW * apart_ns + ROUNDING_NS
+    slack = most_skew * apart_ns + ROUNDING_NS
     return one.lower_ns <= other.upper_ns + slack and other.lower_ns <= one.upper_ns + slack
 
 

@@ -4,6 +4,7 @@ from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
+from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.poll_schedule import CLOCK_SHARE
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -49,6 +50,8 @@ def of_state(
             # By such a clock frames are aligned again and again: the clock is the reason in both states.
             own = keeper.uncorrected_map
             by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
+            if keeper.clock.longer_ns and not by_relay:
+                return f"{_sure_to(error_ns, wanted_ns)}: {way_longer(keeper.clock.longer_ns)}"
             return coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
         case NodeState.READY if not loop.can_move:
             return off_grid(phase, loop.tolerance_ns)
@@ -81,8 +84,36 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
     if round_trip_ns < NETWORK_NS and not by_relay:
         why, remedy = f"messages of {duration(round_trip_ns)} there and back are held up at times", "use "
     enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / CLOCK_SHARE / 1000.0)}"
+    return f"{_sure_to(error_ns, wanted_ns)}: {why}; {remedy}{enough}"
+
+
+def _sure_to(error_ns: float, wanted_ns: float) -> str:
+    return f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(wanted_ns)}"
+
+
+def of_event(event: object) -> str:
+    """Say what has happened to a clock; empty for what nobody needs to hear."""
+    match event:
+        case clock_events.ClockStepped():
+            return "a clock was changed: synchronizing again"
+        case clock_events.StepRefused():
+            return step_refused(event.times)
+        case clock_events.WayLonger():
+            return way_longer(event.longer_ns)
+        case clock_events.ClockRateUnusual():
+            return fast_clock(event.fast_ppm)
+        case clock_events.ClockRateChanged():
+            return RATE_CHANGED
+    return ""
+
+
+def way_longer(longer_ns: float) -> str:
+    """Say that messages take longer than before in one direction, or as long as before again."""
+    if not longer_ns:
+        return "the way to the leader is again as long as before"
     return (
-        f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(wanted_ns)}: {why}; {remedy}{enough}"
+        f"the way to the leader has become {duration(longer_ns)} longer in one direction:"
+        " load, or somebody who holds messages back"
     )
 
 

@@ -27,6 +27,14 @@ class StepRefused:
 
 
 @dataclass(frozen=True, slots=True)
+class WayLonger:
+    """Messages in one direction take longer than they did, by load or by malice; or as before again."""
+
+    longer_ns: float
+    """By how much; 0 for as before."""
+
+
+@dataclass(frozen=True, slots=True)
 class ClockRateUnusual:
     """This node's clock and the leader's differ in rate by more than two ordinary crystals do."""
 
@@ -61,6 +69,7 @@ ClockEvent = (
     ClockStepped
     | StepRefused
     | ClockSynced
+    | WayLonger
     | ClockRateUnusual
     | ClockRateUsual
     | ClockRateChanged

@@ -20,6 +20,7 @@ from capture_app.sync.timekeeping.clock_events import (
     ReferenceCorrectionEnded,
     ReferenceCorrectionStarted,
     StepRefused,
+    WayLonger,
 )
 from capture_app.sync.timekeeping.poll_schedule import (
     AT_ONCE_NS,
@@ -119,6 +120,8 @@ class Timekeeper:
         self._outstanding: dict[int, int] = {}
         self._request: bytes | None = None
         self._report_due = False
+        self._stepped = False
+        """Whether a clock has stepped, or been slewed, and is not known again yet."""
         self._told_steps, self._tell_steps_ns = 0, AT_ONCE_NS
         self._events: deque[ClockEvent] = deque()
 
@@ -170,6 +173,7 @@ class Timekeeper:
             self._samples.append(sample)
         if self.schedule.reply_arrived(now_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(now_ns)
+        doubted, longer_ns = self.clock.is_doubted, self.clock.longer_ns
         if not self.clock.add(sample):
             self.synced = self.time_is_known = False
             self.target.restart()
@@ -177,7 +181,14 @@ class Timekeeper:
             self.listener.reset()
             self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
-            self._events.append(ClockStepped())
+            if not self._stepped:
+                self._events.append(ClockStepped())
+            self._stepped = True
+        if self.clock.longer_ns != longer_ns and self.time_is_known:
+            self._events.append(WayLonger(self.clock.longer_ns))
+        if self.clock.is_doubted and not doubted:
+            self.target.doubt()
+            self.schedule.estimate_due_ns = now_ns
         if self.clock.refused_steps > self._told_steps and now_ns >= self._tell_steps_ns:
             self._events.append(StepRefused(self.clock.refused_steps - self._told_steps))
             self._told_steps, self._tell_steps_ns = self.clock.refused_steps, now_ns + TELL_STEPS_EVERY_NS
@@ -269,8 +280,10 @@ class Timekeeper:
         self.uncorrected_map = own
         in_holdover = self.time_is_known and self.path[-1] != asked.leader
         schedule = self.schedule
-        if self.clock.samples < (schedule.synced_samples if in_holdover else schedule.least_samples):
+        wary = in_holdover or self._stepped
+        if self.clock.samples < (schedule.synced_samples if wary else schedule.least_samples):
             return
+        self._stepped = False
         if abs(own.offset_ns) > FURTHEST_NS or (in_holdover and self._is_worse(asked.root_map(own))):
             return
         time_map = asked.root_map(self._corrected(own, now_ns))

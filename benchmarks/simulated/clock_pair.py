@@ -44,14 +44,25 @@ class LongerFrom:
 class ClockPair:
     """The two engines; the pictures of the node are to be within a tolerance."""
 
-    def __init__(self, link: Link, node: Clock, leader: Clock, rng: random.Random, tolerance_ns: int) -> None:
-        """`node` and `leader` are their clocks; both start at START_TRUE_NS."""
+    def __init__(
+        self,
+        link: Link,
+        node: Clock,
+        leader: Clock,
+        rng: random.Random,
+        tolerance_ns: int,
+        silent_from_true_ns: int | None = None,
+    ) -> None:
+        """`node` and `leader` are their clocks; both start at START_TRUE_NS.
+
+        Nothing passes any more from `silent_from_true_ns` on.
+        """
         keeper = Timekeeper(rng.getrandbits(32), target=AccuracyTarget.for_tolerance(tolerance_ns))
         self.node = TimeClient("node", rng.getrandbits(32), keeper)
         self.events: list[TimeClientEvent] = []
         self._leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=33_333_333)), rng)
         self._clock, self._leader_clock = node, leader
-        self._rng, self._channel = rng, Channel(link)
+        self._rng, self._channel, self._silent_from_ns = rng, Channel(link), silent_from_true_ns
         self._time = VirtualTime()
         self._time.now_true_ns = START_TRUE_NS
         self._timer = Timer(self._time, self._pump)
@@ -85,6 +96,8 @@ class ClockPair:
 
     def _send(self, direction: Direction, arrive: Callable[[bytes], None], datagrams: list[bytes]) -> None:
         true_ns = self._time.now_true_ns
+        if self._silent_from_ns is not None and true_ns >= self._silent_from_ns:
+            return
         for data in datagrams:
             for delay_ns in self._channel.deliveries(direction, true_ns, self._rng):
                 self._time.schedule(true_ns + delay_ns, arrive, data)

@@ -22,6 +22,7 @@ from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.uplink import Uplink
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS
 from capture_app.sync.wire.codec import (
     FromClient,
     FromMember,
@@ -207,9 +208,11 @@ class Outbox:
     """Messages and where to; `now_ns` is the leader's clock."""
 
     def __init__(self) -> None:
-        self._times: deque[tuple[bytes, Address]] = deque()
+        self._times: deque[tuple[bytes, Address, int]] = deque()
         self._messages: deque[tuple[ControlMessage, Address]] = deque()
         self._versions: deque[tuple[bytes, Address]] = deque()
+        self.waited_ns = 0.0
+        """How long time requests have waited here for their replies lately, on average."""
 
     def send(self, message: ControlMessage, address: Address) -> None:
         """Send a message."""
@@ -217,7 +220,7 @@ class Outbox:
 
     def reply(self, request: TimeRequest, address: Address, now_ns: int) -> None:
         """Answer a time request that arrived at `now_ns`."""
-        self._times.append((reply_before_t2(request, now_ns), address))
+        self._times.append((reply_before_t2(request, now_ns), address, now_ns))
 
     def tell_version(self, data: bytes, address: Address) -> None:
         """Answer a datagram of another version with the version that is spoken here."""
@@ -227,7 +230,10 @@ class Outbox:
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
-        datagrams = [(reply_at(before, now_ns), address) for before, address in self._times]
+        datagrams = []
+        for before, address, arrived_ns in self._times:
+            datagrams.append((reply_at(before, now_ns), address))
+            self.waited_ns += WAITED_SHARE * (now_ns - arrived_ns - self.waited_ns)
         self._times.clear()
         while self._messages:
             message, address = self._messages.popleft()
@@ -240,7 +246,13 @@ class Outbox:
 _MS = 1_000_000
 TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000 * _MS, 600_000 * _MS, 256
 """Of each machine that is refused one reason is told in so long, the same one again later."""
-FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
+SLOWEST_PACE_NS = 60_000 * _MS
+WAITED_SHARE = 1.0 / 64.0
+LOADED_NS = 2 * _MS
+"""A leader whose replies wait for longer, from the kernel's stamp of a request on, has too much to do."""
+LEAST_SHARE = 0.025
+RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250 * _MS
+"""It then asks for so much less, and where it has room for so much more, each time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,8 +262,9 @@ class LeaderConfig:
     instance: int
     transfer_port: int
     rig: RigConfig = RigConfig()
-    exchanges_per_s: float = 1000.0
-    """Time requests that all clients together may send; with more clients each of them sends fewer."""
+    exchanges_per_s: float = 10_000.0
+    """Time requests that all clients together may send at most; with more clients each of them sends fewer.
+    A leader that has too much to do asks for less."""
     beacons: Group | None = None
     """Where to send beacons, so that clients which hear the same ones agree; None for none."""
 
@@ -284,6 +297,7 @@ class Leader:
         self._review = GridReview(self.current, self._roster, self._orders)
         self.outbox = Outbox()
         self._events: deque[LeaderEvent] = deque()
+        self._share, self._adapt_due_ns = 1.0, AT_ONCE_NS
 
     @property
     def grid(self) -> FrameGrid | None:
@@ -292,9 +306,9 @@ class Leader:
 
     @property
     def pace_ns(self) -> int:
-        """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
-        pace_ns = round(self._roster.pollers * 1e9 / self.config.exchanges_per_s)
-        return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FREE_PACE_NS else 0
+        """Mean time between two time requests of one client that this leader can bear, in ns."""
+        exchanges_per_s = self._share * self.config.exchanges_per_s
+        return min(SLOWEST_PACE_NS, round(self._roster.pollers * 1e9 / exchanges_per_s))
 
     # In
 
@@ -377,7 +391,12 @@ class Leader:
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
-        return self.outbox.datagrams_to_send(now_ns)
+        datagrams = self.outbox.datagrams_to_send(now_ns)
+        if datagrams and now_ns >= self._adapt_due_ns:
+            self._adapt_due_ns = now_ns + ADAPT_EVERY_NS
+            change = RELIEF if self.outbox.waited_ns > LOADED_NS else RISE
+            self._share = min(max(change * self._share, LEAST_SHARE), 1.0)
+        return datagrams
 
     def beacon_to_send(self) -> bytes | None:
         """Return the beacon that is due, for the group of the configuration; None where none is."""

@@ -89,15 +89,17 @@ class BurstOrder:
 
 
 @dataclass(slots=True)
-class _OpenOrder:
-    """A trigger that a client has not answered yet."""
+class _OpenBurst:
+    """The triggers of a burst that clients have not answered yet, by the number of each."""
 
-    member: Member
-    trigger: Trigger
+    triggers: dict[int, tuple[Member, Trigger]]
     give_up_ns: int
+    cancels: bool
+    """The burst is taken back."""
+    again: bool
+    """The clients have the burst already: this only ends it earlier."""
     due_ns: int = 0
-    again: bool = False
-    """The client has the burst already: this only ends it earlier."""
+    """When all of them are sent again."""
 
 
 class Orders:
@@ -106,7 +108,7 @@ class Orders:
     def __init__(self, leader: int, roster: Roster) -> None:
         """`leader` is the run of the leader that orders, `roster` has the cameras that take bursts."""
         self._leader, self._roster = leader, roster
-        self._orders: list[_OpenOrder] = []
+        self._open_bursts: dict[int, _OpenBurst] = {}
         self._bursts = 0
         self._busy_until_ns: dict[int, int] = {}
 
@@ -172,14 +174,19 @@ class Orders:
 
     def _open(self, burst: Burst, now_ns: int, step_ns: int, count: int, *, again: bool = False) -> None:
         """Begin to send the burst's cameras that are here its triggers, in the place of earlier ones."""
-        self._orders = [order for order in self._orders if order.trigger.burst != burst.number]
-        first_ns, number = burst.instants_ns[0], burst.number
+        first_ns, number, clients = burst.instants_ns[0], burst.number, frozenset(burst.clients)
         kind = (burst.spare, burst.streamed, burst.video) if count else (0, False, False)
-        for member in self._roster.cameras():
-            if member.name in burst.clients:
-                trigger = Trigger(member.number, self._leader, number, first_ns, step_ns, count, *kind)
-                give_up_ns = now_ns + TRIGGER_GIVE_UP_NS
-                self._orders.append(_OpenOrder(member, trigger, give_up_ns, again=again))
+        triggers = {
+            member.number: (
+                member,
+                Trigger(member.number, self._leader, number, first_ns, step_ns, count, *kind),
+            )
+            for member in self._roster.cameras()
+            if member.name in clients
+        }
+        self._open_bursts.pop(number, None)
+        if triggers:
+            self._open_bursts[number] = _OpenBurst(triggers, now_ns + TRIGGER_GIVE_UP_NS, not count, again)
         self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
@@ -189,43 +196,47 @@ class Orders:
 
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
         """Note a member's answer; None where it had answered before, or the order has expired."""
-        for order in self._orders:
-            of = order.trigger.leader, order.trigger.burst
-            if order.member is member and of == (ack.leader, ack.burst):
-                if not order.trigger.count:
-                    # An answer to the burst itself may still be on its way.
-                    if ack.refusal == CANCELLED:
-                        self._orders.remove(order)
-                    return None
-                self._orders.remove(order)
-                if order.again:
-                    return None
-                if ack.refusal:
-                    return BurstRefused(member.name, ack.burst, ack.refusal)
-                return BurstAccepted(member.name, ack.burst)
-        return None
+        burst = self._open_bursts.get(ack.burst)
+        if ack.leader != self._leader or burst is None or member.number not in burst.triggers:
+            return None
+        # Where it is cancelled, an answer to the burst itself may still be on its way.
+        if burst.cancels and ack.refusal != CANCELLED:
+            return None
+        self._close(ack.burst, burst, member.number)
+        if burst.cancels or burst.again:
+            return None
+        if ack.refusal:
+            return BurstRefused(member.name, ack.burst, ack.refusal)
+        return BurstAccepted(member.name, ack.burst)
 
     def expire(self, now_ns: int) -> list[BurstRefused]:
-        """Drop the orders of members that are lost or have not answered for too long."""
+        """Drop the orders of members that are lost or have not answered for too long, before they are due."""
         refused = []
-        for order in list(self._orders):
-            if order.member.lost or now_ns >= order.give_up_ns:
-                self._orders.remove(order)
-                reason = order.member.lost or "it does not answer"
-                if order.trigger.count and not order.again:
-                    refused.append(BurstRefused(order.member.name, order.trigger.burst, reason))
+        for number, burst in list(self._open_bursts.items()):
+            if now_ns < min(burst.due_ns, burst.give_up_ns):
+                continue
+            for client, (member, _) in list(burst.triggers.items()):
+                if member.lost or now_ns >= burst.give_up_ns:
+                    self._close(number, burst, client)
+                    if not burst.cancels and not burst.again:
+                        refused.append(BurstRefused(member.name, number, member.lost or "it does not answer"))
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Member, Trigger]]:
         """Return the triggers to be sent now, for the first time or again, and whom to."""
-        due = [order for order in self._orders if now_ns >= order.due_ns]
-        for order in due:
-            order.due_ns = now_ns + TRIGGER_AGAIN_NS
-        return [(order.member, order.trigger) for order in due]
+        due = [burst for burst in self._open_bursts.values() if now_ns >= burst.due_ns]
+        for burst in due:
+            burst.due_ns = now_ns + TRIGGER_AGAIN_NS
+        return [order for burst in due for order in burst.triggers.values()]
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which a trigger is to be sent, None for never."""
-        return min(order.due_ns for order in self._orders) if self._orders else None
+        return min((burst.due_ns for burst in self._open_bursts.values()), default=None)
+
+    def _close(self, number: int, burst: _OpenBurst, client: int) -> None:
+        del burst.triggers[client]
+        if not burst.triggers:
+            del self._open_bursts[number]
 
 
 def _forecasts(cameras: Sequence[Member]) -> list[Forecast]:

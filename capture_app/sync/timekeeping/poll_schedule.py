@@ -36,7 +36,7 @@ class PollSchedule(ABC):
         self.slot = 0.0
         """The part of the leader's pace, 0 to 1, at which this node's requests are due."""
         self.leader_pace_ns = 0
-        """Mean time between two requests of a node that the leader can bear; 0 for any."""
+        """Mean time between two requests of a node that the leader can bear."""
 
     @abstractmethod
     def begin(self, now_ns: int) -> None:
@@ -97,8 +97,9 @@ class SteadySchedule(PollSchedule):
         self._samples_when_synced: int | None = None
 
     def begin(self, now_ns: int) -> None:
-        """Ask and estimate at once."""
-        self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns
+        """Ask and estimate, in this node's slot: many may have begun together."""
+        pace_ns = max(self._first_pace_ns, self.leader_pace_ns)
+        self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(self.slot * pace_ns)
 
     def restart(self, now_ns: int) -> None:
         """The pace is that of a clock that is not synchronized anyway."""
@@ -131,9 +132,7 @@ class SteadySchedule(PollSchedule):
     def _pace(self, progress: Progress) -> int:
         if not progress.synced:
             self._samples_when_synced = None
-            # What all nodes ask at first a leader bears; not that many of them go on so.
-            patient = progress.samples >= FIRST_SAMPLES
-            return max(self._first_pace_ns, self.leader_pace_ns if patient else 0)
+            return max(self._first_pace_ns, self.leader_pace_ns)
         if self.leader_pace_ns > self._pace_ns:
             return self.leader_pace_ns
         if self._samples_when_synced is None:

@@ -36,6 +36,36 @@ if [ "$(id -u)" != 0 ]; then
 fi
 
 if [ -n "$remove" ]; then
+  keys=${XDG_DATA_HOME:-$HOME/.local/share}/simulshot/trust
+  # What would go on without the program, or fail again and again: it is named, and ended where one wants that.
+  units="" rigs=""
+  for unit in "${XDG_CONFIG_HOME:-$HOME/.config}"/systemd/user/simulshot-*.service /etc/systemd/system/simulshot-*.service; do
+    case $unit in /etc/*) [ "$(id -u)" = 0 ] || continue ;; esac
+    [ ! -f "$unit" ] || units="$units $unit"
+  done
+  for rig in "${XDG_STATE_HOME:-$HOME/.local/state}"/simulshot/rigs/*.json; do
+    pid=$(basename "$rig" .json)
+    ! grep -q capture_app "/proc/$pid/cmdline" 2>/dev/null || rigs="$rigs $pid"
+  done
+  [ -z "$units" ] || { echo "cameras that start with this machine:"; printf '  %s\n' $units; } >&2
+  [ -z "$rigs" ] || echo "rigs that run in the background, by their processes:$rigs" >&2
+  if [ -n "$units$rigs" ]; then
+    if [ -t 0 ]; then
+      printf 'Stop them, and take the services off? [y/N] ' >&2
+      read -r STOP
+    fi
+    case ${STOP:-} in
+      [yY]*)
+        for unit in $units; do
+          case $unit in /etc/*) user="" ;; *) user=--user ;; esac
+          systemctl $user disable --now "$(basename "$unit")" >&2 || true
+          rm -f "$unit"
+        done
+        # What a rig has taken is saved as it ends.
+        for pid in $rigs; do kill "$pid" || true; done ;;
+      *) echo "they stay as they are; STOP=y ./install.sh --remove ends them" >&2 ;;
+    esac
+  fi
   case $by in
     uv) uv tool uninstall simulshot || true ;;
     pipx) pipx uninstall simulshot || true ;;
@@ -47,6 +77,8 @@ if [ -n "$remove" ]; then
   done
   rm -rf "$home"
   echo "removed; sessions and settings are still there" >&2
+  [ ! -d "$keys" ] || printf '%s\n' "This machine's key, and the machines that it knows: $keys" \
+    "Without them it has to be paired anew. To remove them: rm -r '$keys'" >&2
   exit 0
 fi
 

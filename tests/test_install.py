@@ -85,3 +85,39 @@ def test_a_wrong_option_shows_the_right_ones(user: dict[str, str]) -> None:
     done = install(user, "--everything")
     assert done.returncode == 2
     assert "./install.sh --capture-only" in done.stderr
+
+
+@pytest.mark.parametrize("answer", ["", "y"])
+def test_removal_names_what_would_go_on_and_ends_it_where_that_is_wanted(
+    user: dict[str, str], answer: str
+) -> None:
+    home = Path(user["HOME"])
+    unit = home / ".config/systemd/user/simulshot-cam0.service"
+    rigs, keys = home / ".local/state/simulshot/rigs", home / ".local/share/simulshot/trust"
+    for folder in (unit.parent, rigs, keys):
+        folder.mkdir(parents=True)
+    unit.write_text("[Unit]")
+    systemctl = Path(user["PATH"].partition(os.pathsep)[0]) / "systemctl"
+    systemctl.write_text('#!/bin/sh\necho "systemctl $*" >>"$LOG"\n')
+    systemctl.chmod(0o755)
+    rig = subprocess.Popen(["sh", "-c", "sleep 600; : capture_app.cli"])
+    try:
+        for pid in (rig.pid, 1):
+            (rigs / f"{pid}.json").write_text("{}")
+        done = install(user | {"STOP": answer}, "--remove")
+        assert done.returncode == 0, done.stderr
+        assert str(unit) in done.stderr
+        assert f"rigs that run in the background, by their processes: {rig.pid}\n" in done.stderr
+        assert f"rm -r '{keys}'" in done.stderr
+        assert unit.exists() is not bool(answer)
+        if answer:
+            assert rig.wait(60) == -15
+            asked = Path(user["LOG"]).read_text()
+            assert "systemctl --user disable --now simulshot-cam0.service" in asked
+        else:
+            assert rig.poll() is None
+            assert "STOP=y ./install.sh --remove ends them" in done.stderr
+    finally:
+        rig.kill()
+        rig.wait()
+    assert keys.is_dir(), "keys stay"

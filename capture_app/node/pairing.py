@@ -102,7 +102,9 @@ class Enrolment:
             raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
         # Its arithmetic takes a while, and other nodes ask for the time meanwhile.
-        share, attempt = await asyncio.to_thread(self._invitations.answer, pin, message.share, own_pin)
+        share, attempt = await asyncio.to_thread(
+            self._invitations.answer, pin, message.share, own_pin, message.digit
+        )
         await channel.send(pairing.PairingAnswer(share=share))
         said = await channel.receive_header()
         if not isinstance(said, pairing.PairingProof):
@@ -173,7 +175,9 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
         shown = channel.who.pin
         candidate = await asyncio.to_thread(Candidate, code, own.pin, shown)
         name = name_like(socket.gethostname().split(".")[0], "machine")
-        word = pairing.PairingWord(certificate=own.certificate, name=name, share=candidate.share)
+        word = pairing.PairingWord(
+            certificate=own.certificate, name=name, share=candidate.share, digit=code[:1]
+        )
         answer = await ask(channel, word, pairing.PairingAnswer)
         proof = await asyncio.to_thread(candidate.prove, answer.share)
         known = await ask(channel, pairing.PairingProof(proof=proof), pairing.Known)

@@ -43,32 +43,40 @@ class Attempt:
 
 
 class Invitations:
-    """A leader's codes: one at a time, for one machine, a few tries and some minutes."""
+    """A leader's codes: each for one machine, a few tries and some minutes; several are good side by side.
+
+    The first digit tells which of them is meant, and is no secret.
+    """
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
-        self._invitation: Invitation | None = None
+        self._invitations: list[Invitation] = []
+        """The newest last."""
 
     def invite(self, role: Role) -> Invitation:
-        """Make a code for one machine; the one before is good no more."""
-        code = f"{secrets.randbelow(10**DIGITS):0{DIGITS}d}"
-        self._invitation = Invitation(code, role, self._now_s() + GOOD_FOR_S)
-        return self._invitation
+        """Make a code for one machine; those before stay good, up to ten of them."""
+        good = self._good()[1 - 10 :]
+        free = sorted({*map(str, range(10))} - {one.code[0] for one in good})
+        code = f"{secrets.choice(free)}{secrets.randbelow(10 ** (DIGITS - 1)):0{DIGITS - 1}d}"
+        self._invitations = [*good, Invitation(code, role, self._now_s() + GOOD_FOR_S)]
+        return self._invitations[-1]
 
     @property
     def invitation(self) -> Invitation | None:
-        """The code that is good now."""
-        found = self._invitation
-        if found is None or found.tries_left <= 0 or self._now_s() >= found.ends_s:
-            return None
-        return found
+        """The newest code that is good now."""
+        return next(reversed(self._good()), None)
 
-    def answer(self, pin: str, share: bytes, own_pin: str) -> tuple[bytes, Attempt]:
+    def _good(self) -> list[Invitation]:
+        return [one for one in self._invitations if one.tries_left > 0 and self._now_s() < one.ends_s]
+
+    def answer(self, pin: str, share: bytes, own_pin: str, digit: str = "") -> tuple[bytes, Attempt]:
         """Take a machine's word, and return the leader's and what the machine must prove; one try is spent.
 
+        `digit` is the first of the code that the machine has; without, the newest is meant.
         Raises UnknownMachineError where there is no code, BadInputError for what is no such word.
         """
-        invitation = self.invitation
+        found = (one for one in reversed(self._good()) if one.code.startswith(digit))
+        invitation = next(found, None)
         if invitation is None:
             raise UnknownMachineError(NO_CODE, hint=SHOW_CODE)
         invitation.tries_left -= 1
@@ -83,10 +91,11 @@ class Invitations:
 
         Raises UnknownMachineError where it did not, or another has used the code meanwhile.
         """
-        current = self._invitation is attempt.invitation and self._now_s() < attempt.invitation.ends_s
+        known = any(one is attempt.invitation for one in self._invitations)
+        current = known and self._now_s() < attempt.invitation.ends_s
         if not current or not hmac.compare_digest(proof, _proof(attempt.key, b"machine")):
             raise UnknownMachineError(WRONG_CODE, hint=SHOW_CODE)
-        self._invitation = None
+        self._invitations.remove(attempt.invitation)
         return _proof(attempt.key, b"leader")
 
 

@@ -72,17 +72,6 @@ def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: Invitations
         attempt(desk, code)
 
 
-def test_a_newer_code_takes_the_place_of_an_older_one(desk: Invitations) -> None:
-    old = desk.invite(Role.CAMERA)
-    candidate = Candidate(old.code, NODE, LEADER)
-    share, begun = desk.answer(NODE, candidate.share, LEADER)
-    new = desk.invite(Role.OPERATOR)
-    with pytest.raises(UnknownMachineError):
-        desk.accept(begun, candidate.prove(share))
-    attempt(desk, new.code)
-
-
-@pytest.mark.parametrize("changed", [{"seen": OTHER}, {"said": OTHER}, {"pin": OTHER}])
 def test_who_shows_another_certificate_to_one_of_them_is_found_out(
     desk: Invitations, changed: dict[str, str]
 ) -> None:
@@ -133,3 +122,22 @@ def test_codes_have_eight_digits_and_differ(desk: Invitations) -> None:
     codes = {desk.invite(Role.CAMERA).code for _ in range(50)}
     assert len(codes) > 45
     assert all(parse_code(code) == code for code in codes)
+
+
+def test_codes_that_are_good_side_by_side_are_told_apart_by_their_first_digit(desk: Invitations) -> None:
+    codes = [desk.invite(Role.CAMERA).code for _ in range(10)]
+    assert len({code[0] for code in codes}) == 10
+    for code in codes[5:] + codes[:5]:
+        candidate = Candidate(code, NODE, LEADER)
+        share, begun = desk.answer(NODE, candidate.share, LEADER, code[0])
+        candidate.check(desk.accept(begun, candidate.prove(share)))
+    assert desk.invitation is None
+
+
+def test_of_more_than_ten_codes_the_oldest_is_good_no_more(desk: Invitations) -> None:
+    codes = [desk.invite(Role.CAMERA).code for _ in range(11)]
+    assert codes[0][0] == codes[10][0]
+    candidate = Candidate(codes[0], NODE, LEADER)
+    share, begun = desk.answer(NODE, candidate.share, LEADER, codes[0][0])
+    with pytest.raises(UnknownMachineError, match="not the code"):
+        desk.accept(begun, candidate.prove(share))

@@ -25,6 +25,8 @@ class PairingWord(Message, frozen=True, kw_only=True, tag="pairing"):
     certificate: Certificate
     name: Name
     share: Word
+    digit: Annotated[str, Meta(pattern="^[0-9]?$")] = ""
+    """The code's first, which tells it from others that are good."""
 
 
 class PairingAnswer(Message, frozen=True, kw_only=True, tag="pairing-answer"):

@@ -1,18 +1,22 @@
-"""Pictures as cameras give them, copied out of the driver's buffers: JPEG, or pixels."""
+"""Pictures as cameras give them, copied out of the driver's buffers: JPEG or pixels; how they are encoded."""
 
+import os
+import threading
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from capture_app.cameras.v4l2.kernel import PixelFormat
-from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.decoding import decode_image, encode_image
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-_JPEG_QUALITY = 95
 _JPEG_START = b"\xff\xd8"
+LOW_PRIORITY = 10
+"""Niceness of threads that encode pictures: the clock exchange comes first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +59,7 @@ class PixelPicture(ABC):
 
     def encode(self) -> bytes:
         """Return a JPEG of quality 95."""
-        import cv2
-
-        _done, jpeg = cv2.imencode(".jpg", self.pixels(None), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        return bytes(jpeg)
+        return encode_image(self.pixels(None))
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
         """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
@@ -117,3 +118,10 @@ def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | RawPi
 
 def _rows(layout: PixelFormat) -> int:
     return layout.height * 3 // 2 if layout.fourcc == "NV12" else layout.height
+
+
+def lower_priority() -> None:
+    """Let all other threads of this process go before the present one."""
+    # Linux knows a niceness for each thread; where there is none, all threads stay equal.
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOW_PRIORITY)

@@ -19,6 +19,7 @@ from capture_app.cameras.pictures import JpegPicture
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.reading.decoding import JPEG_QUALITY, encode_image
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.simulation.sensor import Sensor, SensorFrame
@@ -90,7 +91,6 @@ class SimulatedControls:
         return max(least, min(rows, self._profile.neutral_rows)) * self._profile.row_time_ns
 
 
-JPEG_QUALITY = 95
 DEPTH_STEPS_PER_M = 2048
 
 
@@ -110,13 +110,7 @@ class SimulatedPicture:
 
     def encode(self) -> bytes:
         """Render the frame and return it as JPEG bytes; the same frame gives the same bytes."""
-        import cv2
-
-        image = self.source.render(self.frame, seed=self.seed)
-        encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
-        if not encoded:
-            raise CameraError(f"a picture of {image.shape} cannot be written as JPEG")
-        return data.tobytes()
+        return encode_image(self.source.render(self.frame, seed=self.seed), quality=self.quality)
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
         """Render the frame in about that width, more plainly where that is quicker: BGR uint8 (H, W, 3)."""

@@ -11,6 +11,7 @@ from capture_app.errors import NotApplicableError
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.terminal import Progress
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.session.dataset import Dataset
 
@@ -172,6 +173,6 @@ def write_masks(dataset: Dataset, out: Path, progress: Progress | None = None) -
                 moving.append(float(mask.mean()))
                 white = mask.astype(np.uint8) * 255
                 full = cv2.resize(white, (facts.width, facts.height), interpolation=cv2.INTER_NEAREST)
-                (masks / f"{instant:06d}.png").write_bytes(cv2.imencode(".png", full)[1].tobytes())
+                write_image(masks / f"{instant:06d}.png", np.asarray(full))
             shares[camera] = sum(moving) / len(moving)
     return MoverMasks(masks=sum(len(dataset.instants(camera)) for camera in shares), moving=shares)

@@ -8,12 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.pictures import lower_priority
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_sender import BurstSender, PausedError, PostponedError
-from capture_app.node.camera.burst_upload import BurstUpload
-from capture_app.node.camera.encoding import EncodingError, encode_frame, lower_priority
+from capture_app.node.camera.burst_upload import BurstUpload, EncodingError, encode_frame
 from capture_app.node.camera.spool import Spool
 from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream

@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.pictures import lower_priority
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.encoding import lower_priority
 from capture_app.node.wire.messages import FromLeader, Refusal
 from capture_app.node.wire.operating import (
     ControlsAnswer,
@@ -28,6 +28,7 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
+from capture_app.session.reading.decoding import encode_image
 
 if TYPE_CHECKING:
     from capture_app.node.camera.camera_node import RigMember
@@ -196,7 +197,7 @@ def small_jpeg(frame: CapturedFrame, width: int) -> tuple[bytes, int, int] | Non
         if picture.shape[1] > width:
             height = max(1, round(picture.shape[0] * width / picture.shape[1]))
             picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-        encoded, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        data = encode_image(picture, quality=JPEG_QUALITY)
     except Exception:  # noqa: BLE001 - drivers and decoders raise what they like; the next frame may do
         return None
-    return (data.tobytes(), picture.shape[1], picture.shape[0]) if encoded else None
+    return data, picture.shape[1], picture.shape[0]

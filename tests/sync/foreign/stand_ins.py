@@ -4,10 +4,10 @@ import random
 from collections.abc import Callable
 from typing import Any
 
+from benchmarks.clock.app_phone_stand_in import StandInPhone
 from capture_app.clock import SimulatedClock
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
-from capture_app.interop.stand_in import StandInPhone
 from capture_app.simulation.links import PAPER_LINK, Channel, Direction, Link
 from capture_app.simulation.rig import Timer, VirtualTime
 

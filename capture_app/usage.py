@@ -50,13 +50,8 @@ def examples(*lines: str, after: str = "") -> str:
 
 def add_verbosity(command: C) -> C:
     """Give a command, and those below it that it knows already, the options -q and -v."""
-    if not any(isinstance(one, _VerbosityOption) for one in command.params):
-        command.params += [
-            _VerbosityOption(
-                "-q", "--quiet", Verbosity.QUIET, "Say nothing but errors; results are printed."
-            ),
-            _VerbosityOption("-v", "--verbose", Verbosity.VERBOSE, "Say more, with times."),
-        ]
+    if _OPTIONS[0] not in command.params:
+        command.params += _OPTIONS
     # A lazy group knows names only, and comes here with each command that it loads.
     if isinstance(command, click.Group):
         for below in command.commands.values():
@@ -64,14 +59,18 @@ def add_verbosity(command: C) -> C:
     return command
 
 
-class _VerbosityOption(click.Option):
-    """One of the two options."""
+def _choose(ctx: click.Context, param: click.Parameter, given: bool) -> None:
+    value = Verbosity[(param.name or "").upper()]
+    if given and verbosity() not in (Verbosity.NORMAL, value):
+        raise click.UsageError("--quiet and --verbose exclude each other")
+    if given:
+        set_verbosity(value)
 
-    def __init__(self, short: str, long: str, value: Verbosity, text: str) -> None:
-        def set_it(ctx: click.Context, param: click.Parameter, given: bool) -> None:
-            if given and verbosity() not in (Verbosity.NORMAL, value):
-                raise click.UsageError("--quiet and --verbose exclude each other")
-            if given:
-                set_verbosity(value)
 
-        super().__init__([short, long], is_flag=True, expose_value=False, callback=set_it, help=text)
+_OPTIONS = [
+    click.Option(names, is_flag=True, expose_value=False, callback=_choose, help=text)
+    for names, text in (
+        (("-q", "--quiet"), "Say nothing but errors; results are printed."),
+        (("-v", "--verbose"), "Say more, with times."),
+    )
+]

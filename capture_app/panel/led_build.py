@@ -56,11 +56,6 @@ SUPPLY_V, FORWARD_V, OHM = 5.0, 2.0, 330
 """The board's supply, a red LED's forward voltage, and each LED's resistor."""
 
 
-def register_letters(panel: Panel) -> str:
-    """A letter for each register, in the order of the chain."""
-    return "ABCDEF"[: REGISTERS * len(panel.ticks)]
-
-
 def driven(register: int, drain: int) -> str | None:
     """What an output drives, counted from 1: a column, or an LED of the row; None for a spare output."""
     lamp, number = divmod(8 * (register % REGISTERS) + drain, COUNT)
@@ -69,7 +64,7 @@ def driven(register: int, drain: int) -> str | None:
 
 def wiring_text(panel: Panel, pitch_mm: float) -> str:
     """The page that explains how to build it, in Markdown."""
-    letters = register_letters(panel)
+    letters = "ABCDEF"[: REGISTERS * len(panel.ticks)]
     led_ma = 1000 * (SUPPLY_V - FORWARD_V) / OHM
     sides = ("left ", "right ") if len(panel.ticks) > 1 else ("",)
     chain = [f"| {letters[0]} | 3 (SER IN) | board, D11 |"]
@@ -115,25 +110,20 @@ SKETCH = "panel/panel.ino"
 FILES = (SKETCH, "WIRING.md", "wiring.svg", "frame.pdf", "frame.svg")
 
 
-def sketch_text(panel: Panel) -> str:
-    """Return the program of a panel's board."""
-    parts = {
-        "name": panel.name,
-        "tick_us": f"{panel.tick_ns / 1000:.0f}",
-        "arrays": str(len(panel.ticks)),
-        "ticks": ", ".join(str(ticks) for ticks in panel.ticks),
-    }
-    return _filled("panel.ino", parts)
-
-
 def write_sketch(panel: Panel, out: Path, *, paper: str, pitch_mm: float) -> tuple[Path, ...]:
     """Write FILES into the folder `out`, whole or not at all, and return their paths.
 
     Raises BadInputError where the frame does not fit the paper, or `out` holds other files.
     """
     frame = frame_page(panel, paper, pitch_mm)
+    program = {
+        "name": panel.name,
+        "tick_us": f"{panel.tick_ns / 1000:.0f}",
+        "arrays": str(len(panel.ticks)),
+        "ticks": ", ".join(str(ticks) for ticks in panel.ticks),
+    }
     made = {
-        SKETCH: sketch_text(panel).encode(),
+        SKETCH: _filled("panel.ino", program).encode(),
         "WIRING.md": wiring_text(panel, pitch_mm).encode(),
         "wiring.svg": _filled(f"wiring-{len(panel.ticks)}.svg", {"name": panel.name}).encode(),
         "frame.pdf": to_pdf(frame),

@@ -49,7 +49,9 @@ def measure(found: FoundPanel, picture: NDArray[np.uint8]) -> LampLight:
     light = linear - ground
     spread = np.percentile(light, 98, axis=0) - np.percentile(light, 30, axis=0)
     channel = int(np.argmax(spread * (1 - 0.9 * saturated.mean(axis=0) / max(0.02, float(saturated.mean())))))
-    noise = _noise(to_linear(around)[..., channel])
+    # By the differences of the grounds around each lamp.
+    differences = np.abs(np.diff(to_linear(around)[:, :2, channel], axis=1))
+    noise = float(np.median(differences) / 0.954) + 1e-4
     rows = np.sort(
         found.pixels((middles[:, None] + core).reshape(-1, 2))[:, 1].reshape(len(lamps), -1), axis=1
     )
@@ -78,12 +80,6 @@ def _sample(found: FoundPanel, picture: NDArray[np.uint8], middles: Floats, arou
     x, y = (at[:, axis].reshape(len(middles), -1) for axis in (0, 1))
     seen = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(seen, float).reshape(len(middles), len(around), -1)
-
-
-def _noise(ground: Floats) -> float:
-    """Noise of a lamp's light by the differences of the grounds around it (n, 4)."""
-    differences = np.abs(ground[:, 0] - ground[:, 1])
-    return float(np.median(differences) / 0.954) + 1e-4
 
 
 TONES = np.linspace(0.8, 1.25, 7)

@@ -57,7 +57,8 @@ def read_session(
     """
     images = sorted(session.manifest.images, key=lambda image: (image.camera, image.instant))
     known = all(row_exposures(session.camera(image.camera), image) for image in images)
-    truth = _truth(session)
+    told = session.true_times()
+    truth = {} if told is None else {(one.camera, one.instant): one.true_ns for one in told.images}
     pictures: list[PictureTime] = []
     refusals: list[tuple[ImageRecord, str]] = []
     readers = {camera.name: _CameraReader(camera) for camera in session.manifest.cameras}
@@ -136,11 +137,6 @@ def _stamp(camera: CameraRecord, image: ImageRecord, row: float) -> int:
     rows = row_exposures(camera, image)
     assert rows is not None, "only asked for where they are known"
     return round(rows.first_start_ns + row * rows.row_time_ns + rows.exposure_ns / 2)
-
-
-def _truth(session: Session) -> dict[tuple[str, int], int]:
-    times = session.true_times()
-    return {} if times is None else {(one.camera, one.instant): one.true_ns for one in times.images}
 
 
 def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":

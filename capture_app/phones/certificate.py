@@ -45,7 +45,7 @@ def load_certificate(file: Path) -> PageCertificate:
         der = ssl.PEM_cert_to_DER_cert(text[text.index("-----BEGIN CERT") :].split("-----END CERT")[0] + _END)
     except (OSError, ValueError) as error:
         raise _unusable(file) from error
-    certificate = PageCertificate(file, _fingerprint(der))
+    certificate = PageCertificate(file, hashlib.sha256(der).digest().hex(":").upper())
     certificate.server_context()
     return certificate
 
@@ -77,10 +77,6 @@ def _unusable(file: Path) -> BadInputError:
         f"{file} holds no certificate with its key",
         hint="both in one file, in PEM, the key without a password",
     )
-
-
-def _fingerprint(der: bytes) -> str:
-    return hashlib.sha256(der).digest().hex(":").upper()
 
 
 def _is_good(path: Path, now: datetime.datetime) -> bool:

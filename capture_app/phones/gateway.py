@@ -225,12 +225,13 @@ class PhoneGateway:
         try:
             asked = msgspec.json.decode(await request.read(), type=JoinRequest)
         except (*UNREADABLE, ValueError, web.RequestPayloadError):
-            return _answer(HTTPStatus.BAD_REQUEST, words="This page is not of this leader: load it again.")
+            words = "This page is not of this leader: load it again."
+            return web.json_response({"words": words}, status=HTTPStatus.BAD_REQUEST)
         try:
             admitted = self._admission.admit(asked.secret, asked.key, asked.name)
         except UnknownMachineError as error:
-            return _answer(HTTPStatus.FORBIDDEN, words=str(error))
-        return _answer(HTTPStatus.OK, name=admitted.name, ticket=self._admission.ticket(admitted))
+            return web.json_response({"words": str(error)}, status=HTTPStatus.FORBIDDEN)
+        return web.json_response({"name": admitted.name, "ticket": self._admission.ticket(admitted)})
 
     async def _link(self, request: web.Request) -> web.StreamResponse:
         admitted = self._admission.redeem(request.match_info["ticket"])
@@ -313,10 +314,6 @@ def _server_log() -> logging.Logger:
 def _is_ours(record: logging.LogRecord) -> bool:
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, HttpProcessingError | web.RequestPayloadError)
-
-
-def _answer(status: HTTPStatus, **body: str) -> web.Response:
-    return web.json_response(body, status=status)
 
 
 @web.middleware

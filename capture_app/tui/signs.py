@@ -50,20 +50,15 @@ def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:
     return tuple(node for node in status.nodes if node.camera.kind not in WITHOUT_CAMERA)
 
 
-def fresh_losses(status: RigStatus) -> int:
-    """How many cameras were lost a short while ago: a rig that misses one is not simply ready."""
-    return sum(
-        node.state is NodeState.LOST and node.last_seen_ns <= LOST_IS_NEWS_NS for node in cameras_of(status)
-    )
-
-
 def rig_sign(status: RigStatus) -> Sign:
     """How far the whole rig is: ready, or how many of its cameras are."""
     here = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
+    gone = [node for node in cameras_of(status) if node.state is NodeState.LOST]
     ready = sum(node.state is NodeState.READY for node in here)
     if not here:
         return EMPTY
-    lost = fresh_losses(status)
+    # A rig that has just lost one is not simply ready.
+    lost = sum(node.last_seen_ns <= LOST_IS_NEWS_NS for node in gone)
     if ready == len(here) and lost:
         return Sign(MISSING, f"{ready} of {ready} ready, {lost} lost", "$warning")
     if ready == len(here):

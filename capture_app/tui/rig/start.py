@@ -62,10 +62,6 @@ def _count(folder: Path) -> int:
         return 0
 
 
-def _cut(text: str) -> str:
-    return text if len(text) <= TITLE_WIDTH else text[: TITLE_WIDTH - 1] + "…"
-
-
 class _Choice(NamedTuple):
     """A line of the list: what it means, and what it does."""
 
@@ -145,7 +141,8 @@ class StartPanel(Vertical):
             Option(
                 Content.assemble(
                     (f" {one.key} ", "bold $primary"),
-                    f" {_cut(printable(one.title))}",
+                    " ",
+                    Content(printable(one.title)).truncate(TITLE_WIDTH, ellipsis=True),
                     ("  last time" if one.name == last else "", "italic $secondary"),
                 ),
                 id=one.name,

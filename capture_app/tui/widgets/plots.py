@@ -113,7 +113,9 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
     rows: list[Content] = []
     for y in range(height - 1):
         label = f"{labels.get(y, '')[: LABEL_WIDTH - 1]:>{LABEL_WIDTH - 1}} "
-        rows.append(Content.styled(label, "$foreground-muted") + _over(points.row(y), edges.row(y)))
+        dots = zip(points.row(y), edges.row(y), strict=True)
+        cells = ((dot, "$primary") if dot != " " else (edge, EDGE) for dot, edge in dots)
+        rows.append(Content.styled(label, "$foreground-muted") + joined_cells(cells))
     left = duration(shortest) if shortest >= MEASURABLE_NS else "0"
     foot = " " * LABEL_WIDTH + _foot(left, "round trip", duration(longest), width - LABEL_WIDTH)
     return [*rows, Content.styled(foot, "$foreground-muted")]
@@ -122,14 +124,6 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
 def wedge_title(samples_ns: Sequence[tuple[int, int]]) -> str:
     """What the plot is of, in a few words."""
     return f"clock offset, {count(len(samples_ns), 'exchange')}" if samples_ns else "clock"
-
-
-def _over(upper: str, lower: str) -> Content:
-    """One row of dots where it has some, else the other."""
-    cells = (
-        (dot, "$primary") if dot != " " else (edge, EDGE) for dot, edge in zip(upper, lower, strict=True)
-    )
-    return joined_cells(cells)
 
 
 SPAN_S = 30.0

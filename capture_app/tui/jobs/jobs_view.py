@@ -29,23 +29,11 @@ EMPTY = (
 _WORD, _INDENT = 9, 4
 
 
-class RunRows(RowList):
+class RunRows(RowList[Run]):
     """The runs, the newest first."""
 
-    def __init__(self, runs: Runs) -> None:
-        super().__init__(2, id="jobs")
-        self._runs = runs
-
-    @property
-    def run(self) -> Run | None:
-        """The run under the cursor."""
-        return self._run(self.chosen)
-
-    def draw_row(self, key: str, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
+    def draw_row(self, run: Run, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
         """State, what, of which session; how far it is, or what came of it."""
-        run = self._run(key)
-        if run is None:
-            return [Content("")] * self.row_height
         sign = SIGNS[run.state]
         when = "" if run.ended is None else run.ended.astimezone().strftime("%d %b %H:%M")
         left = Content.assemble(
@@ -69,9 +57,6 @@ class RunRows(RowList):
         lines = [first, second.truncate(width, ellipsis=True)]
         return [chosen_line(line, width) if chosen else line for line in lines]
 
-    def _run(self, key: str) -> Run | None:
-        return next((run for run in self._runs.all if run.key == key), None)
-
 
 class JobsView(ModeView):
     """The runs above what the chosen one says."""
@@ -86,7 +71,7 @@ class JobsView(ModeView):
 
     def __init__(self, runs: Runs) -> None:
         self._runs = runs
-        self._rows = RunRows(runs)
+        self._rows = RunRows(2, id="jobs")
         self._empty = Lines(id="jobs-empty")
         self._lines = Lines(id="job-lines")
         self._log = VerticalScroll(self._lines, id="job-log")
@@ -127,9 +112,7 @@ class JobsView(ModeView):
         self._rows.display = self._log.display = bool(runs)
         if runs and self.has_focus:
             self._rows.focus()
-        self._rows.show_rows([run.key for run in runs])
-        for run in runs:
-            self._rows.show_again(run.key)
+        self._rows.show_items({run.key: run for run in runs})
         held = " · paused: a burst has the machine to itself" if self._runs.are_held and unfinished else ""
         self._rows.border_subtitle = f"{unfinished} to do{held}" if unfinished else count(len(runs), "job")
         self._show_log()
@@ -140,11 +123,11 @@ class JobsView(ModeView):
         self._runs.count_time()
         for run in self._runs.unfinished:
             self._rows.show_again(run.key)
-            if run is self._rows.run:
+            if run is self._rows.item:
                 self._show_log()
 
     def _show_log(self) -> None:
-        run, before = self._rows.run, self._logged
+        run, before = self._rows.item, self._logged
         if not self.is_attached or run is None:
             return
         self._logged = run
@@ -182,7 +165,7 @@ class JobsView(ModeView):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only what can be done with the chosen run."""
-        run = self._rows.run if self.is_mounted else None
+        run = self._rows.item if self.is_mounted else None
         over = run is not None and run.state.is_over
         return {
             "open": run is not None and run.result is not None,
@@ -195,29 +178,29 @@ class JobsView(ModeView):
     @work
     async def action_open(self) -> None:
         """Show what the chosen run has found."""
-        run = self._rows.run
+        run = self._rows.item
         if run is not None and run.result is not None:
             await show_result(self, run)
 
     def action_report(self) -> None:
         """Open the chosen run's report in the browser."""
-        if (run := self._rows.run) is not None:
+        if (run := self._rows.item) is not None:
             open_report(self, run.report)
 
     @work
     async def action_cancel(self) -> None:
         """End the chosen run."""
-        if (run := self._rows.run) is not None:
+        if (run := self._rows.item) is not None:
             await self._runs.cancel(run)
 
     def action_retry(self) -> None:
         """Do the same again."""
-        if (run := self._rows.run) is not None:
+        if (run := self._rows.item) is not None:
             with telling(self):
                 self._rows.choose(self._runs.add(run.command, run.session, run.options, run.out).key)
 
     @work
     async def action_forget(self) -> None:
         """Take the chosen run off the list; its results stay."""
-        if (run := self._rows.run) is not None:
+        if (run := self._rows.item) is not None:
             await self._runs.forget(run)

@@ -104,33 +104,18 @@ STATES = {
 }
 
 
-class SessionRows(RowList):
+class SessionRows(RowList[Entry]):
     """The sessions, three lines each."""
 
     def __init__(self, thumbnails: ThumbnailCache, runs: Runs) -> None:
         super().__init__(ROWS, id="sessions")
         self._cache = thumbnails
         self._runs = runs
-        self._entries: dict[str, Entry] = {}
         self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
         self._wanted: list[str] = []
 
-    def show_entries(self, entries: Sequence[Entry]) -> None:
-        """Show these sessions."""
-        self._entries = {entry.key: entry for entry in entries}
-        self.show_rows(list(self._entries))
-        self.show_all_again()
-
-    @property
-    def entry(self) -> Entry | None:
-        """The session under the cursor."""
-        return self._entries.get(self.chosen)
-
-    def draw_row(self, key: str, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
+    def draw_row(self, entry: Entry, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
         """The picture beside three lines."""
-        entry = self._entries.get(key)
-        if entry is None:
-            return [Content("")] * ROWS
         room = width - THUMB - 3
         remarks = Content.styled(" · ", "$foreground-muted").join(_remarks(entry.card))
         lines = [self._title(entry, room), self._facts(entry.card, room), remarks]
@@ -191,7 +176,7 @@ class SessionRows(RowList):
         """Load the pictures that have come into sight, the latest first, in a thread."""
         while self._wanted:
             key = self._wanted[-1]
-            images = self._entries[key].card.first_images[:1] if key in self._entries else ()
+            images = self.items[key].card.first_images[:1] if key in self.items else ()
             if images:
                 palette, light = palette_of(self.app), not self.app.current_theme.dark
                 drawn = await asyncio.to_thread(_draw, self._cache, images[0], palette, light)

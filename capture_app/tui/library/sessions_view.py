@@ -110,7 +110,7 @@ class SessionsView(ModeView):
     @property
     def entry(self) -> Entry | None:
         """The session under the cursor."""
-        return self._rows.entry if self.is_mounted else None
+        return self._rows.item if self.is_mounted else None
 
     def open_folder(self, folder: Path, session: str | None) -> None:
         """Show the sessions of a folder, or one of them; samples are listed already."""
@@ -154,7 +154,7 @@ class SessionsView(ModeView):
         words = self._find.value if self._find.display else ""
         entries = arrange(self._cards or [], self._samples, self._order, words)
         nothing_chosen = not self._rows.chosen
-        self._rows.show_entries(entries)
+        self._rows.show_items({entry.key: entry for entry in entries})
         if nothing_chosen:
             self._choose_saved(entries)
         if self._wanted is not None:

@@ -1,7 +1,7 @@
 """A list of rows, one of them chosen; a row is drawn when it comes into sight, and again when it changes."""
 
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Generic, TypeVar
 
 from textual import events
 from textual.binding import Binding, BindingType
@@ -13,9 +13,11 @@ from textual.strip import Strip
 
 from capture_app.tui.widgets.lines import strip_of_line
 
+Item = TypeVar("Item")
 
-class RowList(ScrollView, can_focus=True):
-    """Shows rows by their keys; subclasses say in `draw_row` what is in them, all of the same height."""
+
+class RowList(ScrollView, Generic[Item], can_focus=True):
+    """Shows items in rows; subclasses say in `draw_row` how one looks, all of the same height."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "move(-1)", "Row above", show=False, id="list.up"),
@@ -38,15 +40,17 @@ class RowList(ScrollView, can_focus=True):
     def __init__(self, row_height: int, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self.row_height = row_height
+        self.items: dict[str, Item] = {}
+        """What is shown, by key."""
         self.keys: tuple[str, ...] = ()
-        """The rows' keys in their order."""
+        """Their keys in their order."""
         self._at = 0
         self._drawn: dict[str, list[Strip]] = {}
 
     # What subclasses give
 
-    def draw_row(self, key: str, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
-        """The lines of a row, `row_height` of them."""
+    def draw_row(self, item: Item, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
+        """The lines of an item, `row_height` of them."""
         raise NotImplementedError
 
     # What the view does
@@ -56,16 +60,22 @@ class RowList(ScrollView, can_focus=True):
         """The key under the cursor; empty where there is no row."""
         return self.keys[self._at] if self.keys else ""
 
-    def show_rows(self, keys: Sequence[str]) -> None:
-        """Show these rows; the cursor stays on its row, or where that was."""
-        before = self.chosen
-        if tuple(keys) != self.keys:
-            self.keys = tuple(keys)
+    @property
+    def item(self) -> Item | None:
+        """What is under the cursor."""
+        return self.items.get(self.chosen)
+
+    def show_items(self, items: Mapping[str, Item]) -> None:
+        """Show these by their keys; the cursor stays on its row, or where that was."""
+        before, self.items = self.chosen, dict(items)
+        if tuple(items) != self.keys:
+            self.keys = tuple(items)
             self._at = self.keys.index(before) if before in self.keys else self._at
             self._at = max(0, min(self._at, len(self.keys) - 1))
             self._drawn.clear()
             self._fit()
             self.refresh()
+        self.show_all_again()
         if self.chosen != before or not before:
             self.post_message(self.Chosen())
 
@@ -129,7 +139,7 @@ class RowList(ScrollView, can_focus=True):
         lines = self._drawn.get(key)
         if lines is None:
             width = self.size.width
-            drawn = self.draw_row(key, width, chosen=key == self.chosen)
+            drawn = self.draw_row(self.items[key], width, chosen=key == self.chosen)
             strips = [strip_of_line(self, line) if isinstance(line, Content) else line for line in drawn]
             lines = [strip.adjust_cell_length(width, self.rich_style) for strip in strips]
             self._drawn[key] = lines

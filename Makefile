@@ -38,13 +38,16 @@
 # make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
 # make animation   film a take on the real screen for README, a minute or two
 # make calibration-pictures   the pictures of docs/calibration.md, from the simulator (a minute)
-# make wheel   a wheel of this checkout, in dist
+# make wheel   a wheel of this checkout, in dist      make dist   a wheel and an sdist
+# make docs   the documentation as a site, in build/site; a link or a name that leads nowhere fails
+# make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
 # make help   all targets
 
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 OUT ?= demo
+PYTHONS ?= $(PYTHON)
 SECONDS ?= 120
 
 # What Open3D's wheel loads from the system: library and the Debian package that has it.
@@ -54,7 +57,7 @@ LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 # Tests wait half of their time for processes and screens: more workers than cores.
 WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 
-.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -71,6 +74,18 @@ uninstall:
 
 wheel: $(VENV)/.installed
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+dist: $(VENV)/.installed-dev
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist .
+
+docs: $(VENV)/.installed-dev
+	$(BIN)/python docs/site.py
+
+test-dist: dist
+	for python in $(PYTHONS); do \
+	  for built in dist/*; do sh tests/installed.sh $$python $$built || exit 1; done; \
+	done
 
 demo: $(VENV)/.installed
 	$(BIN)/capture-app demo --out $(OUT)

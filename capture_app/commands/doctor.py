@@ -1,17 +1,21 @@
 """`capture-app doctor`: look this machine over, and say what repairs what is found."""
 
 import asyncio
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
-from capture_app.commands.options import ADDRESS, open_option, spool_option
+from capture_app.commands.options import ADDRESS, ANY_PATH, open_option, spool_option
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
+from capture_app.session.files.durable import write_unsynced
 from capture_app.terminal import answer, json_option, talk
-from capture_app.text import count
+from capture_app.text import UNREADABLE, count, pretty_json
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -20,7 +24,9 @@ if TYPE_CHECKING:
 
 @click.command(
     epilog=examples(
-        "capture-app doctor", "capture-app doctor --leader 192.168.1.20", "capture-app doctor --json"
+        "capture-app doctor",
+        "capture-app doctor --leader 192.168.1.20",
+        "capture-app doctor --report report.json --camera v4l2:/dev/video0",
     )
 )
 @click.option(
@@ -31,10 +37,36 @@ if TYPE_CHECKING:
     metavar="HOST:PORT",
     help="A leader or relay that this machine is to reach. Repeatable.",
 )
+@click.option(
+    "--report",
+    type=ANY_PATH,
+    metavar="FILE",
+    help="Also write all of it to a file, as JSON, to tell others what was tried.",
+)
+@click.option(
+    "--camera",
+    "specs",
+    multiple=True,
+    metavar="SPEC",
+    help="With --report: what `cameras characterize` measures of this camera. Repeatable.",
+)
+@click.option(
+    "--panel",
+    type=ANY_PATH,
+    metavar="SESSION",
+    help="With --report: what `panel read` reads in this session.",
+)
 @spool_option
 @open_option
 @json_option
-def doctor(leaders: tuple[Address, ...], spool: Path, as_json: bool) -> None:
+def doctor(
+    leaders: tuple[Address, ...],
+    spool: Path,
+    report: Path | None,
+    specs: tuple[str, ...],
+    panel: Path | None,
+    as_json: bool,
+) -> None:
     """Look this machine over: what would keep it from leading a rig or joining one, and what repairs it.
 
     Run it on the leader's machine or on a camera's. It looks at versions, the way to the leader, pairing,
@@ -44,14 +76,31 @@ def doctor(leaders: tuple[Address, ...], spool: Path, as_json: bool) -> None:
     from capture_app.doctor import examine
     from capture_app.rig_process import list_rigs
 
+    if report is None and (specs or panel is not None):
+        raise click.UsageError("--camera and --panel belong to --report")
     rigs = [(rig.address, Path(rig.sessions)) for rig in list_rigs()]
     if not as_json:
         talk("looking this machine over …")
     found = asyncio.run(examine(leaders, rigs, spool))
     problems = [finding for finding in found if finding.grade == "problem"]
+    if report is not None:
+        measured = {spec: _ask("cameras", "characterize", spec) for spec in specs}
+        read = None if panel is None else _ask("panel", "read", str(panel))
+        write_unsynced(report, pretty_json({"doctor": found, "cameras": measured, "panel": read}))
     answer(as_json, {"findings": found, "problems": len(problems)}, _lines(found))
     if problems:
         raise SimulshotError(f"{count(len(problems), 'problem')} found", hint="with its remedy below each")
+
+
+def _ask(*command: str) -> Any:
+    """What another command tells as JSON, or why it cannot."""
+    talk(f"{' '.join(command)} …")
+    arguments = (sys.executable, "-m", "capture_app.cli", *command, "--json", "--quiet")
+    done = subprocess.run(arguments, capture_output=True, check=False)  # noqa: S603 - our own program
+    try:
+        return msgspec.json.decode(done.stdout)
+    except UNREADABLE:
+        return {"error": done.stderr.decode(errors="replace").strip()}
 
 
 def _lines(found: "Sequence[Finding]") -> Iterator[str]:

@@ -29,3 +29,19 @@ def test_a_leader_out_of_reach_is_a_problem_in_json_and_for_people(
     printed, _ = capfd.readouterr()
     assert "problem  leader     127.0.0.1 is there, but no leader listens" in printed
     assert "→ start it there with: capture-app" in printed
+
+
+def test_a_report_holds_what_was_found_and_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    report, panel = tmp_path / "report.json", Path(__file__).parents[2] / "sample_sessions" / "led_panel"
+    asked = ("--report", str(report), "--camera", "nothing:0", "--panel", str(panel))
+    run(("doctor", "--spool", str(tmp_path / "spool"), *asked))
+    told = msgspec.json.decode(report.read_bytes())
+    assert {"version", "clock", "disk"} <= {finding["check"] for finding in told["doctor"]}
+    assert "capture-app: error:" in told["cameras"]["nothing:0"]["error"]
+    assert told["panel"]["pictures"]
+    capfd.readouterr()
+    assert run(("doctor", "--camera", "nothing:0")) == ExitCode.USAGE
+    assert "belong to --report" in capfd.readouterr().err

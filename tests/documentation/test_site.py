@@ -1,0 +1,39 @@
+"""The documentation as a site: built strictly, with all pages, the commands and the names of Python."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.documentation.pages import PAGES, ROOT
+
+MOST_WORDS = 1500
+REFERENCES = {"paper.md", "session-format.md", "accuracy-measurements.md"}
+
+
+@pytest.mark.slow
+def test_the_site_is_built_strictly() -> None:
+    done = subprocess.run(
+        [sys.executable, "docs/site.py"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    site = ROOT / "build" / "site"
+    for page in (ROOT / "docs").glob("*.md"):
+        assert (site / "docs" / page.stem / "index.html").is_file()
+    assert "--or-free-port" not in (commands := (site / "docs/commands/index.html").read_text())
+    for name in ("capture-app burst", "sessions import", "--tolerance-us", "reconstruct tolerance"):
+        assert name in commands
+    reference = (site / "docs/python-reference/index.html").read_text()
+    for name in ("open_session", "hard_bound_ns", "MadeStereo", "wait_until_ready"):
+        assert name in reference
+
+
+def test_every_page_has_its_place_on_the_site() -> None:
+    told = (ROOT / "mkdocs.yml").read_text().split()
+    assert [page.name for page in (ROOT / "docs").glob("*.md") if f"docs/{page.name}" not in told] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_page_but_a_reference_is_long(page: Path) -> None:
+    assert page.name in REFERENCES or len(page.read_text().split()) <= MOST_WORDS

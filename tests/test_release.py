@@ -1,0 +1,59 @@
+"""What is released: one version, all files, and a container's recipe that fits the Makefile's."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import yaml
+
+import capture_app
+from capture_app.net.address import DEFAULT_PORT
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_the_version_stands_in_one_place() -> None:
+    assert "version" in PROJECT["project"]["dynamic"]
+    assert PROJECT["tool"]["hatch"]["version"]["path"] == "capture_app/__init__.py"
+    written = [
+        path
+        for path in (*ROOT.glob("*.toml"), *ROOT.glob("*.cff"), *(ROOT / "docs").glob("*.md"))
+        if re.search(rf"version\W+{re.escape(capture_app.__version__)}\b", path.read_text())
+    ]
+    assert written == []
+
+
+def test_the_sdist_has_what_its_own_tests_and_site_need() -> None:
+    included = PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
+    for name in included:
+        assert list(ROOT.glob(name)), name
+    assert {"tests", "docs", "sample_sessions", "Makefile", "mkdocs.yml", "hatch_build.py"} <= {*included}
+
+
+def test_the_citation_names_the_paper() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["license"] == PROJECT["project"]["license"]
+    paper = citation["preferred-citation"]
+    assert (paper["year"], len(paper["authors"])) == (2019, 4)
+    assert paper["url"] in (ROOT / "README.md").read_text()
+
+
+def test_forms_and_workflows_can_be_read() -> None:
+    for path in (ROOT / ".github").rglob("*.yml"):
+        assert yaml.safe_load(path.read_text())["name"]
+    form = (ROOT / ".github" / "ISSUE_TEMPLATE" / "hardware.yml").read_text()
+    assert "capture-app doctor --report" in form
+
+
+def test_the_container_installs_what_the_makefile_does() -> None:
+    """No builder is here to try it with: its steps are checked against what is tried."""
+    recipe = (ROOT / "Dockerfile").read_text()
+    libraries = re.findall(r"\.so\.\d+:(\S+)", (ROOT / "Makefile").read_text())
+    assert libraries
+    assert set(libraries) <= set(recipe.split())
+    assert f"EXPOSE {DEFAULT_PORT}/udp {DEFAULT_PORT}/tcp" in recipe
+    for source in re.findall(r"^COPY (?!--from)(.+) \S+$", recipe, re.MULTILINE):
+        for name in source.split():
+            assert (ROOT / name).exists(), name
+    assert "USER simulshot" in recipe

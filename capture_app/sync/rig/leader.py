@@ -22,7 +22,7 @@ from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.uplink import Uplink
-from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_PACE_NS
 from capture_app.sync.wire.codec import (
     FromClient,
     FromMember,
@@ -306,9 +306,10 @@ class Leader:
 
     @property
     def pace_ns(self) -> int:
-        """Mean time between two time requests of one client that this leader can bear, in ns."""
+        """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
         exchanges_per_s = self._share * self.config.exchanges_per_s
-        return min(SLOWEST_PACE_NS, round(self._roster.pollers * 1e9 / exchanges_per_s))
+        pace_ns = round(self._roster.pollers * 1e9 / exchanges_per_s)
+        return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FIRST_PACE_NS else 0
 
     # In
 

@@ -36,7 +36,7 @@ class PollSchedule(ABC):
         self.slot = 0.0
         """The part of the leader's pace, 0 to 1, at which this node's requests are due."""
         self.leader_pace_ns = 0
-        """Mean time between two requests of a node that the leader can bear."""
+        """Mean time between two requests of a node that the leader can bear; 0 for any."""
 
     @abstractmethod
     def begin(self, now_ns: int) -> None:

@@ -2,34 +2,49 @@
 
 import asyncio
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import msgspec
 
 from capture_app.camera_facts import Control, ControlValue, describe
 from capture_app.commands.camera_measurements import calibrate_time, characterize
-from capture_app.commands.options import leader_option
+from capture_app.commands.options import ANY_PATH, leader_option
 from capture_app.errors import BadInputError
 from capture_app.net.address import Address
+from capture_app.session.files.durable import write_atomic
 from capture_app.terminal import answer, json_option, table, talk
-from capture_app.text import count, duration, megabytes
+from capture_app.text import UNREADABLE, count, duration, megabytes, pretty_json
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.requests import ControlledCamera
     from capture_app.node.wire.status import NodeDetail
 
+Profile = dict[str, dict[Control, ControlValue]]
+"""What each camera's controls are to be, by its name."""
 NAMES = tuple(str(control) for control in Control)
 
 
-@click.command(epilog=examples("capture-app cameras controls"))
+@click.command(
+    epilog=examples("capture-app cameras controls", "capture-app cameras controls --save night.json")
+)
+@click.option("--save", type=ANY_PATH, metavar="FILE", help="Keep them as a profile for cameras set.")
 @leader_option
 @json_option
-def controls(leader: Address, as_json: bool) -> None:
+def controls(save: Path | None, leader: Address, as_json: bool) -> None:
     """Show exposure, gain, white balance and focus of all cameras of a rig."""
     from capture_app.node.requests import read_all
 
     found = asyncio.run(read_all(leader))
+    if save is not None:
+        profile: Profile = {one.camera: {} for one in found}
+        for one in found:
+            for of in one.state.controls:
+                if of.automatic or of.value is not None:
+                    profile[one.camera][of.control] = "auto" if of.automatic else of.value or 0.0
+        write_atomic(save, pretty_json(profile))
     answer(as_json, {"cameras": found}, _lines(found))
 
 
@@ -38,22 +53,33 @@ def controls(leader: Address, as_json: bool) -> None:
     epilog=examples(
         "capture-app cameras set exposure=4000 gain=2 --camera cam1",
         "capture-app cameras set exposure=auto white-balance=auto",
+        "capture-app cameras set --profile night.json",
     ),
 )
-@click.argument("values", nargs=-1, required=True, metavar="CONTROL=VALUE...")
+@click.argument("values", nargs=-1, metavar="CONTROL=VALUE...")
+@click.option("--profile", type=ANY_PATH, metavar="FILE", help="What cameras controls --save kept.")
 @click.option("--camera", "cameras", multiple=True, metavar="NAME", help="Of this camera. Repeatable.")
 @leader_option
 @json_option
-def set_command(values: tuple[str, ...], cameras: tuple[str, ...], leader: Address, as_json: bool) -> None:
+def set_command(
+    values: tuple[str, ...], profile: Path | None, cameras: tuple[str, ...], leader: Address, as_json: bool
+) -> None:
     """Set controls of cameras of a rig, of all without --camera.
+
+    They are the rig's: kept, given again to a camera that comes back, and to one that joins where all agree.
 
     CONTROL is exposure (in µs), gain, white-balance (in K) or focus; VALUE a number in the camera's unit, as
     shown by `cameras controls`, auto to let the camera choose, or hold to keep what it has chosen.
     """
     from capture_app.node.requests import set_cameras
 
-    wanted = dict(_wanted(value) for value in values)
-    found = asyncio.run(set_cameras(leader, wanted, cameras))
+    if bool(values) == (profile is not None):
+        raise click.UsageError("give CONTROL=VALUE, or --profile FILE")
+    if profile is None:
+        found = asyncio.run(set_cameras(leader, dict(_wanted(value) for value in values), cameras))
+    else:
+        kept = {name: of for name, of in _read_profile(profile).items() if not cameras or name in cameras}
+        found = [one for name, of in kept.items() for one in asyncio.run(set_cameras(leader, of, [name]))]
     answer(as_json, {"cameras": found}, _lines(found))
 
 
@@ -81,6 +107,17 @@ def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) ->
     chosen = [Control(name) for name in only] or list(Control)
     found = asyncio.run(match_cameras(leader, camera, chosen))
     answer(as_json, {"cameras": found}, _lines(found))
+
+
+def _read_profile(file: Path) -> Profile:
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=Profile)
+    except OSError as error:
+        raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+    except UNREADABLE as error:
+        raise BadInputError(
+            f"{file} is no profile: {error}", hint="cameras controls --save makes one"
+        ) from error
 
 
 def _wanted(text: str) -> tuple[Control, ControlValue]:

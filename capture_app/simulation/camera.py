@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import MICROSECONDS, TIMES, CameraFacts, Control, ControlState
+from capture_app.camera_facts import KELVIN, MICROSECONDS, TIMES, CameraFacts, Control, ControlState
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.pictures import JpegPicture
 from capture_app.clock import NodeClock
@@ -30,12 +30,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_GAIN = 16.0
+CHOSEN_KELVIN = 5000.0
 WANDER, WANDER_NS = 0.3, 10_000_000_000
 """An exposure that the camera chooses goes up and down by this share, once in so long, as under clouds."""
 
 
 class SimulatedControls:
-    """What a simulated camera exposes by, as its profile allows; the gain changes no picture."""
+    """What a simulated camera exposes by, as its profile allows; gain and white balance change no picture."""
 
     def __init__(self, profile: SensorProfile, *, automatic: bool) -> None:
         self._profile = profile
@@ -43,6 +44,7 @@ class SimulatedControls:
         self.automatic = automatic
         """Whether it chooses its exposure itself."""
         self.gain = 1.0
+        self._white_balance_k: float | None = CHOSEN_KELVIN
 
     @property
     def exposure_ns(self) -> int:
@@ -59,7 +61,7 @@ class SimulatedControls:
         return self._chosen_ns != before
 
     def states(self) -> tuple[ControlState, ...]:
-        """Both, as they stand."""
+        """All, as they stand."""
         least_ns, most_ns = self._whole(0), self._whole(self._profile.period_ns)
         exposure = ControlState(
             control=Control.EXPOSURE,
@@ -71,7 +73,16 @@ class SimulatedControls:
             most=most_ns / 1000,
         )
         gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, least=1.0, most=MOST_GAIN)
-        return exposure, gain
+        white_balance = ControlState(
+            control=Control.WHITE_BALANCE,
+            value=self._white_balance_k or CHOSEN_KELVIN,
+            unit=KELVIN,
+            automatic=self._white_balance_k is None,
+            can_be_automatic=True,
+            least=2000.0,
+            most=10_000.0,
+        )
+        return exposure, gain, white_balance
 
     def set(self, control: Control, value: float | None) -> None:
         """Set one of them; None: let the camera choose. Raises CameraError where it cannot."""
@@ -79,6 +90,8 @@ class SimulatedControls:
             self.automatic = value is None
             if value is not None:
                 self._held_ns = self._whole(value * 1000)
+        elif control is Control.WHITE_BALANCE:
+            self._white_balance_k = value
         elif control is Control.GAIN and value is not None:
             self.gain = min(max(value, 1.0), MOST_GAIN)
         else:
@@ -237,7 +250,7 @@ class SimulatedCamera(Camera):
         await self._restarting
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Exposure and gain."""
+        """Exposure, gain and white balance."""
         return self._controls.states()
 
     async def set_control(self, control: Control, value: float | None) -> None:

@@ -295,7 +295,8 @@ class RigMember:
             )
             return
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
-        record = camera_record(name, facts, ready, corrections, tolerance_ns, camera.device_clock)
+        held = self.controls.held
+        record = camera_record(name, facts, ready, corrections, tolerance_ns, camera.device_clock, held)
         truth = true_clock(self._clock, facts)
         report = camera_report(record, ready, camera.calibration, truth, tuple(self._happened))
         self._happened.clear()

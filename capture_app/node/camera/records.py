@@ -1,12 +1,12 @@
 """A node's clock, phase and events as the manifest, the report and the event log record them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import msgspec
 
-from capture_app.camera_facts import SIMULATED, CameraFacts
+from capture_app.camera_facts import SIMULATED, CameraFacts, Control
 from capture_app.cameras.base import CapturedFrame, DeviceClock
 from capture_app.clock import NodeClock, SimulatedClock
 from capture_app.node.wire.messages import CameraReport, JsonValue
@@ -25,17 +25,19 @@ def camera_record(
     corrections: int,
     tolerance_ns: int,
     device: DeviceClock | None = None,
+    held: Mapping[Control, float] | None = None,
 ) -> CameraRecord:
     """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
 
     `tolerance_ns` is how near to the rig's grid the phase was to be held; `device` is the camera's own clock,
-    where it stamps by one.
+    where it stamps by one; `held` are the controls that somebody set.
     """
     time_map, phase = ready.time_map, ready.phase
     correction = time_map.correction
     return CameraRecord(
         name=name,
         facts=facts,
+        held=dict(held) if held else msgspec.UNSET,
         clock=ClockRecord(
             epoch_local_ns=time_map.epoch_local_ns,
             offset_ns=time_map.offset_ns,

@@ -52,7 +52,7 @@ class ControlKeeper:
         """All controls, as they were when they were looked at last."""
         self._supervisor = camera
         self._busy = asyncio.Lock()
-        self._wanted: dict[Control, float] = {}
+        self.held: dict[Control, float] = {}
         """What is held because somebody asked for it."""
         self._seen: dict[Control, float | None] = {}
         self._live: set[Control] = set()
@@ -109,10 +109,10 @@ class ControlKeeper:
         """Set again what is held, and let go of what was locked: the camera was opened anew."""
         async with self._busy:
             await self._let_go()
-            for control, value in self._wanted.items():
+            for control, value in self.held.items():
                 with suppress(*REFUSALS):
                     await self._supervisor.camera.set_control(control, value)
-            if self._wanted:
+            if self.held:
                 self._supervisor.note_exposure()
 
     async def _look(self) -> tuple[ControlState, ...]:
@@ -133,7 +133,7 @@ class ControlKeeper:
             return f"it does not tell its {control}, which is not held"
         nearest = state.clamped(asked)
         await self._supervisor.camera.set_control(control, nearest)
-        self._wanted[control] = nearest
+        self.held[control] = nearest
         self._locked.discard(control)
         if value == "hold" and state.automatic and control not in self._live:
             return f"it may not tell the {control} that it had chosen: look whether the picture has changed"
@@ -144,7 +144,7 @@ class ControlKeeper:
     async def _release(self, state: ControlState) -> str:
         if not state.can_be_automatic:
             return f"it does not choose its {state.control} itself"
-        self._wanted.pop(state.control, None)
+        self.held.pop(state.control, None)
         self._locked.discard(state.control)
         await self._supervisor.camera.set_control(state.control, None)
         return ""

@@ -17,6 +17,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.keys import KeyIssuer
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.orders import OperatorOrders
+from capture_app.node.leader.settings import RigSettings
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watchers
 from capture_app.node.pairing import Enrolment, check_allowed, is_node, peer_of
@@ -43,6 +44,7 @@ class LeaderService:
         self._rig, self._bursts, self._orders, self._viewfinders = rig, bursts, orders, viewfinders
         self._enrolment, self._keys = enrolment, keys
         self._watchers = Watchers(rig, bursts.options.news, viewfinders)
+        self._settings = RigSettings(bursts.options.sessions, viewfinders, bursts.options.news)
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
         """The one stream of each node that brings images."""
 
@@ -167,13 +169,17 @@ class LeaderService:
             case operating.WatchRequest():
                 await self._watchers.serve(channel)
             case operating.ViewfinderOpened():
-                await self._viewfinders.serve(channel, message)
+                giving = asyncio.create_task(self._settings.give(message.camera))
+                try:
+                    await self._viewfinders.serve(channel, message)
+                finally:
+                    giving.cancel()
             case operating.KeepStamp():
                 await channel.send(await self._viewfinders.ask(message, operating.StampKept))
             case operating.DetailRequest():
                 await channel.send(await self._viewfinders.ask(message, operating.DetailAnswer))
             case operating.ControlsRequest():
-                await channel.send(await self._viewfinders.ask(message, operating.ControlsAnswer))
+                await channel.send(await self._settings.ask(message))
             case (
                 operating.AddCamera()
                 | operating.AddSimulated()

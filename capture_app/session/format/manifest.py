@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
-from capture_app.camera_facts import CameraFacts, Count, Positive
+from capture_app.camera_facts import CameraFacts, Control, Count, Positive
 from capture_app.names import Name
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.text import pretty_json
@@ -76,6 +76,8 @@ class CameraRecord(_Record, frozen=True, kw_only=True):
     facts: CameraFacts
     clock: ClockRecord | None = None
     phase: PhaseRecord | None = None
+    held: dict[Control, float] | UnsetType = UNSET
+    """The controls that somebody had set, each in its unit; the camera chose the others itself."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""

@@ -1,0 +1,81 @@
+"""Exposure, gain, white balance and focus as they were asked for: kept with the rig, given to who joins.
+
+A camera that comes back gets what it had itself; one that is new what all others of the rig hold alike.
+"""
+
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from capture_app.camera_facts import CameraControls, Control, ControlValue
+from capture_app.errors import IncompleteError
+from capture_app.node.leader.viewfinders import Viewfinders
+from capture_app.node.news import Log
+from capture_app.node.wire.operating import ControlsAnswer, ControlsRequest
+from capture_app.session.files.durable import write_atomic
+from capture_app.text import UNREADABLE
+
+SETTINGS = "_settings.json"
+
+
+class Setting(Struct, frozen=True):
+    """What one control of a camera is held at, in a unit."""
+
+    value: float
+    unit: str
+
+
+class RigSettings:
+    """Those of one rig, in a file beside its sessions."""
+
+    def __init__(self, sessions: Path, viewfinders: Viewfinders, log: Log) -> None:
+        self._file, self._viewfinders, self._log = sessions / SETTINGS, viewfinders, log
+        self._held: dict[str, dict[Control, Setting]] = {}
+        with suppress(OSError, *UNREADABLE):
+            self._held = msgspec.json.decode(self._file.read_bytes(), type=dict[str, dict[Control, Setting]])
+
+    async def ask(self, request: ControlsRequest) -> ControlsAnswer:
+        """Pass a request on to its camera, and keep what that then holds. Raises IncompleteError, OSError."""
+        answer = await self._viewfinders.ask(request, ControlsAnswer)
+        held = dict(self._held.get(request.camera, {}))
+        for control, asked in request.wanted.items():
+            state = answer.state.state(control)
+            held.pop(control, None)
+            if state is not None and state.value is not None and not state.automatic:
+                # Cameras round what they are asked for, each in its own way.
+                held[control] = Setting(state.value if isinstance(asked, str) else asked, state.unit)
+        if held != self._held.get(request.camera, {}):
+            self._held[request.camera] = held
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(self._file, msgspec.json.encode(self._held))
+        return answer
+
+    async def give(self, camera: str) -> None:
+        """Set a camera that has just come as it was, or as the others are; what it cannot is said, once."""
+        if not any(self._held.values()):
+            return
+        with suppress(IncompleteError, OSError):
+            state = (await self._viewfinders.ask(ControlsRequest(camera=camera), ControlsAnswer)).state
+            wanted = self._wanted(camera, state)
+            if wanted:
+                answer = await self.ask(ControlsRequest(camera=camera, wanted=wanted))
+                for problem in dict.fromkeys(answer.state.problems.values()):
+                    self._log.say(f"{camera}: {problem}")
+
+    def _wanted(self, camera: str, state: CameraControls) -> dict[Control, ControlValue]:
+        wanted: dict[Control, ControlValue] = {}
+        here = set(self._viewfinders.vitals) - {camera}
+        for control in Control:
+            own = self._held.get(camera, {}).get(control)
+            others = {of[control] for name, of in self._held.items() if name in here and control in of}
+            alike = next(iter(others)) if len(others) == 1 else None
+            setting, mine = own or alike, state.state(control)
+            if setting is None:
+                continue
+            if mine is None:
+                self._log.say(f"{camera}: it has no control of its {control}, which others hold")
+            elif mine.unit == setting.unit:
+                wanted[control] = setting.value
+        return wanted

@@ -57,50 +57,47 @@ class PanelNotFoundError(Exception):
     """No panel is in a picture, or none that can be read; the message says why."""
 
 
-class PanelFinder:
-    """Finds panels in pictures (uint8 grey); their markers say which panel it is."""
+def find_panel(grey: NDArray[np.uint8]) -> FoundPanel:
+    """The panel with the most markers in a picture (uint8 grey); raises PanelNotFoundError for none."""
+    words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
+    options = cv2.aruco.DetectorParameters()
+    options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    options.minMarkerPerimeterRate = 0.02
+    detector = cv2.aruco.ArucoDetector(words, options)
+    best: dict[int, Floats] = {}
+    for seen, scale in _looks(grey):
+        found = _of_one_panel(_detect(detector, seen, scale))
+        if len(found) > len(best):
+            best = found
+        if len(best) == 4:
+            break
+    if len(best) < MIN_MARKERS:
+        raise PanelNotFoundError(
+            f"{len(best)} markers of a panel were found; {MIN_MARKERS} are needed"
+            if best
+            else "no marker of a panel was found"
+        )
+    return _place(best, ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2))
 
-    def __init__(self) -> None:
-        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
-        options = cv2.aruco.DetectorParameters()
-        options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        options.minMarkerPerimeterRate = 0.02
-        self._detector = cv2.aruco.ArucoDetector(words, options)
 
-    def find(self, grey: NDArray[np.uint8]) -> FoundPanel:
-        """The panel with the most markers in a picture; raises PanelNotFoundError for none."""
-        best: dict[int, Floats] = {}
-        for seen, scale in self._looks(grey):
-            found = _of_one_panel(self._detect(seen, scale))
-            if len(found) > len(best):
-                best = found
-            if len(best) == 4:
-                break
-        if len(best) < MIN_MARKERS:
-            raise PanelNotFoundError(
-                f"{len(best)} markers of a panel were found; {MIN_MARKERS} are needed"
-                if best
-                else "no marker of a panel was found"
-            )
-        return _place(best, ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2))
+def _looks(grey: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
+    """Pictures to look for markers in, and how large each is against the original."""
+    yield grey, 1.0
+    # Dark pictures, as short exposures are, show little of what does not shine.
+    yield cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0
+    if grey.shape[1] > _LARGE_PX:
+        yield cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5
+    else:
+        yield cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), 2.0
 
-    def _looks(self, grey: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
-        """Pictures to look for markers in, and how large each is against the original."""
-        yield grey, 1.0
-        # Dark pictures, as short exposures are, show little of what does not shine.
-        yield cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0
-        if grey.shape[1] > _LARGE_PX:
-            yield cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5
-        else:
-            yield cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), 2.0
 
-    def _detect(self, grey: NDArray[Any], scale: float) -> dict[int, Floats]:
-        corners, numbers, _ = self._detector.detectMarkers(grey)
-        if numbers is None:
-            return {}
-        # Pixels' middles lie at whole numbers.
-        places = [(np.asarray(each, float).reshape(4, 2) + 0.5) / scale - 0.5 for each in corners]
-        return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
+def _detect(detector: "cv2.aruco.ArucoDetector", grey: NDArray[Any], scale: float) -> dict[int, Floats]:
+    corners, numbers, _ = detector.detectMarkers(grey)
+    if numbers is None:
+        return {}
+    # Pixels' middles lie at whole numbers.
+    places = [(np.asarray(each, float).reshape(4, 2) + 0.5) / scale - 0.5 for each in corners]
+    return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
 
 
 def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:

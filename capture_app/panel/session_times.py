@@ -120,17 +120,15 @@ class _CameraReader:
             raise PanelNotFoundError("the picture cannot be decoded")
         exposure_ns = image.exposure_ns or self._facts.exposure_ns
         row_time_ns = self._facts.row_time_ns
-        if exposure_ns is not None and row_time_ns is not None:
-            return read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
-        if len(self._learnt) < _LEARN:
-            read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
-            self._learnt.append(read)
-            return read
         exposures = [read.shutter.exposure_ns for read in self._learnt]
-        if exposure_ns is None and max(exposures) / min(exposures) < 1 + _ALIKE:
-            exposure_ns = round(median(exposures))
         # The row time stays free: how well it is known is part of each error bar.
-        return read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+        learns = (exposure_ns is None or row_time_ns is None) and len(exposures) < _LEARN
+        if exposure_ns is None and not learns and max(exposures) / min(exposures) < 1 + _ALIKE:
+            exposure_ns = round(median(exposures))
+        read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+        if learns:
+            self._learnt.append(read)
+        return read
 
 
 def _stamp(camera: CameraRecord, image: ImageRecord, row: float) -> int:

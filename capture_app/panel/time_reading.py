@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.finder import FoundPanel, PanelFinder, PanelNotFoundError
+from capture_app.panel.finder import PanelNotFoundError, find_panel
 from capture_app.panel.light_model import LINES, TONES, LightModel, Shutter, measure
 from capture_app.panel.pattern import COUNT, Panel
 from capture_app.text import duration
@@ -359,18 +359,7 @@ def read_panel(
     Exposure and row time that are None are found with it. Raises PanelNotFoundError where there is no panel,
     and where it tells no time or not one time.
     """
-    found = PanelFinder().find(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
-    return read_found(found, picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
-
-
-def read_found(
-    found: FoundPanel,
-    picture: NDArray[np.uint8],
-    *,
-    exposure_ns: float | None = None,
-    row_time_ns: float | None = None,
-) -> PanelTime:
-    """As `read_panel`, of a panel that is found already."""
+    found = find_panel(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
     model = LightModel(found.panel, measure(found, picture))
     _, on = model.rough_fit
     dark, bright = np.percentile(model.seen.light, (20, 97))

@@ -151,12 +151,15 @@ class SimulshotApp(App[None]):
 
     def _mode_screen(self, mode: str) -> ModeScreen:
         view: ModeView
+        samples = find_samples(self._sessions)
         if mode == "rig":
-            view = RigView(self._source, self._record, self._settings, self._sessions, local=self._local)
+            view = RigView(
+                self._source, self._record, self._settings, self._sessions, samples, local=self._local
+            )
         elif mode == "shoot":
             view = ShootView(self._source, self._record, self._settings)
         elif mode == "sessions":
-            view = SessionsView(self._sessions, self.runs, find_samples(self._sessions), self._settings)
+            view = SessionsView(self._sessions, self.runs, samples, self._settings)
         else:
             view = JobsView(self.runs)
         return ModeScreen(mode, view, self._record)

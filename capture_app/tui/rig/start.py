@@ -26,7 +26,6 @@ from capture_app.tui.rig_record import SessionsRequested, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
-SAMPLES = "sample_sessions"
 SCENES = {scene: len(views) for scene, views in VIEWS.items()}
 """What simulated cameras can look at, and how many of them at once."""
 
@@ -42,17 +41,13 @@ class Offers:
     cameras: tuple[CameraListing, ...]
     sessions: int
     """How many sessions are in the folder."""
-    samples: Path | None
-    """The folder of sample sessions, where there is one."""
 
 
 def find_offers(sessions: Path, *, local: bool) -> Offers:
     """Look around; opens camera devices, so it may take a second. `local`: cameras here can be the rig's."""
     drivers = [driver for kind, driver in DRIVERS.items() if local and kind != SIMULATED]
     cameras = [camera for driver in drivers for camera in driver.load().list_cameras()]
-    places = (Path(SAMPLES), Path(__file__).resolve().parents[3] / SAMPLES)
-    samples = next((place for place in places if _count(place)), None)
-    return Offers(tuple(cameras), _count(sessions), samples)
+    return Offers(tuple(cameras), _count(sessions))
 
 
 def _count(folder: Path) -> int:
@@ -98,12 +93,15 @@ class StartPanel(Vertical):
         Binding("r", "rescan", "Look again", id="start.rescan", tooltip="for cameras of this machine"),
     ]
 
-    def __init__(self, source: RigLink, settings: Settings, sessions: Path, *, local: bool) -> None:
+    def __init__(
+        self, source: RigLink, settings: Settings, sessions: Path, samples: Path | None, *, local: bool
+    ) -> None:
+        """`samples`: the folder of sample sessions, where there is one."""
         self._source = source
         self._settings = settings
-        self._sessions = sessions
+        self._sessions, self._samples = sessions, samples
         self._local = local
-        self._offers = Offers((), 0, None)
+        self._offers = Offers((), 0)
         self._leader = ""
         self._busy = ""
         self._invitation = NOT_INVITED
@@ -173,8 +171,8 @@ class StartPanel(Vertical):
             title = f"Look at {count(self._offers.sessions, 'session')}"
             what = f"The takes in {self._sessions}: to look at, verify, compare and export."
             yield _Choice("sessions", "o", title, what, self.action_sessions)
-        if self._offers.samples:
-            what = f"Takes of simulated cameras, in {self._offers.samples}."
+        if self._samples:
+            what = f"Takes of simulated cameras, in {self._samples}."
             yield _Choice("samples", "b", "Browse the samples", what, self.action_samples)
 
     @property
@@ -270,9 +268,9 @@ class StartPanel(Vertical):
 
     def action_samples(self) -> None:
         """Go to the sample sessions."""
-        if self._offers.samples is not None:
+        if self._samples is not None:
             self._settings.remember(CHOICE, "samples")
-            self.post_message(SessionsRequested(self._offers.samples))
+            self.post_message(SessionsRequested(self._samples))
 
     def _choose(self, choice: str) -> None:
         self._settings.remember(CHOICE, choice)

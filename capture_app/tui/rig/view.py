@@ -77,15 +77,22 @@ class RigView(ModeView):
     ]
 
     def __init__(
-        self, source: RigLink, record: RigRecord, settings: Settings, sessions: Path, *, local: bool
+        self,
+        source: RigLink,
+        record: RigRecord,
+        settings: Settings,
+        sessions: Path,
+        samples: Path | None,
+        *,
+        local: bool,
     ) -> None:
-        """`local`: the leader is on this machine, and can run its cameras."""
+        """`local`: the leader is on this machine, and can run its cameras; `samples`: as in `StartPanel`."""
         self._source = source
         self._record = record
         self._advice = Lines(id="advice")
         self._cameras = CameraList(record)
         self._news = NewsPane(record)
-        self._start = StartPanel(source, settings, sessions, local=local)
+        self._start = StartPanel(source, settings, sessions, samples, local=local)
         self._adding: int | None = None
         """How many cameras there were when the user asked for more; None when they did not."""
         self._drawn: tuple[object, ...] = ()

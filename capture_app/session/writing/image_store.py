@@ -1,7 +1,7 @@
 """The images of a session being written: each a file, then a line of the journal, and their truth."""
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,107 +92,24 @@ def image_of_bytes(
     return StoredImage(record, data, truth, true_ns)
 
 
-class NewFolders:
-    """The folders of a session that have new ones in them and are not known to be on the disk."""
-
-    def __init__(self, session: Path) -> None:
-        self._session = session
-        self._changed: frozenset[Path] = frozenset()
-
-    def make(self, folder: Path) -> None:
-        """Make a folder in the session, to be synced with what is synced next. Raises OSError."""
-        self._changed |= set(make_folders_unsynced(folder, self._session))
-
-    def sync(self, paths: Iterable[Path]) -> dict[Path, OSError]:
-        """Wait until these files and folders, and the new ones, are on the disk; return what failed.
-
-        Where a new folder did, none of `paths` is safe.
-        """
-        each = [*paths]
-        failed = sync_all((*each, *self._changed))
-        self._changed &= failed.keys()
-        for folder in self._changed:
-            failed |= dict.fromkeys(each, failed[folder])
-        return failed
-
-
-class TruthStore:
-    """The ground truth of one session being written; all methods may raise OSError."""
-
-    def __init__(self, folder: Path, folders: NewFolders) -> None:
-        self.is_crash_safe = False
-        """Whether true times are kept as they come; else they are written with the manifest only."""
-        self._folder = folder
-        self._folders = folders
-        self._times: dict[Key, TrueTime] = {}
-        self._clocks: dict[str, SimulatedClock] = {}
-        self._journal: AppendOnlyFile | None = None
-
-    @property
-    def knows_times(self) -> bool:
-        """Whether any image came with its true time."""
-        return bool(self._times)
-
-    def recover(self, images: Iterable[ImageRecord]) -> None:
-        """Read the true times of these images that an interrupted writer has left."""
-        self._times = recover_true_times(self._folder, images)
-
-    def add(self, camera: str, instant: int, true_ns: int, data: bytes | None) -> tuple[Path, ...]:
-        """Keep an image's true first-row time in ns of the host's clock, and its .npz where there is one.
-
-        Returns the files and folders that are still to be synced.
-        """
-        changed: tuple[Path, ...] = ()
-        if data is not None:
-            path = self._folder / ground_truth_path(camera, instant)
-            self._folders.make(path.parent)
-            write_unsynced(path, data)
-            changed = path, path.parent
-        sha256 = None if data is None else hashlib.sha256(data).hexdigest()
-        true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
-        self._times[camera, instant] = true
-        if self.is_crash_safe:
-            journal = self._folder / TRUE_TIMES_JOURNAL
-            if self._journal is None:
-                self._folders.make(journal.parent)
-                self._journal = AppendOnlyFile(journal)
-            self._journal.append(msgspec.json.encode(true), durable=False)
-            changed = *changed, journal, journal.parent
-        return changed
-
-    def set_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
-        """Keep each camera's clock as it really is."""
-        self._clocks = dict(clocks)
-
-    def write(self) -> tuple[Path, ...]:
-        """Write times.json, unless no true time and no clock is known; return what is still to be synced."""
-        if not self._times and not self._clocks:
-            return ()
-        images = tuple(true for _, true in sorted(self._times.items()))
-        times = TrueTimes(images=images, clocks=self._clocks)
-        path = self._folder / TIMES
-        changed = make_folders_unsynced(path.parent, self._folder)
-        write_unsynced(path, indented(encode_checked(times, TrueTimes)))
-        return path, path.parent, *changed
-
-    def close(self) -> None:
-        """Close the journal: all saved times are in it already."""
-        if self._journal is not None:
-            self._journal.close()
-
-
 class ImageStore:
-    """The images of one session being written; its writer calls one method at a time."""
+    """The images of one session being written, with their truth; its writer calls one method at a time."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._folders = NewFolders(folder)
-        self.truth = TruthStore(folder, self._folders)
-        """What the simulator knows of the images."""
         self._records: dict[Key, ImageRecord] = {}
         self._journal: AppendOnlyFile
         self.damaged: tuple[Key, ...] = ()
         """Images of a resumed session that were saved and are damaged now."""
+        self.is_crash_safe = False
+        """Whether true times are kept as they come; else they are written with the manifest only."""
+        self.true_times: dict[Key, TrueTime] = {}
+        """By image, what the simulator knows of when it was taken."""
+        self.clocks: dict[str, SimulatedClock] = {}
+        """Simulated cameras' clocks as they really are."""
+        self._true_journal: AppendOnlyFile | None = None
+        self._new_folders: frozenset[Path] = frozenset()
+        """Folders that have new ones in them and are not known to be on the disk."""
 
     @property
     def records(self) -> tuple[ImageRecord, ...]:
@@ -216,7 +133,7 @@ class ImageStore:
             images, damaged = recover_images(self._folder)
             self.damaged = tuple((image.camera, image.instant) for image in damaged)
             self._records = {(image.camera, image.instant): image for image in images}
-            self.truth.recover(images)
+            self.true_times = recover_true_times(self._folder, images)
         self._journal = AppendOnlyFile(self._folder / JOURNAL)
 
     def save(self, images: Sequence[StoredImage]) -> list[SimulshotError | None]:
@@ -226,7 +143,7 @@ class ImageStore:
         session then.
         """
         errors: list[SimulshotError | None] = [None] * len(images)
-        begun: dict[int, tuple[Path, ...]] = {}
+        begun: dict[int, list[Path]] = {}
         keys: set[Key] = set()
         for place, image in enumerate(images):
             try:
@@ -237,7 +154,7 @@ class ImageStore:
                 errors[place] = disk_error(error, self._folder)
             except BadInputError as error:
                 errors[place] = error
-        failed = self._folders.sync(path for paths in begun.values() for path in paths)
+        failed = self._sync([path for paths in begun.values() for path in paths])
         for place, paths in begun.items():
             if (failure := next((failed[path] for path in paths if path in failed), None)) is not None:
                 errors[place] = disk_error(failure, self._folder)
@@ -251,25 +168,71 @@ class ImageStore:
     def close(self) -> None:
         """Close the journals: all that is saved is in them already."""
         self._journal.close()
-        self.truth.close()
+        if self._true_journal is not None:
+            self._true_journal.close()
+
+    def write_truth(self) -> tuple[Path, ...]:
+        """Write times.json, unless no true time and no clock is known; return what is still to be synced.
+
+        Raises OSError.
+        """
+        if not self.true_times and not self.clocks:
+            return ()
+        images = tuple(true for _, true in sorted(self.true_times.items()))
+        path = self._folder / TIMES
+        changed = make_folders_unsynced(path.parent, self._folder)
+        times = TrueTimes(images=images, clocks=self.clocks)
+        write_unsynced(path, indented(encode_checked(times, TrueTimes)))
+        return path, path.parent, *changed
 
     def _check_new(self, image: StoredImage, begun: Set[Key]) -> None:
         image.journal_line()
         if image.key in self._records or image.key in begun:
             raise BadInputError(f"there is an image of {image.key[0]} at instant {image.key[1]} already")
 
-    def _put(self, image: StoredImage) -> tuple[Path, ...]:
+    def _put(self, image: StoredImage) -> list[Path]:
         """Give an image's file its name, and keep its truth; return what is still to be synced."""
-        record, path = image.record, self._folder / image.record.path
-        truth: tuple[Path, ...] = ()
-        if image.true_ns is not None:
-            truth = self.truth.add(record.camera, record.instant, image.true_ns, image.truth or None)
-        self._folders.make(path.parent)
+        path = self._folder / image.record.path
+        changed = [] if image.true_ns is None else self._put_truth(*image.key, image.true_ns, image.truth)
+        self._make(path.parent)
         if isinstance(image.source, bytes):
             write_unsynced(path, image.source)
         else:
             image.source.replace(path)
-        return path, path.parent, *truth
+        return [*changed, path, path.parent]
+
+    def _put_truth(self, camera: str, instant: int, true_ns: int, data: bytes) -> list[Path]:
+        """Keep an image's true first-row time in ns of the host's clock, and its .npz where there is one."""
+        changed, sha256 = [], hashlib.sha256(data).hexdigest() if data else None
+        if data:
+            path = self._folder / ground_truth_path(camera, instant)
+            self._make(path.parent)
+            write_unsynced(path, data)
+            changed = [path, path.parent]
+        true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
+        self.true_times[camera, instant] = true
+        if self.is_crash_safe:
+            journal = self._folder / TRUE_TIMES_JOURNAL
+            if self._true_journal is None:
+                self._make(journal.parent)
+                self._true_journal = AppendOnlyFile(journal)
+            self._true_journal.append(msgspec.json.encode(true), durable=False)
+            changed += [journal, journal.parent]
+        return changed
+
+    def _make(self, folder: Path) -> None:
+        self._new_folders |= set(make_folders_unsynced(folder, self._folder))
+
+    def _sync(self, paths: list[Path]) -> dict[Path, OSError]:
+        """Wait until these files and folders, and the new ones, are on the disk; return what failed.
+
+        Where a new folder did, none of `paths` is safe.
+        """
+        failed = sync_all((*paths, *self._new_folders))
+        self._new_folders &= failed.keys()
+        for folder in self._new_folders:
+            failed |= dict.fromkeys(paths, failed[folder])
+        return failed
 
     def _note(
         self, images: Sequence[StoredImage], good: Sequence[int], errors: list[SimulshotError | None]

@@ -227,11 +227,11 @@ class SessionWriter:
     @property
     def knows_true_times(self) -> bool:
         """Whether any image came with its true time, as simulated ones do."""
-        return self._images.truth.knows_times or self.videos.knows_true_times
+        return bool(self._images.true_times) or self.videos.knows_true_times
 
     def set_ground_truth_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
         """Keep each simulated camera's clock as it really is."""
-        self._images.truth.set_clocks(clocks)
+        self._images.clocks = dict(clocks)
 
     def set_calibration(self, calibration: Calibration) -> None:
         """Save the rig's calibration. Raises BadInputError where it holds what JSON cannot (NaN)."""
@@ -267,7 +267,7 @@ class SessionWriter:
             )
             data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
             remove_leftovers(self.folder)
-            write_manifest(self.folder, data, (*self._images.truth.write(), self.folder / EVENTS))
+            write_manifest(self.folder, data, (*self._images.write_truth(), self.folder / EVENTS))
             self._close()
         return Session.open(self.folder)
 
@@ -300,7 +300,7 @@ class SessionWriter:
 
     def _know_plan(self, plan: BurstPlan) -> None:
         # A crash is mended by the plan, and then the true times are wanted, too.
-        self.plan, self._images.truth.is_crash_safe = plan, True
+        self.plan, self._images.is_crash_safe = plan, True
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

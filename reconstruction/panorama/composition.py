@@ -40,7 +40,7 @@ class Projection:
     """Where every pixel of a panorama looks in every picture, the same for all instants and conditions."""
 
     def __init__(self, views: Mapping[str, View]) -> None:
-        """`views` as of `Registration`.
+        """`views` as `register_pictures` gives them.
 
         Raises:
             ValueError: the panorama would be too small or too large.

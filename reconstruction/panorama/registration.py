@@ -222,22 +222,14 @@ def _for_opencv(
 INLIER_PX = 3.0
 
 
-@dataclass(frozen=True)
-class Registration:
-    """By camera: its intrinsics and `rotation`, camera from panorama; there is no translation."""
-
-    views: dict[str, View]
-    left_out: dict[str, str]
-    """Pictures that do not belong to it, and why."""
-
-
 def register_pictures(
     points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]], known: Mapping[str, View]
-) -> Registration:
+) -> tuple[dict[str, View], dict[str, str]]:
     """Register pictures of these sizes (width, height) by their still points.
 
-    `known` are calibrated views of these sizes: where all pictures have one, focal length and distortion are
-    theirs, else estimated and none.
+    Returns by camera its intrinsics and `rotation`, camera from panorama, without translation; and why
+    others are left out. `known` are calibrated views of these sizes: where all pictures have one, focal
+    length and distortion are theirs, else estimated and none.
 
     Raises:
         ValueError: no two pictures belong together, or no camera that only turns explains them.
@@ -258,9 +250,7 @@ def register_pictures(
             raise ValueError(f"no two pictures share more than {most} points")
         raise ValueError("the points that the pictures share do not fit a camera that only turns")
     left_out = {name: _reason_left_out(name, points[name], overlaps) for name in points if name not in used}
-    return Registration(
-        estimate_cameras({name: views[name] for name in used}, overlaps, calibrated), left_out
-    )
+    return estimate_cameras({name: views[name] for name in used}, overlaps, calibrated), left_out
 
 
 def flat_pixels(view: View, at: Array) -> Array:

@@ -44,9 +44,8 @@ class PanoramaStitcher:
             )
             for name, image in images.items()
         }
-        found = register_pictures(points, self._sizes, views)
-        self.used, self.left_out = tuple(found.views), found.left_out
-        self.projection = Projection(found.views)
+        found, self.left_out = register_pictures(points, self._sizes, views)
+        self.used, self.projection = tuple(found), Projection(found)
 
     def layers(self, images: Mapping[str, Array]) -> dict[str, Layer]:
         """The used ones of BGR pictures on the panorama."""

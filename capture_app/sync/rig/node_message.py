@@ -78,7 +78,10 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
     if by_relay:
         why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader, or "
     elif wanted_ns < unseen_ns and error_ns < 2.0 * unseen_ns:
-        why = f"even its quickest messages take {duration(round_trip_ns)} there and back"
+        why = (
+            f"even its quickest messages take {duration(round_trip_ns)} there and back,"
+            " and none shows how unequal the two ways are"
+        )
     else:
         why = "bursty link"
     if round_trip_ns < NETWORK_NS and not by_relay:

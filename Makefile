@@ -16,6 +16,7 @@
 # make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
 # make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
+# make bench-verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (20 min; BENCH="--seeds 1 --cache DIR")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench-time   how wrong offsets are that a blinking torch (10 min) and a second of motion (BENCH="--trials 1") tell, beside doing nothing
 # make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
@@ -57,7 +58,7 @@ LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 # Tests wait half of their time for processes and screens: more workers than cores.
 WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -172,6 +173,9 @@ bench-multiview: $(VENV)/.installed
 
 bench-pairs: $(VENV)/.installed
 	@$(BIN)/python -m benchmarks.reconstruction.stereo_pairs $(BENCH)
+
+bench-verdicts: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.reconstruction.verdicts $(BENCH)
 
 bench-time: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.time_offsets.light $(BENCH)

@@ -246,7 +246,7 @@ def measure_curve(
     instants = instant_curves(points, measure)
     peaks = [one.peak_ms for one in instants if one.peak_ms is not None]
     peak_ms = float(np.median(peaks)) if peaks else None
-    judged = with_curve_peak(timing, peak_ms, len(peaks), min(abs(step.actual_ms) for step in steps))
+    judged = with_curve_peak(timing, peaks, min(abs(step.actual_ms) for step in steps))
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(rig, cameras[0], nows)
     own = rig.dataset.worst_residual_us()

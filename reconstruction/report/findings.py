@@ -34,6 +34,11 @@ def timing_sentences(timing: Timing) -> str:
     if timing.synchronized:
         return f"{late}: the same instant, as far as these pictures can tell."
     told = f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
+    if timing.same_frame_ms is not None:
+        told = (
+            "These pictures are of the same frame: most depth is found as they are paired. Finer than "
+            f"{timing.same_frame_ms:.0f} ms cannot be told: {timing.reason}."
+        )
     return told if timing.late_ms is None else f"{told} {late}."
 
 
@@ -88,6 +93,8 @@ def rig_judgement(timing: Timing) -> str:
         return "the same instant"
     if timing.offset:
         return timing.option or "not the same instant; no other pairing is nearer"
+    if timing.same_frame_ms is not None:
+        return f"the same frame; finer than {timing.same_frame_ms:.0f} ms cannot be told"
     return f"cannot be told: {timing.reason}"
 
 

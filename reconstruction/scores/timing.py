@@ -1,6 +1,6 @@
 """Whether the pictures called one instant are of one instant: measured on what moves in them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -15,12 +15,14 @@ ODD_SIGMAS = 3.0
 """An offset is claimed where zero is further away than this; an instant by itself disagrees from here on."""
 SURE_FRAMES = 0.1
 """An error above this share of a frame certifies nothing."""
-ODD_FRAMES = 0.25
-"""An instant that is less of a frame from the others does not disagree with them."""
+ODD_FRAMES, ODD_MS = 0.25, 5.0
+"""An instant that is less than this from the others, the lesser of both, does not disagree with them."""
 ODD_SHARE = 0.2
 """With more of its instants in disagreement, a take has no one lateness."""
 LOST_SHARE = 0.5
 """Where less of what moves is found than this share of what stands still, most of it is lost."""
+AGREED_SHARE = 0.75
+"""The share of the instants' own depth curves that must be highest at one offset."""
 ROW_MISMATCH_PX = 1.0
 """Epipolar error of what moves from which pictures may not be of one instant."""
 ROW_MISMATCH_RATIO = 5.0
@@ -51,6 +53,9 @@ class Timing(Struct, frozen=True, kw_only=True):
     """It is known to a frame only, by where the depth curve is highest; `reason`: why not by what moves."""
     offset: bool = False
     """It is certainly not zero."""
+    same_frame_ms: float | None = None
+    """The pictures are of the same frame, late by no more than this: depth is found best as they are paired.
+    None where depth does not tell."""
     out_of_place_px: float | None = None
     """Epipolar error of what moves, where pictures of one instant cannot have it."""
     reason: str = ""
@@ -101,7 +106,7 @@ def judge_timing(
     odd = [
         one.instant
         for one in instants
-        if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, ODD_FRAMES * spacing_ms)
+        if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, min(ODD_FRAMES * spacing_ms, ODD_MS))
     ]
     offset = abs(late) > ODD_SIGMAS * sd
     reason = ""
@@ -137,27 +142,33 @@ def without_common_times(timing: Timing, doubt: str) -> Timing:
     return msgspec.structs.replace(timing, synchronized=False, reason=reason)
 
 
-def with_curve_peak(timing: Timing, peak_ms: float | None, peaks: int, spacing_ms: float) -> Timing:
-    """The judgement with what the depth curve says: it must not be highest at another frame.
+def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:
+    """The judgement with what depth says: at which of the offsets, whole frames, most of it is found.
 
-    Where moving points did not tell, the curve's peak (the median of so many instants' `peaks`) tells to a
-    frame.
+    `peaks_ms`: of each instant's own curve that has a clear one. Where they agree they tell to a frame: no
+    certificate holds against that, and where moving points do not tell, it is what is told.
     """
-    if peak_ms is None or peaks < MIN_INSTANTS or abs(peak_ms) < spacing_ms / 2:
+    peak_ms = max(sorted(set(peaks_ms)), key=peaks_ms.count, default=0.0)
+    if len(peaks_ms) < MIN_INSTANTS or peaks_ms.count(peak_ms) < AGREED_SHARE * len(peaks_ms):
         return timing
-    if timing.late_ms is None:
-        return msgspec.structs.replace(
-            timing,
-            late_ms=-peak_ms,
-            uncertainty_ms=spacing_ms,
-            by_depth=True,
-            offset=True,
-            shift_ms=round(-peak_ms, 2),
-        )
+    known = timing.late_ms is not None and timing.uncertainty_ms is not None
+    most_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
+    if abs(peak_ms) < spacing_ms / 2:
+        same_ms = None if timing.offset else min(most_ms, spacing_ms / 2)
+        return msgspec.structs.replace(timing, same_frame_ms=same_ms)
     if timing.synchronized:
         reason = f"depth is found best with the second picture {peak_ms:+.0f} ms later"
         return msgspec.structs.replace(timing, synchronized=False, reason=reason)
-    return timing
+    if timing.offset or most_ms < abs(peak_ms) - spacing_ms / 2:
+        return timing
+    return msgspec.structs.replace(
+        timing,
+        late_ms=-peak_ms,
+        uncertainty_ms=spacing_ms,
+        by_depth=True,
+        offset=True,
+        shift_ms=round(-peak_ms, 2),
+    )
 
 
 def with_depth(timing: Timing, depth: StudyResult) -> Timing:
@@ -177,6 +188,8 @@ def with_depth(timing: Timing, depth: StudyResult) -> Timing:
             f"most of what moves is lost and lies {rows:.0f} pixels off its rows, unlike what stands still"
         )
         return msgspec.structs.replace(timing, synchronized=False, out_of_place_px=rows, reason=reason)
+    if timing.same_frame_ms is not None:
+        return timing
     return msgspec.structs.replace(
         timing, late_ms=None, uncertainty_ms=None, offset=True, out_of_place_px=rows
     )

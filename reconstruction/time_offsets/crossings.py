@@ -5,14 +5,19 @@ images show it before and after; where its path crosses the line, in B's own tim
 taken. Motion along the line tells nothing.
 """
 
-import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
 
-from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.common.geometry import Array, View
+from reconstruction.time_offsets.pair_geometry import (
+    TERMS,
+    epipolar_errors_px,
+    geometry_terms,
+    places,
+)
 
 
 @dataclass(frozen=True)
@@ -20,28 +25,39 @@ class Crossings:
     """Crossings (n,) of epipolar lines, one for each pair of matched points.
 
     `instant` of A's image, `offset_ms`: how much later than its times say B's images were taken, against A's;
-    `across_px_per_ms`: how fast the point crosses the line.
+    `across_px_per_ms`: how fast the point crosses the line; `counts`: for how many points it counts;
+    `geometry` (n, TERMS), of `geometry_terms`.
     """
 
     instant: Array
     offset_ms: Array
     across_px_per_ms: Array
+    counts: Array
+    geometry: Array
 
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
         """All of them in one."""
-        known = [(part.instant, part.offset_ms, part.across_px_per_ms) for part in parts]
-        return cls(*(np.concatenate([np.zeros(0), *of]) for of in zip(*known, strict=True))) if known else (
-            cls(np.zeros(0), np.zeros(0), np.zeros(0))
-        )  # fmt: skip
+        none = np.zeros(0)
+        every = [cls(none, none, none, none, np.zeros((0, TERMS))), *parts]
+        return cls(*(np.concatenate([getattr(one, of.name) for one in every]) for of in fields(cls)))
 
-    def later(self, by_ms: float) -> "Crossings":
+    def later(self, by_ms: float | Array) -> Self:
         """The same, as if the second camera were later by so much."""
-        return Crossings(self.instant, self.offset_ms + by_ms, self.across_px_per_ms)
+        return replace(self, offset_ms=self.offset_ms + by_ms)
 
-    def only(self, chosen: Array) -> "Crossings":
+    @property
+    def distance_px(self) -> Array:
+        """How far the points are from their lines where B is not late."""
+        return np.asarray(self.offset_ms * self.across_px_per_ms)
+
+    def by(self, geometry: Array) -> Self:
+        """The same by another geometry, (TERMS,) of `geometry_terms`."""
+        return self.later(-(self.geometry @ geometry) / self.across_px_per_ms)
+
+    def only(self, chosen: Array) -> Self:
         """Those that are chosen (bool)."""
-        return Crossings(self.instant[chosen], self.offset_ms[chosen], self.across_px_per_ms[chosen])
+        return replace(self, **{of.name: getattr(self, of.name)[chosen] for of in fields(self)})
 
 
 @dataclass(frozen=True)
@@ -55,31 +71,39 @@ class Path:
     times_ms: Array
 
 
-def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
-    """Signed distances (n,) of matched pixels (n, 2) from the epipolar geometry of two views, px.
+@dataclass(frozen=True)
+class Matched:
+    """Points in an image of A and one of B, (n,) each, by their paths; `counts`: for how many each counts."""
 
-    To first order (Sampson 1982; Hartley and Zisserman, 2nd edition, section 11.4.3). The views must not
-    stand at one place.
+    instant: int
+    """Of A's image."""
+    paths: tuple[Path, Path]
+    counts: Array
+
+
+def find_crossings(views: tuple[View, View], matched: Matched) -> Crossings:
+    """Where the points of A's image cross by B's path, and those of B's image by A's."""
+    a, b = matched.paths
+    later = _crossed(views, a, b)
+    earlier = _crossed(views[::-1], b, a)
+    parts = []
+    for offset_ms, across in (later, (-earlier[0], -earlier[1])):
+        good = np.isfinite(offset_ms)
+        if good.any():
+            geometry = geometry_terms(*views, a.at[1][good], b.at[1][good])
+            instant = np.full(int(good.sum()), matched.instant)
+            parts.append(Crossings(instant, offset_ms[good], across[good], matched.counts[good], geometry))
+    return Crossings.join(parts)
+
+
+def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, Array]:
+    """The offset (n,) ms at which points in the middle of their path are crossed by the other, and how fast.
+
+    The distance from the line is a parabola through the three images, or a line through two; NaN for
+    crossings outside them.
     """
-    rotation, translation = other_from_reference(a, b)
-    x, y, z = translation / np.linalg.norm(translation)
-    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
-    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
-    lines_b, lines_a = rays_a @ essential.T, rays_b @ essential
-    steepness = np.sqrt((lines_b[:, :2] ** 2).sum(1) / b.focal**2 + (lines_a[:, :2] ** 2).sum(1) / a.focal**2)
-    return np.asarray((rays_b * lines_b).sum(1) / np.maximum(steepness, 1e-12))
-
-
-def find_crossings(
-    views: tuple[View, View], instant: int, at_a: Array, times_a_ms: Array, path_b: Path
-) -> Crossings:
-    """The crossings of points (n, 2) px of A's image at `instant`, seen at `times_a_ms` (n,), by B's path.
-
-    The distance from the line is a parabola through the three images of B, or a line through two; crossings
-    outside them are left out.
-    """
-    before, now, after = (_errors(views, at_a, at) for at in path_b.at)
-    early, late = (path_b.times_ms[i] - path_b.times_ms[1] for i in (0, 2))
+    before, now, after = (_errors(views, seen.at[1], at) for at in path.at)
+    early, late = (path.times_ms[i] - path.times_ms[1] for i in (0, 2))
     with np.errstate(invalid="ignore", divide="ignore"):
         slope_before, slope_after = (before - now) / early, (after - now) / late
         both = np.isfinite(slope_before) & np.isfinite(slope_after)
@@ -91,12 +115,8 @@ def find_crossings(
         first = np.where(np.isfinite(slope_before), early, -0.2 * late)
         last = np.where(np.isfinite(slope_after), late, -0.2 * early)
         inside = (when >= first) & (when <= last)
-    found = Crossings(
-        np.full(len(at_a), instant),
-        times_a_ms - (path_b.times_ms[1] + when),
-        slope + 2 * bend * when,
-    )
-    return found.only(inside & np.isfinite(found.offset_ms))
+        offset_ms = seen.times_ms[1] - (path.times_ms[1] + when)
+    return np.where(inside, offset_ms, np.nan), slope + 2 * bend * when
 
 
 def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
@@ -109,11 +129,15 @@ def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
 
 MATCH_PX = 0.5
 """Error of a match across its epipolar line, to begin with; then it is measured."""
+LEAST_MATCH_PX = 0.1
+LEAST_STILL_PX = 0.2
 LEAST_ACROSS_PX = 1.0
 """Points that cross their line by less within a frame tell nothing."""
 BIN_MS = 0.25
 NEAR_PX = 4.0
 """Matches that are further from what most agree on are wrong ones."""
+FARTHEST_STILL_PX = 6.0
+"""Matches of what stands still that are further from their epipolar lines are wrong ones."""
 LEAST_VOTES = 6.0
 """Fewest crossings that must agree."""
 DISTINCT = 1.6
@@ -124,24 +148,27 @@ MIN_INSTANTS = 3
 """With fewer instants there is no error bar that could be believed."""
 SYSTEMATIC_MS = 0.25
 """What is left of rows, exposures and the paths between images; one standard deviation."""
+SHARED_PX = 0.12
+"""What all points of one part of the picture err by together, however many they are."""
 RESAMPLES = 300
+ROUNDS = 20
 
 
 @dataclass(frozen=True)
 class StillErrors:
-    """Epipolar errors of what stands still, which no timing explains: median and spread (sd), px."""
+    """Epipolar errors (n,) px of what stands still, with `geometry` as of `Crossings`."""
 
-    median_px: float = 0.0
-    spread_px: float = 1.0
+    errors_px: Array
+    geometry: Array
 
     @classmethod
-    def of(cls, errors_px: Array) -> "StillErrors":
-        """Of signed errors (n,); with few of them the calibration is taken to be right to a pixel."""
-        kept = errors_px[np.abs(errors_px) < 6]
-        if len(kept) < 20:
-            return cls()
-        middle = float(np.median(kept))
-        return cls(middle, max(0.2, 1.4826 * float(np.median(np.abs(kept - middle)))))
+    def of(cls, views: tuple[View, View], at_a: Array, at_b: Array) -> Self:
+        """Of matches (n, 2) px, without those that are wrong."""
+        errors = epipolar_errors_px(*views, at_a, at_b) if len(at_a) else np.zeros(0)
+        near = np.abs(errors) < FARTHEST_STILL_PX
+        if not near.any():
+            return cls(np.zeros(0), np.zeros((0, TERMS)))
+        return cls(errors[near], geometry_terms(*views, at_a[near], at_b[near]))
 
 
 @dataclass(frozen=True)
@@ -174,40 +201,33 @@ class OffsetFit:
         offset_ms = None if self.offset_ms is None else self.offset_ms + by_ms
         return replace(self, offset_ms=offset_ms, instants=moved)
 
-    def in_doubt_of(self, other: "OffsetFit") -> "OffsetFit":
-        """The same, known no better than half of what another geometry of the pair moves it by."""
-        if self.offset_ms is None or self.sd_ms is None or other.offset_ms is None:
-            return self
-        return replace(self, sd_ms=math.hypot(self.sd_ms, (self.offset_ms - other.offset_ms) / 2))
-
 
 def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> OffsetFit:
-    """The offset that most crossings agree on, refined by robust least squares; median over the instants.
+    """The offset that most crossings agree on, fitted with the errors of the geometry.
 
-    A calibration that is off moves all crossings by a constant distance, and so by a time that depends on how
-    fast a point crosses its line: that distance is fitted too, and what stands still bounds it.
+    A calibration that is off moves crossings by a distance, and so by a time that depends on how fast a point
+    crosses its line. What of an offset such an error could explain is in the error bar.
     """
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > LEAST_ACROSS_PX)
-    if len(found.offset_ms) < LEAST_VOTES:
+    if found.counts.sum() < LEAST_VOTES:
         return OffsetFit(
             reason="both cameras recognize too few moving points, or these move along their epipolar lines"
         )
-    peak, votes, rival = _most_agreed(found, period_ms)
+    at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still)
+    seen = found.by(at_rest.geometry)
+    peak, votes, rival = _most_agreed(seen, period_ms)
     if votes < LEAST_VOTES or votes < DISTINCT * rival:
         return OffsetFit(reason="the points that move do not agree on one offset")
-    misses = (found.offset_ms - peak) * found.across_px_per_ms
-    near = found.only((np.abs(misses) < NEAR_PX) & (np.abs(found.offset_ms - peak) < period_ms))
-    shift, match_px, fit_sd = _fit_line(near, still, peak)
-    moved = near.offset_ms - shift / near.across_px_per_ms
-    instants = _by_instant(near, moved, match_px, period_ms)
+    misses = (seen.offset_ms - peak) * seen.across_px_per_ms
+    near = (np.abs(misses) < NEAR_PX) & (np.abs(seen.offset_ms - peak) < period_ms)
+    fit = _Fit(found.only(near), still, np.array([peak, *at_rest.geometry]))
+    instants = _by_instant(fit, period_ms)
     if len(instants) < MIN_INSTANTS:
         return OffsetFit(
             reason=f"it takes {MIN_INSTANTS} instants at which it can be measured, not {len(instants)}",
             instants=instants,
         )
-    values, sds = (np.array(of) for of in zip(*((one.offset_ms, one.sd_ms) for one in instants), strict=True))
-    middle, spread = _median_over(values, 1 / np.maximum(sds, SYSTEMATIC_MS) ** 2)
-    return OffsetFit(middle, float(np.sqrt(max(spread, fit_sd) ** 2 + SYSTEMATIC_MS**2)), "", instants, votes)
+    return OffsetFit(float(fit.values[0]), float(np.hypot(fit.sd_ms, SYSTEMATIC_MS)), "", instants, votes)
 
 
 def _most_agreed(found: Crossings, period_ms: float) -> tuple[float, float, float]:
@@ -216,58 +236,100 @@ def _most_agreed(found: Crossings, period_ms: float) -> tuple[float, float, floa
     grid = np.arange(-reach, reach, BIN_MS)
     widths = np.clip(MATCH_PX / np.abs(found.across_px_per_ms), 2 * BIN_MS, None)
     votes = np.zeros(len(grid))
-    for offset, width in zip(found.offset_ms, widths, strict=True):
-        votes += np.exp(-0.5 * ((grid - offset) / width) ** 2)
+    for offset, width, count in zip(found.offset_ms, widths, found.counts, strict=True):
+        votes += count * np.exp(-0.5 * ((grid - offset) / width) ** 2)
     best = int(votes.argmax())
     elsewhere = votes[np.abs(grid - grid[best]) >= period_ms]
     return float(grid[best]), float(votes[best]), float(elsewhere.max(initial=0.0))
 
 
-def _fit_line(near: Crossings, still: StillErrors, start_ms: float) -> tuple[float, float, float]:
-    """The constant distance (px), error of a match (px) and sd of the offset (ms).
+class _Fit:
+    """The offset and the geometry of a pair: iteratively reweighted least squares (Cauchy weights).
 
-    Iteratively reweighted least squares (Cauchy weights) of distance = speed * offset + constant.
+    distance = speed * offset + geometry, the same without speed of what stands still; each of the geometry's
+    terms is zero within a standard deviation before anything is seen.
     """
-    speed = near.across_px_per_ms
-    distance = speed * near.offset_ms
-    offset, shift, match_px = start_ms, still.median_px, 2.0
-    rows = np.column_stack([speed, np.ones(len(speed))])
-    for step in range(30):
-        miss = distance - speed * offset - shift
-        if step:
-            match_px = max(0.1, 1.4826 * float(np.median(np.abs(miss))))
-        weights = 1 / (1 + (miss / (1.5 * match_px)) ** 2)
-        prior = (match_px / still.spread_px) ** 2
-        normal = rows.T @ (weights[:, None] * rows) + np.diag([0.0, prior])
-        offset, shift = np.linalg.solve(
-            normal, rows.T @ (weights * distance) + np.array([0.0, prior * still.median_px])
+
+    def __init__(self, moving: Crossings, still: StillErrors, start: Array | None = None) -> None:
+        self.moving = moving
+        count = len(moving.counts)
+        rows = np.column_stack(
+            [
+                np.concatenate([moving.across_px_per_ms, np.zeros(len(still.errors_px))]),
+                np.concatenate([moving.geometry, still.geometry]),
+            ]
         )
-    return float(shift), match_px, match_px * float(np.sqrt(np.linalg.inv(normal)[0, 0]))
+        seen = np.concatenate([moving.distance_px, still.errors_px])
+        prior = np.diag([0.0 if count else 1.0, *np.ones(TERMS)])
+        parts = _parts(moving.geometry, moving.instant), _parts(still.geometry, np.zeros(len(seen) - count))
+        self.values = np.zeros(1 + TERMS) if start is None else start
+        match_px, still_px = 2.0, 1.0
+        for step in range(ROUNDS):
+            miss = seen - rows @ self.values
+            if step:
+                match_px = _spread(miss[:count], LEAST_MATCH_PX)
+                still_px = _spread(miss[count:], LEAST_STILL_PX)
+            sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, still_px)])
+            weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
+            weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
+            for of, its in zip((np.s_[:count], np.s_[count:]), parts, strict=True):
+                weights[of] *= min(1.0, its / SHARED_PX**2 / max(1e-9, float(weights[of].sum())))
+            normal = rows.T @ (weights[:, None] * rows) + prior
+            self.values = np.linalg.solve(normal, rows.T @ (weights * seen))
+        self.match_px = match_px
+        self._rows, self._weights, self._miss, self._normal = rows, weights, miss, normal
+
+    @property
+    def geometry(self) -> Array:
+        """By how many standard deviations each of `geometry_terms` is off, (TERMS,)."""
+        return self.values[1:]
+
+    @property
+    def sd_ms(self) -> float:
+        """Of the offset: by the scatter of the instants, or by what the geometry could explain."""
+        count = len(self.moving.counts)
+        rows, weights = self._rows[:count], self._weights[:count]
+        places = np.unique(self.moving.instant, return_inverse=True)[1]
+        instants = int(places.max()) + 1
+        pulls = np.zeros((instants, rows.shape[1]))
+        np.add.at(pulls, places, (weights * self._miss[:count])[:, None] * rows)
+        inverse = np.linalg.inv(self._normal)
+        # A cluster's points err together: what each instant alone pulls the offset by (Liang and Zeger 1986).
+        drawn = float(np.sqrt((((pulls @ inverse[0]) ** 2).sum()) * instants / max(1, instants - 1)))
+        free = max(1, instants - 1)
+        # Few instants tell their own scatter poorly: Student's t over the normal law, at 95 %.
+        drawn *= 1 + 1.2 / free + 2.4 / free**2
+        return float(np.sqrt(max(drawn**2, inverse[0, 0])))
 
 
-def _by_instant(
-    near: Crossings, offsets_ms: Array, match_px: float, period_ms: float
-) -> tuple[InstantOffset, ...]:
+def _parts(geometry: Array, instant: Array) -> float:
+    """In how many parts of the picture there are points at an instant, on the average."""
+    if not len(instant):
+        return 0.0
+    cells = np.floor(4 * places(geometry)) @ np.array([1.0, 100.0])
+    return len(np.unique(np.stack([instant, cells]), axis=1).T) / len(np.unique(instant))
+
+
+def _spread(misses: Array, least: float) -> float:
+    return max(least, 1.4826 * float(np.median(np.abs(misses)))) if len(misses) else 1.0
+
+
+def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
     """Every instant's own offset, where its points give it to half a frame."""
-    instants = []
-    for instant in np.unique(near.instant):
-        its = near.instant == instant
-        if its.sum() < MIN_POINTS:
+    moved, instants = fit.moving.by(fit.geometry), []
+    for instant in np.unique(moved.instant):
+        its = moved.only(moved.instant == instant)
+        if its.counts.sum() < MIN_POINTS:
             continue
-        weights = (near.across_px_per_ms[its] / match_px) ** 2
-        middle = _weighted_median(offsets_ms[its], weights)
-        scatter = 1.4826 * _weighted_median(np.abs(offsets_ms[its] - middle), weights)
-        sd = max(float(1.25 / np.sqrt(weights.sum())), 1.25 * scatter / float(np.sqrt(its.sum())))
+        weights = its.counts * (its.across_px_per_ms / fit.match_px) ** 2
+        middle = _weighted_median(its.offset_ms, weights)
+        scatter = 1.4826 * _weighted_median(np.abs(its.offset_ms - middle), weights)
+        left = SHARED_PX / np.sqrt(np.mean(its.across_px_per_ms**2) * _parts(its.geometry, its.instant))
+        sd = max(1.25 / np.sqrt(weights.sum()), 1.25 * scatter / np.sqrt(its.counts.sum()))
+        sd = float(np.hypot(sd, left))
         if sd < period_ms / 2:
-            instants.append(InstantOffset(int(instant), middle, sd, int(its.sum())))
+            instants.append(InstantOffset(int(instant), middle, sd, int(its.counts.sum())))
     return tuple(instants)
-
-
-def _median_over(values: Array, weights: Array) -> tuple[float, float]:
-    """Weighted median of instants, and its sd by bootstrap over them."""
-    drawn = np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))
-    medians = [_weighted_median(values[of], weights[of]) for of in drawn]
-    return _weighted_median(values, weights), float(np.std(medians))
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

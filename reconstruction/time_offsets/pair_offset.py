@@ -1,33 +1,31 @@
-"""How late one camera of a session is against another, by all that moves before both.
+"""How late one camera of a session is against another, by all that moves before both."""
 
-A calibration that is off by a milliradian moves what crosses its lines by a time: what stands still mends
-it.
-"""
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
 
 from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
 from reconstruction.pairs import match_descriptors, match_features
+from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import choose_moving_instants
 from reconstruction.time_offsets.crossings import (
     Crossings,
+    Matched,
     OffsetFit,
     Path,
     StillErrors,
-    epipolar_errors_px,
     find_crossings,
     fit_offset,
 )
+from reconstruction.time_offsets.outlines import Outlines, alike, find_outlines
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
@@ -85,57 +83,10 @@ def find_moving_points(
 
 def _follow(image: Array, other: Array | None, at: Array) -> Array:
     """Where points (n, 2) lie in another image; NaN where they do not return."""
-    if other is None:
+    if other is None or not len(at):
         return np.full_like(at, np.nan)
     there, drift = track_there_and_back(image, other, at, WINDOW_PX, LEVELS)
     return np.where((drift < MAX_DRIFT_PX)[:, None], there.astype(np.float64), np.nan)
-
-
-LEAST_MATCHES = 60
-"""Fewer of what stands still tell less than the calibration."""
-FARTHEST_PX = 6.0
-"""Matches that are further from their epipolar lines are wrong ones."""
-PRIOR = np.array([5e-4, 5e-4, 5e-4, 1e-3, 1e-3])
-"""What a calibration may be wrong by: the rotation, and the direction from camera to camera, rad."""
-LEAST_SPREAD_PX = 0.15
-STEP = 1e-5
-ROUNDS = 8
-
-
-def mend_pair(a: View, b: View, at_a: Array, at_b: Array) -> View:
-    """The second view, turned and moved a little so that still matches (n, 2) px lie on their lines.
-
-    Gauss-Newton with Cauchy weights and the prior; the distance between the cameras stays.
-    """
-    errors = epipolar_errors_px(a, b, at_a, at_b)
-    near = np.abs(errors) < FARTHEST_PX
-    if near.sum() < LEAST_MATCHES:
-        return b
-    at_a, at_b, change = at_a[near], at_b[near], np.zeros(5)
-    for _ in range(ROUNDS):
-        now = epipolar_errors_px(a, _changed(a, b, change), at_a, at_b)
-        slopes = [
-            (epipolar_errors_px(a, _changed(a, b, change + step), at_a, at_b) - now) / STEP
-            for step in STEP * np.eye(5)
-        ]
-        jacobian = np.stack(slopes, axis=1)
-        spread = max(LEAST_SPREAD_PX, 1.4826 * float(np.median(np.abs(now - np.median(now)))))
-        weights = 1 / spread**2 / (1 + (now / (2 * spread)) ** 2)
-        normal = jacobian.T @ (weights[:, None] * jacobian) + np.diag(1 / PRIOR**2)
-        change = change - np.linalg.solve(normal, jacobian.T @ (weights * now) + change / PRIOR**2)
-    return _changed(a, b, change)
-
-
-def _changed(a: View, b: View, change: Array) -> View:
-    """The second view after a rotation (3,) rad, its direction from the first changed by (2,) rad."""
-    rotation = cv2.Rodrigues(change[:3])[0] @ b.rotation
-    apart = b.centre - a.centre
-    distance = float(np.linalg.norm(apart))
-    direction = apart / distance
-    beside = np.linalg.svd(direction[None])[2][1:]
-    direction = direction + beside.T @ change[3:]
-    centre = a.centre + distance * direction / np.linalg.norm(direction)
-    return replace(b, rotation=rotation, translation=-rotation @ centre)
 
 
 REACH_MS = 300.0
@@ -148,7 +99,14 @@ MAX_FRAMES = 20
 """Frames to either side that are looked at, at most."""
 
 
-Matched = tuple[int, Array, Array, Path]
+INSTANTS = 6, 48
+"""Fewest and most instants of a pair."""
+IMAGES = 150
+"""Images of all cameras together: the more there are, the fewer instants of each pair."""
+Image = tuple[str, int]
+"""A camera and an instant."""
+OUTLINE_COUNTS = 4.0
+"""For how many points the middle of a small thing counts: all of its outline tells it."""
 
 
 @dataclass(frozen=True)
@@ -162,22 +120,28 @@ class RoughOffset:
 class PairOffsets:
     """Time offsets between cameras of a calibrated rig, each image's points found once."""
 
-    def __init__(self, rig: Rig, *, all_moves: bool = False) -> None:
-        """`all_moves`: nothing stands still before these cameras, as they move themselves."""
+    def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.all_moves = all_moves
         self.dataset = rig.dataset
         self.reach_ms = min(REACH_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
+        least, most = INSTANTS
+        self.most_instants = min(most, max(least, IMAGES // len(self.dataset.cameras)))
         self._points = lru_cache(maxsize=None)(self._find_points)
+        self._outlines = lru_cache(maxsize=None)(self._find_outlines)
         self._still_features = lru_cache(maxsize=STILL_INSTANTS)(rig.features)
-        self._geometry = lru_cache(maxsize=None)(self._mend_geometry)
+        self._motion = lru_cache(maxsize=None)(partial(measure_camera_motion, rig.dataset))
+
+    def moving(self, cameras: Iterable[str]) -> dict[str, CameraMotion]:
+        """Those of the cameras that move while they record: before them nothing stands still."""
+        found = {name: self._motion(name) for name in cameras}
+        return {name: one for name, one in found.items() if one is not None and one.moves}
 
     def measure(
-        self, first: str, second: str, max_instants: int | None = None, *, rough: RoughOffset | None = None
+        self, first: str, second: str, limit: int | None = None, *, rough: RoughOffset | None = None
     ) -> OffsetFit:
         """How much later than its times say the second camera's images were taken, against the first's.
 
-        At so many instants at most, those at which something moves before both; None = at all of the first's.
+        At so many instants at most, those at which something moves before both; None = as many as usual.
         `rough`: near which offset to look, instead of around none.
         """
         views = self.rig.views
@@ -191,52 +155,56 @@ class PairOffsets:
         others = {
             other: times.at_ms(second, other) + near.offset_ms for other in self.dataset.instants(second)
         }
-        asked: Sequence[int] = self.dataset.instants(first)
+        all_moves = bool(self.moving((first, second)))
+        cameras: Sequence[str] = (first, second)
+        asked: Sequence[int] = self.dataset.instants(*cameras)
         if rough is not None:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
-            asked = [k for k in asked if low <= times.at_ms(first, k) <= high]
-        elif max_instants is not None:
-            asked = self.dataset.instants(first, second)
-        if max_instants is not None:
-            asked = self._spread(asked, (first, second) if rough is None else (first,), max_instants)
+            cameras = (first,)
+            asked = [k for k in self.dataset.instants(first) if low <= times.at_ms(first, k) <= high]
+        limit = limit or self.most_instants
+        if all_moves or not asked:
+            asked = evenly_spread(asked, limit)
+        else:
+            asked = choose_moving_instants(self.rig.motion, cameras, asked, limit)
         found = [
-            self._match(times, first, now, second, other)
+            self._match(times, (first, now), (second, other), all_moves)
             for now in asked
             for other, at_ms in others.items()
             if abs(at_ms - times.at_ms(first, now)) <= near.reach_ms
         ]
-        at_a, at_b = self._still_matches(first, second)
+        pair = views[first], views[second]
+        still = StillErrors.of(pair, *self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS))
+        crossings = Crossings.join(find_crossings(pair, one) for one in found).later(-near.offset_ms)
+        return fit_offset(crossings, still, self.dataset.period_ns / 1e6).later(near.offset_ms)
 
-        def fit(views: Mapping[str, View]) -> OffsetFit:
-            pair = views[first], views[second]
-            still = StillErrors.of(epipolar_errors_px(*pair, at_a, at_b)) if len(at_a) else StillErrors()
-            crossings = Crossings.join([find_crossings(pair, *one) for one in found])
-            return fit_offset(crossings.later(-near.offset_ms), still, self.dataset.period_ns / 1e6)
+    def _match(self, times: "ImageTimes", a: Image, b: Image, all_moves: bool) -> Matched:
+        """What moves in both images, by corners and by outlines."""
+        here, there = self._points(*a, all_moves), self._points(*b, all_moves)
+        corners = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
+        things = alike(self._outlines(*a), self._outlines(*b))
+        if all_moves:
+            things = np.zeros(0, int), np.zeros(0, int)
+        first = self._path(times, a, here, corners[0], things[0])
+        second = self._path(times, b, there, corners[1], things[1])
+        counts = np.concatenate([np.ones(len(corners[0])), np.full(len(things[0]), OUTLINE_COUNTS)])
+        return Matched(a[1], (first, second), counts)
 
-        mended = self._geometry(*sorted((first, second)))
-        fitted = fit(mended)
-        if any(mended[name] is not views[name] for name in mended):
-            fitted = fitted.in_doubt_of(fit(views))
-        return fitted.later(near.offset_ms)
-
-    def _spread(self, instants: Sequence[int], cameras: Sequence[str], limit: int) -> Sequence[int]:
-        """Some of the instants, those with motion before the cameras."""
-        if self.all_moves or not instants:
-            return evenly_spread(instants, limit)
-        return choose_moving_instants(self.rig.motion, cameras, instants, limit)
-
-    def _match(self, times: "ImageTimes", first: str, now: int, second: str, other: int) -> Matched:
-        """What moves in both images: instant, px and ms in the first, path before the second."""
-        here, there = self._points(first, now), self._points(second, other)
-        a, b = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
-        at_a = here.at[a]
-        path = [there.before[b], there.at[b], there.after[b]]
-        beside = self._neighbours(second, other)
-        when = [
-            np.full(len(at), np.nan) if k is None else times.of_rows_ms(second, k, at[:, 1])
-            for k, at in zip((beside[0], other, beside[1]), path, strict=True)
-        ]
-        return now, at_a, times.of_rows_ms(first, now, at_a[:, 1]), Path(np.stack(path), np.stack(when))
+    def _path(
+        self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, things: Array
+    ) -> Path:
+        """Of some points and things of an image."""
+        camera, instant = image
+        before, after = self._neighbours(camera, instant)
+        outlines = self._outlines(camera, instant)
+        path, when = [], []
+        for k, at in ((before, points.before), (instant, points.at), (after, points.after)):
+            there = None if k is None else self._outlines(camera, k)
+            middles = outlines.at if k == instant else outlines.nearest(there)
+            both = np.concatenate([at[corners], middles[things]])
+            path.append(both)
+            when.append(np.full(len(both), np.nan) if k is None else times.of_rows_ms(camera, k, both[:, 1]))
+        return Path(np.stack(path), np.stack(when))
 
     def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
         """The camera's own images before and after; what recordings without common times pair leaves gaps."""
@@ -251,31 +219,37 @@ class PairOffsets:
             found.append(other)
         return found[0], found[1]
 
-    def _find_points(self, camera: str, instant: int) -> MovingPoints:
+    def _find_points(self, camera: str, instant: int, all_moves: bool) -> MovingPoints:
         data = self.dataset
         before, after = (
             None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant)
         )
-        if self.all_moves:
-            movers = np.ones(data.grey(camera, instant).shape, bool)
-        else:
+        image, movers = data.grey(camera, instant), None
+        if not all_moves:
             movers = self.rig.motion.widened_movers(camera, instant)
-        return find_moving_points(data.grey(camera, instant), movers, before, after)
+        return find_moving_points(
+            image, np.ones(image.shape, bool) if movers is None else movers, before, after
+        )
 
-    def _mend_geometry(self, first: str, second: str) -> dict[str, View]:
-        """Both views by the rig's calibration, mended by what stands still."""
-        a, b = self.rig.views[first], self.rig.views[second]
-        at_a, at_b = self._still_matches(first, second)
-        return {first: a, second: mend_pair(a, b, at_a, at_b) if len(at_a) else b}
+    def _find_outlines(self, camera: str, instant: int) -> Outlines:
+        motion = self.rig.motion
+        movers = motion.widened_movers(camera, instant)
+        return find_outlines(self.dataset.grey(camera, instant), motion.background(camera), movers)
 
-    def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
-        """Where both show what stands still, (n, 2) px each, at a few instants."""
+    def _still_matches(self, first: str, second: str, instants: int) -> tuple[Array, Array]:
+        """Where both show what stands still, (n, 2) px each, at so many instants."""
         found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
-        every = range(len(self.dataset.instants_ns))
-        for k in () if self.all_moves else evenly_spread(every, STILL_INSTANTS):
+        some = evenly_spread(self.dataset.instants(first, second), instants) if instants else []
+        for place, k in enumerate(some):
             points = self._still_features(k)
-            if first in points and second in points:
-                found.append(match_features(points[first], points[second]))
+            matches = match_features(points[first], points[second])
+            other = some[(place + len(some) // 2) % len(some)]
+            stays = np.ones(len(matches[0]), bool)
+            for name, at in zip((first, second), matches, strict=True):
+                there = _follow(self.dataset.grey(name, k), self.dataset.grey(name, other), at)
+                with np.errstate(invalid="ignore"):
+                    stays &= np.linalg.norm(there - at, axis=1) < MAX_DRIFT_PX
+            found.append((matches[0][stays], matches[1][stays]))
         at_a, at_b = (np.concatenate(of) for of in zip(*found, strict=True))
         return at_a, at_b
 

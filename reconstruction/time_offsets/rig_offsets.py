@@ -9,7 +9,6 @@ from capture_app.session.format.common_times import REFERENCE
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import angle_deg
-from reconstruction.session.camera_motion import measure_camera_motion
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
@@ -18,8 +17,6 @@ PARTNERS = 3
 """Each camera is measured against so many others, the ones that look at things most alike."""
 WIDEST_DEG = 60.0
 """Cameras that look in directions further apart recognize hardly anything of each other's pictures."""
-MAX_INSTANTS = 24
-"""Instants of each pair that are looked at."""
 
 MOTION = "motion"
 """What an offset was measured by."""
@@ -32,27 +29,24 @@ def measure_rig_offsets(
     progress: Progress | None = None,
     *,
     preferred: str | None = None,
-    max_instants: int = MAX_INSTANTS,
     finder: PairOffsets | None = None,
 ) -> dict[str, CameraTime]:
     """The offset of every camera of a calibrated rig; that of the reference is 0.
 
     `reference` None: a camera that most others can be measured against, the `preferred` one if it is such.
-    Offsets of pairs, at so many instants at which something moves before both, are adjusted by least squares.
+    Offsets of pairs are adjusted by least squares.
     Pairs that share no motion, or only motion along their epipolar lines, tell nothing; a camera that no
     chain of pairs joins to the reference has a reason instead. `finder` is one that has seen these images.
     """
     data = rig.dataset
-    if finder is None:
-        motions = [measure_camera_motion(data, name) for name in data.cameras]
-        finder = PairOffsets(rig, all_moves=any(found is not None and found.moves for found in motions))
+    finder = finder or PairOffsets(rig)
     pairs = likely_pairs(rig)
     progress = progress or Progress(0, silent=True)
     progress.total += len(pairs)
     measured = {}
     for pair in pairs:
         progress.step(f"{pair[1]} against {pair[0]}")
-        measured[pair] = finder.measure(*pair, max_instants)
+        measured[pair] = finder.measure(*pair)
     return adjust_offsets(data.cameras, reference, measured, preferred)
 
 

@@ -58,6 +58,7 @@ def test_times_that_are_known_to_differ_are_no_one_instant() -> None:
         (judged(0.5, 3.0), "a tenth of a frame"),
         (judged(0.7, 0.3), "neither clearly zero"),
         (judged(0.0, 0.3, 0.0, 0.1, 28.0, -30.0, 0.2), "2 of 5 instants disagree"),
+        (judged(0.2, 0.3, 0.1, 7.1, 0.4, -5.7, 0.3), "2 of 5 instants disagree"),
         (judge_timing(PAIR, OffsetFit(reason="nothing moves"), 0.0, FRAME_MS), "nothing moves"),
     ],
 )
@@ -71,10 +72,10 @@ def test_what_is_not_sure_certifies_nothing(found: Timing, why: str) -> None:
 
 def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
     sure, unknown = judged(0.1, 0.3), judge_timing(PAIR, OffsetFit(reason="why"), 0.0, FRAME_MS)
-    assert with_curve_peak(sure, 0.0, 8, FRAME_MS).synchronized
-    assert not with_curve_peak(sure, FRAME_MS, 8, FRAME_MS).synchronized
-    assert not with_curve_peak(unknown, 0.0, 8, FRAME_MS).synchronized
-    by_depth = with_curve_peak(unknown, -FRAME_MS, 8, FRAME_MS)
+    assert with_curve_peak(sure, [0.0] * 8, FRAME_MS).synchronized
+    assert not with_curve_peak(sure, [FRAME_MS] * 8, FRAME_MS).synchronized
+    assert not with_curve_peak(unknown, [0.0] * 8, FRAME_MS).synchronized
+    by_depth = with_curve_peak(unknown, [-FRAME_MS] * 8, FRAME_MS)
     assert by_depth.offset
     assert by_depth.late_ms == pytest.approx(FRAME_MS)
     assert (
@@ -83,8 +84,26 @@ def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
     )
     assert "95 %" not in timing_sentences(by_depth)
     # From one or two instants nothing follows.
-    assert with_curve_peak(sure, FRAME_MS, 2, FRAME_MS).synchronized
-    assert not with_curve_peak(unknown, -FRAME_MS, 2, FRAME_MS).offset
+    assert with_curve_peak(sure, [FRAME_MS] * 2, FRAME_MS).synchronized
+    assert not with_curve_peak(unknown, [-FRAME_MS] * 2, FRAME_MS).offset
+
+
+def test_curves_that_are_highest_here_and_there_say_nothing() -> None:
+    unknown = judge_timing(PAIR, OffsetFit(reason="why"), 0.0, FRAME_MS)
+    assert with_curve_peak(unknown, [0.0, -FRAME_MS, -FRAME_MS, 0.0, FRAME_MS], FRAME_MS) == unknown
+
+
+def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
+    unsure, late = judged(2.4, 1.0), judged(7.0, 0.5)
+    found = with_curve_peak(unsure, [0.0] * 7 + [FRAME_MS], FRAME_MS)
+    assert not found.synchronized
+    assert not found.offset
+    text = timing_sentences(found)
+    assert text.startswith("These pictures are of the same frame")
+    assert "Finer than 4 ms cannot be told: what was measured is neither" in text
+    assert "R is 2.4 ± 2.0 ms late" in text
+    # A lateness that was measured is told, however depth is paired best.
+    assert timing_sentences(with_curve_peak(late, [0.0] * 8, FRAME_MS)) == timing_sentences(late)
 
 
 def test_cameras_that_moved_are_named() -> None:

@@ -1,0 +1,192 @@
+"""Takes of a pair of cameras whose lateness is known, painted and real, for what is said of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.reconstruction import painted_scenes
+from benchmarks.reconstruction.painted_scenes import HEIGHT, WIDTH, Stage
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import BurstRecord, CameraRecord
+from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.session_writer import SessionWriter
+from reconstruction.common.geometry import Array, View
+from reconstruction.time_offsets.pair_geometry import epipolar_errors_px
+from tests.facts import make_facts
+
+PERIOD_MS = 1e3 / 30
+
+
+@dataclass(frozen=True)
+class Take:
+    """What is shown, and how late the right camera truly is; `jitter_ms`: every one of its pictures anew."""
+
+    kind: str
+    seed: int
+    late_ms: float = 0.0
+    jitter_ms: float = 0.0
+    geometry_px: float = 0.0
+    """How wrong its calibration is: the median distance from epipolar lines."""
+    frames: int = 14
+    start: int = 0
+    """The first frame of a real recording."""
+
+    @property
+    def name(self) -> str:
+        """The folder of its session."""
+        told = f"{self.kind}-{self.seed}-{self.late_ms:g}-{self.jitter_ms:g}-{self.geometry_px:g}"
+        return f"{told}-{self.start}-{self.frames}".replace(" ", "_").replace(".", "p")
+
+    @property
+    def truly_synchronized(self) -> bool:
+        """Whether its pictures are of one instant."""
+        return not self.late_ms and not self.jitter_ms
+
+    @property
+    def period_ms(self) -> float:
+        """From frame to frame."""
+        return 1e3 / 60 if self.kind == BALL else PERIOD_MS
+
+
+BALL = "real ball"
+STAGES = {
+    "street": lambda seed: (painted_scenes.street(seed), painted_scenes.pair(0.5)),
+    "slow street": lambda seed: (painted_scenes.street(seed, speed_m_s=3.0), painted_scenes.pair(0.4)),
+    "boards": lambda seed: (painted_scenes.room(seed), painted_scenes.pair(0.3, turned_deg=2)),
+    "slow boards": lambda seed: (
+        painted_scenes.room(seed, speed_m_s=0.25), painted_scenes.pair(0.3, turned_deg=2)
+    ),
+    "large mover": lambda seed: (
+        painted_scenes.room(seed, movers=1, size_m=2.0), painted_scenes.pair(0.3, turned_deg=2)
+    ),
+    "small mover": lambda seed: (
+        painted_scenes.room(seed, movers=1, size_m=0.25, speed_m_s=2.0), painted_scenes.pair(0.4)
+    ),
+    "thrown ball": lambda seed: (painted_scenes.throw(seed), painted_scenes.pair(0.5)),
+}  # fmt: skip
+
+
+def takes(seeds: int) -> Iterator[Take]:
+    """Every kind with so many seeds."""
+    for seed in range(seeds):
+        for kind in STAGES:
+            yield Take(kind, seed)
+            yield Take(kind, seed, geometry_px=(0.3, 0.5, 0.1)[seed % 3])
+            yield Take(kind, seed, late_ms=(10.0, -8.0, 14.0)[seed % 3], geometry_px=(0.0, 0.3)[seed % 2])
+        yield Take("boards", seed, late_ms=(1.0, -2.0, 4.0)[seed % 3])
+        yield Take("boards", seed, late_ms=2 * PERIOD_MS)
+        yield Take("boards", seed, jitter_ms=(8.0, 5.0, 12.0)[seed % 3])
+        yield Take("street", seed, jitter_ms=8.0)
+        yield Take("thrown ball", seed, late_ms=PERIOD_MS)
+        yield Take("boards", seed, frames=5)
+        yield Take("street", seed, frames=5, geometry_px=0.3)
+        yield Take("thrown ball", seed, frames=8)
+
+
+def real_takes(every: int) -> Iterator[Take]:
+    """The ball in all its pictures, cut at starts `every` so many apart, and with one camera a frame late."""
+    yield Take(BALL, 0, frames=35)
+    yield Take(BALL, 0, frames=34, late_ms=1e3 / 60)
+    for frames in (28, 24, 16):
+        for start in range(0, 36 - frames, every):
+            yield Take(BALL, 0, frames=frames, start=start)
+
+
+def car_takes(seeds: int) -> Iterator[Take]:
+    """A rig on a car with geometry that is wrong by 0.3 px, synchronized and 10 ms late."""
+    for seed in range(100, 100 + seeds):
+        yield Take("street", seed, geometry_px=0.3)
+        yield Take("street", seed, geometry_px=0.3, late_ms=10.0)
+
+
+def session_of(take: Take, cache: Path, footage: Path | None) -> Path:
+    """Its session, written on the first call."""
+    folder = cache / take.name
+    if not (folder / "session.json").is_file():
+        if take.kind == BALL:
+            assert footage is not None
+            _import_ball(take, cache, footage / "ball_launch")
+        else:
+            _paint(take, cache)
+    return folder
+
+
+def _paint(take: Take, cache: Path) -> Session:
+    stage, views = STAGES[take.kind](take.seed)
+    rng = np.random.default_rng([take.seed, 7])
+    begin_s = float(rng.uniform(0.05, 0.1))
+    writer = SessionWriter.create(cache, take.name)
+    for k in range(take.frames):
+        for name, view in views.items():
+            off_ms = 0.0 if name == "left" else take.late_ms + take.jitter_ms * rng.uniform(-2, 2)
+            image = stage.look(view, begin_s + (k * PERIOD_MS + off_ms) / 1e3, rng)
+            _add(writer, name, k, image)
+    wrong = views | {"right": _wrong(stage, views, take.geometry_px, rng)}
+    calibration = {name: view.to_calibration() for name, view in wrong.items()}
+    writer.set_calibration(Calibration(cameras=calibration, source="painted"))
+    facts = make_facts(width=WIDTH, height=HEIGHT, period_ns=round(PERIOD_MS * 1e6))
+    instants = tuple(round(k * PERIOD_MS * 1e6) for k in range(take.frames))
+    burst = BurstRecord(instants_ns=instants, period_ns=round(PERIOD_MS * 1e6))
+    return writer.finish([CameraRecord(name=name, facts=facts) for name in views], burst, origin="imported")
+
+
+def _add(writer: SessionWriter, name: str, k: int, image: Array) -> None:
+    data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+    at_ns = round(k * PERIOD_MS * 1e6)
+    writer.add_image(data, camera=name, instant=k, leader_ns=at_ns, suffix=".png")
+
+
+def _wrong(stage: Stage, views: dict[str, View], median_px: float, rng: np.random.Generator) -> View:
+    """The right view turned, its lens a little another, so that points lie so far from their lines."""
+    left, right = views["left"], views["right"]
+    if not median_px:
+        return right
+    depth = rng.uniform(3, 30, 500) if stage.rig_path else rng.uniform(2.5, 6, 500)
+    at = np.column_stack([rng.uniform(0, WIDTH, 500), rng.uniform(0, HEIGHT, 500)])
+    points = left.unproject(at, depth)
+    there = right.project(points @ right.rotation.T + right.translation)
+    turn, focal, bent = rng.normal(0, [1e-3, 4e-4, 1e-3]), rng.normal(0, 1.5e-3), rng.normal(0, 4e-3)
+    middle = rng.normal(0, 0.3)
+
+    def view(size: float) -> View:
+        rotation = cv2.Rodrigues(size * turn)[0] @ right.rotation
+        matrix = right.matrix.copy()
+        matrix[0, 0] *= 1 + size * focal
+        matrix[1, 1] *= 1 + size * focal
+        matrix[1, 2] += size * middle
+        distortion = np.array([size * bent, 0, 0, 0, 0])
+        translation = -rotation @ right.centre
+        return replace(
+            right, matrix=matrix, distortion=distortion, rotation=rotation, translation=translation
+        )
+
+    whole = 1.0
+    found = view(whole)
+    for _ in range(4):
+        size = float(np.median(np.abs(epipolar_errors_px(left, found, at, there))))
+        whole *= median_px / size
+        found = view(whole)
+    return found
+
+
+def _import_ball(take: Take, cache: Path, folder: Path) -> Session:
+    """A part of a real recording; late by whole frames: the right camera's pictures under other names."""
+    ahead = round(take.late_ms / take.period_ms)
+    source = cache / f"{take.name}-source"
+    numbers = sorted(int(path.stem) for path in (folder / "L").iterdir() if int(path.stem))
+    for name, later in (("L", 0), ("R", ahead)):
+        (source / name).mkdir(parents=True, exist_ok=True)
+        for k, number in enumerate(numbers[take.start : take.start + take.frames]):
+            other = folder / name / f"{number + later}.png"
+            if not other.is_file():
+                raise BadInputError(f"{folder} has no picture {number + later} of {name}")
+            link = source / name / f"{k}.png"
+            if not link.exists():
+                link.symlink_to(other)
+    options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
+    return import_recording([str(source)], cache, take.name, options)

@@ -1,0 +1,125 @@
+"""What is said of takes whose lateness is known: certified, denied or not told, and whether error bars hold.
+
+    python -m benchmarks.reconstruction.verdicts --seeds 3 --footage FOLDER --cache FOLDER
+
+Painted pairs (a car in a street, boards, small and large movers, a thrown ball), on time, late by parts of a
+frame, with jitter, with a calibration that is off; and, with --footage, a real ball. Simulated and real.
+"""
+
+import json
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.reconstruction.verdict_takes import Take, car_takes, real_takes, session_of, takes
+from benchmarks.report import new_parser, print_rows, talk
+from reconstruction.compare.tolerance import ToleranceOptions, measure_tolerance
+from reconstruction.scores.timing import Timing
+
+SAME_FRAMES = 0.1
+"""Pictures that are less of a frame apart may be called synchronized."""
+COLUMNS = {
+    "kind": ("takes", ""),
+    "count": ("number", ""),
+    "certified": ("certified", ""),
+    "falsely_certified": ("falsely", ""),
+    "same_frame": ("the same frame", ""),
+    "falsely_same_frame": ("falsely", ""),
+    "denied": ("denied", ""),
+    "falsely_denied": ("falsely", ""),
+    "untold": ("not told", ""),
+    "told": ("error bars", ""),
+    "held": ("held", ""),
+}
+
+
+def judge(take: Take, timing: Timing) -> dict[str, Any]:
+    """What was said of a take, held against the truth."""
+    late_ms, bar_ms = timing.late_ms, timing.uncertainty_ms
+    far_ms = abs(take.late_ms) + 2 * take.jitter_ms
+    same_frame = getattr(timing, "same_frame_ms", None) is not None and not timing.synchronized
+    return {
+        "kind": _group(take),
+        "take": take.name,
+        "true_ms": take.late_ms,
+        "late_ms": late_ms,
+        "bar_ms": bar_ms,
+        "certified": timing.synchronized,
+        "falsely_certified": timing.synchronized and far_ms > SAME_FRAMES * take.period_ms,
+        "same_frame": same_frame,
+        "falsely_same_frame": same_frame and far_ms > 0.5 * take.period_ms,
+        "denied": timing.offset,
+        "falsely_denied": timing.offset and take.truly_synchronized,
+        "untold": not (timing.synchronized or timing.offset or same_frame),
+        "told": late_ms is not None and not take.jitter_ms,
+        "held": late_ms is not None
+        and bar_ms is not None
+        and not take.jitter_ms
+        and abs(late_ms - take.late_ms) <= bar_ms,
+        "reason": timing.reason,
+    }
+
+
+def _group(take: Take) -> str:
+    if take.jitter_ms:
+        return f"{take.kind}, jitter"
+    if take.late_ms:
+        return f"{take.kind}, late"
+    if take.geometry_px:
+        return f"{take.kind}, geometry off"
+    return take.kind
+
+
+def run(chosen: Iterable[Take], cache: Path, footage: Path | None) -> list[dict[str, Any]]:
+    """Judge them one after the other."""
+    rows = []
+    for take in chosen:
+        session = session_of(take, cache, footage)
+        begun = time.process_time()
+        options = ToleranceOptions(max_instants=4, max_offset_ms=2.2 * take.period_ms)
+        timing = measure_tolerance(session, None, options).timing
+        assert timing is not None
+        row = judge(take, timing) | {"seconds": time.process_time() - begun}
+        rows.append(row)
+        said = [key for key in ("certified", "same_frame", "denied", "untold") if row[key]]
+        wrong = [key for key in row if key.startswith("falsely") and row[key]]
+        late = "" if row["late_ms"] is None else f"{row['late_ms']:+.2f} ± {row['bar_ms']:.2f}"
+        odd = "" if row["held"] or not row["told"] else "MISSED"
+        talk(f"{take.name}: {late} {' '.join(said)} {' '.join(wrong)} {odd} {row['reason']}")
+    return rows
+
+
+def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """How many of each kind, and of all."""
+    found = []
+    for kind in [*dict.fromkeys(row["kind"] for row in rows), ""]:
+        its = [row for row in rows if kind in ("", row["kind"])]
+        sums = {key: sum(row[key] for row in its) for key in list(COLUMNS)[2:]}
+        found.append({"kind": kind or "all", "count": len(its)} | sums)
+    return found
+
+
+def main() -> None:
+    """Print a table, or with --json one object with every take."""
+    parser = new_parser(__doc__)
+    parser.add_argument("--seeds", type=int, default=3, help="of each kind of painted take (3)")
+    parser.add_argument("--car-seeds", type=int, default=0, help="of a car with geometry off by 0.3 px (0)")
+    parser.add_argument("--footage", type=Path, help="folder with ball_launch")
+    parser.add_argument(
+        "--every", type=int, default=1, help="starts of the real ball's parts are so far apart"
+    )
+    parser.add_argument("--cache", type=Path, help="keeps what was painted")
+    chosen = parser.parse_args()
+    wanted = [*takes(chosen.seeds), *car_takes(chosen.car_seeds)]
+    wanted += real_takes(chosen.every) if chosen.footage is not None else []
+    with tempfile.TemporaryDirectory() as scratch:
+        rows = run(wanted, chosen.cache or Path(scratch), chosen.footage)
+    if not chosen.json:
+        print_rows(table(rows), COLUMNS)
+    print(json.dumps({"verdicts": table(rows), "takes": rows} if chosen.json else {"verdicts": len(rows)}))
+
+
+if __name__ == "__main__":
+    main()

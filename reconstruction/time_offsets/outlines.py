@@ -1,0 +1,97 @@
+"""Small things that move, by the middle of their outlines: a ball shows hardly any corner to follow."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+
+LEAST_AREA_PX = 20.0
+MOST_SHARE = 0.02
+"""Of the picture: larger things have parts that move by themselves, and corners."""
+MOST_ASPECT = 2.0
+LEAST_SOLID = 0.8
+"""Share of its convex outline that a thing fills."""
+MOST_THINGS = 4
+"""Small things of a picture that are looked at, the largest of them."""
+GROWTH = 1.5
+"""How much larger one thing may be from picture to picture."""
+REACH = 6.0
+"""How far it may go from picture to picture, in widths."""
+EDGE_PX = 2
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """Middles (n, 2) px and areas (n,) px of the small things that move in a picture."""
+
+    at: Array
+    area: Array
+
+    def nearest(self, others: "Outlines | None") -> Array:
+        """Where each thing is in another picture, (n, 2) px; NaN where it is not told from others."""
+        found = np.full_like(self.at, np.nan)
+        if others is None or not len(others.at):
+            return found
+        for k, (at, area) in enumerate(zip(self.at, self.area, strict=True)):
+            away = np.linalg.norm(others.at - at, axis=1)
+            alike = np.abs(np.log(others.area / area)) < np.log(GROWTH)
+            near = np.flatnonzero(alike & (away < REACH * np.sqrt(area)))
+            if len(near) == 1:
+                found[k] = others.at[near[0]]
+        return found
+
+
+def find_outlines(image: Array, background: Array, movers: Array) -> Outlines:
+    """The small compact things of a grey picture (uint8) that move (bool) before its background."""
+    difference = image.astype(np.float32) - background
+    difference = np.abs(cv2.GaussianBlur(difference - float(np.median(difference)), (0, 0), 0.7))
+    least = max(12.0, 6 * 1.4826 * float(np.median(difference)))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((difference > least).astype(np.uint8))
+    height, width = image.shape
+    largest = sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA]))
+    found: list[tuple[Array, float]] = []
+    for k in largest:
+        left, top, wide, high, area = (int(value) for value in stats[k])
+        whole = min(left, top, width - left - wide, height - top - high) >= EDGE_PX
+        compact = max(wide, high) < MOST_ASPECT * min(wide, high)
+        if area < LEAST_AREA_PX or len(found) == MOST_THINGS:
+            break
+        if area > MOST_SHARE * image.size or not whole or not compact:
+            continue
+        part = np.s_[top - EDGE_PX : top + high + EDGE_PX, left - EDGE_PX : left + wide + EDGE_PX]
+        mask = labels[part] == k
+        if (movers[part] & mask).any() and _solid(mask):
+            found.append(_measured(difference[part], mask, (left - EDGE_PX, top - EDGE_PX)))
+    at = np.array([middle for middle, _ in found]).reshape(-1, 2)
+    return Outlines(at, np.array([area for _, area in found]))
+
+
+def _solid(mask: Array) -> bool:
+    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    hull = cv2.convexHull(np.concatenate(outlines))
+    return float(mask.sum()) > LEAST_SOLID * cv2.contourArea(hull)
+
+
+def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[Array, float]:
+    """Middle and area of a thing (bool), its border by how much of each pixel differs."""
+    mostly = float(np.median(difference[mask]))
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    weights = np.clip(difference / (0.8 * mostly), 0, 1) * near
+    ys, xs = np.mgrid[: mask.shape[0], : mask.shape[1]]
+    total = float(weights.sum())
+    middle = np.array([(weights * xs).sum(), (weights * ys).sum()]) / total + np.array(corner)
+    return middle, total
+
+
+def alike(a: Outlines, b: Outlines) -> tuple[Array, Array]:
+    """Indices (n,) in a and b of things that may be one: any two of about the same size."""
+    pairs = [
+        (i, j)
+        for i, one in enumerate(a.area)
+        for j, other in enumerate(b.area)
+        if abs(np.log(one / other)) < 2 * np.log(GROWTH)
+    ]
+    both = np.array(pairs, int).reshape(-1, 2)
+    return both[:, 0], both[:, 1]

@@ -1,0 +1,61 @@
+"""Epipolar geometry of two views, and what a calibration that is off does to it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from reconstruction.common.geometry import Array, View, other_from_reference
+
+
+def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
+    """Signed distances (n,) of matched pixels (n, 2) from the epipolar geometry of two views, px.
+
+    To first order (Sampson 1982; Hartley and Zisserman, 2nd edition, section 11.4.3). The views must not
+    stand at one place.
+    """
+    rotation, translation = other_from_reference(a, b)
+    x, y, z = translation / np.linalg.norm(translation)
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
+    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
+    lines_b, lines_a = rays_a @ essential.T, rays_b @ essential
+    steepness = np.sqrt((lines_b[:, :2] ** 2).sum(1) / b.focal**2 + (lines_a[:, :2] ** 2).sum(1) / a.focal**2)
+    return np.asarray((rays_b * lines_b).sum(1) / np.maximum(steepness, 1e-12))
+
+
+ODDS_PX = (1.0, 0.5, 0.3, 0.15)
+"""How far a calibration may move what it has right on the whole: by terms of no, first, second, third degree
+in the place in the picture; one standard deviation."""
+DIRECTION = 3e-3
+"""How far off the direction from one camera to the other may be, rad."""
+TERMS = 12
+
+
+def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:
+    """What each error of the calibration, of one standard deviation, adds to `epipolar_errors_px` (n, TERMS).
+
+    Rotation, lens and distortion move what is seen smoothly over the picture, at any depth; the direction
+    between the cameras moves it by depth, as a delay does before a camera that drives.
+    """
+    x, y = (2 * at_a[:, i] / size - 1 for i, size in enumerate((a.width, a.height)))
+    smooth = [
+        odds * x ** (degree - down) * y**down
+        for degree, odds in enumerate(ODDS_PX)
+        for down in range(degree + 1)
+    ]
+    apart = b.centre - a.centre
+    distance = float(np.linalg.norm(apart))
+    now = epipolar_errors_px(a, b, at_a, at_b)
+    aside = [
+        epipolar_errors_px(a, _moved(b, distance * DIRECTION * beside), at_a, at_b) - now
+        for beside in np.linalg.svd(apart[None] / distance)[2][1:]
+    ]
+    return np.column_stack([*smooth, *aside])
+
+
+def places(geometry: Array) -> Array:
+    """Where points of these terms are in the picture, (n, 2), from -1 to 1 across and down."""
+    return np.asarray(geometry[:, 1:3] / ODDS_PX[1])
+
+
+def _moved(view: View, by: Array) -> View:
+    return replace(view, translation=view.translation - view.rotation @ by)

@@ -136,8 +136,8 @@ def import_command(
     videos are aligned by all they have. It ends with what the session is good for, and the next line to type.
     A camera is a folder of images, which are copied unchanged, a video file, or a folder written by
     libsoftwaresync, RecSync or RecSyncNG on a phone. Folders of Caliscope, FreeMoCap and OpenCap are
-    recognized, with their times and calibration. So are .mcap files, and what `sessions export` made for
-    COLMAP, nerfstudio, Pose2Sim and others, which becomes the session again that it was made of.
+    recognized, with their times and calibration. So are .mcap files, bags of ROS, and what `sessions export`
+    made for COLMAP, nerfstudio, Pose2Sim and others, which becomes the session again that it was made of.
     """
     from capture_app.session.importers.aligning import AlignBy
     from capture_app.session.importers.calibrations.reading import Fit
@@ -256,6 +256,7 @@ _FORMATS = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.ite
     metavar="DIR",
     help="For colmap, nerfstudio, easyvolcap: masks of what moves, as reconstruct movers makes.",
 )
+@click.option("--ros", is_flag=True, default=None, help="For mcap: a bag of ROS 2, for ros2 bag play.")
 @click.option(
     "--whole",
     is_flag=True,

@@ -16,6 +16,7 @@ _ONLY_FOR = {
     "instant": ("colmap", "nerfstudio", "easyvolcap"),
     "points": ("colmap", "nerfstudio", "n3dv"),
     "masks": ("colmap", "nerfstudio", "easyvolcap"),
+    "ros": ("mcap",),
 }
 """Options that only some formats have a place for."""
 

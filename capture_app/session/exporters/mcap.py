@@ -17,6 +17,7 @@ from capture_app.session.exporters.common.lens import (
     rotation_of,
 )
 from capture_app.session.exporters.common.tables import unit_note
+from capture_app.session.exporters.rosbag import write_bag
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
@@ -30,6 +31,9 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
     and PNG as PNG. The manifest and the calibration are attached.
     """
+    if burst.options.ros:
+        write_bag(burst, folder)
+        return
     writer_module = load_optional("mcap.writer", "export", "MCAP")
     uncalibrated = "the session has no calibration: the file has images only"
     calibration = burst.calibration_or_note("MCAP", uncalibrated)

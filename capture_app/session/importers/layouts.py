@@ -29,6 +29,7 @@ from capture_app.session.importers.frame_matching import (
     periods_of,
 )
 from capture_app.session.importers.open_sources import open_sources
+from capture_app.session.importers.rosbag import bag, is_bag
 from capture_app.session.importers.sources import Layout, videos_in
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
@@ -198,6 +199,8 @@ def recognize_layout(path: Path, *, png: bool = False, recording: str | None = N
         from capture_app.session.importers.own_exports import mcap
 
         return mcap(path)
+    if is_bag(path):
+        return bag(path)
     if not path.is_dir():
         return None
     if (path / RECORD).is_file():

@@ -11,18 +11,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.names import is_name, name_like
 from capture_app.optional_packages import load_optional
 from capture_app.session.exchange import FRAMES, ExportRecord, message_class, read_record
 from capture_app.session.files.strangers import read_text
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, decode_struct, inside
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, SCHEMA_VERSION, ImageRecord, Manifest
-from capture_app.session.importers.calibrations.views import View, Views, from_quaternion
+from capture_app.session.importers.calibrations.views import View, Views, view_at
 from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importers.rosbag import bag, camera_names
 from capture_app.session.importers.sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
 from capture_app.session.reading.decoding import image_size
 
@@ -44,6 +42,8 @@ def exported(folder: Path, *, png: bool) -> Layout:
         raise BadInputError(f"{folder} is an export for {record.format}, which cannot be read back")
     if record.format == "mcap":
         files = sorted(folder.glob("*.mcap"))
+        if not files and (bags := sorted(path.parent for path in folder.glob("*/metadata.yaml"))):
+            return _of_bag(folder, bags[0], record)
         if len(files) != 1:
             raise BadInputError(f"{folder} does not have one .mcap but {len(files)}")
         return mcap(files[0])
@@ -66,6 +66,15 @@ def exported(folder: Path, *, png: bool) -> Layout:
     if not sources:
         raise BadInputError(f"{folder} has none of the files that its {FRAMES} names")
     return layout_of_record(folder, record, sources, places)
+
+
+def _of_bag(folder: Path, path: Path, record: ExportRecord) -> Layout:
+    rows = sorted(_rows(folder).items(), key=lambda row: row[1][1])
+    cameras = {camera for (camera, _), _ in rows}
+    places = {
+        at: number for camera in cameras for number, at in enumerate(at for at, _ in rows if at[0] == camera)
+    }
+    return layout_of_record(folder, record, bag(path).sources, places)
 
 
 def layout_of_record(
@@ -182,9 +191,11 @@ def mcap(path: Path) -> Layout:
     lenses: dict[str, Any] = {}
     poses: dict[str, Any] = {}
     topics: dict[str, list[_Message]] = {}
+    ros = False
     with _reader(path) as reader:
         attached = {one.name: one.data for one in reader.iter_attachments()}
         for schema, channel, message in reader.iter_messages(log_time_order=False):
+            ros = ros or channel.message_encoding == "cdr"
             if schema is None or channel.message_encoding != "protobuf":
                 continue
             if schema.name == _IMAGE:
@@ -198,11 +209,13 @@ def mcap(path: Path) -> Layout:
             elif schema.name == _POSE:
                 pose = _decode(_POSE, message.data)
                 poses[pose.child_frame_id] = pose
+    if not topics and ros:
+        return bag(path)
     if not topics:
         raise BadInputError(
             f"{path} has no {_IMAGE} in protobuf", hint="images of other schemas are not read"
         )
-    names = _names(topics)
+    names = camera_names({topic: messages[0].frame_id for topic, messages in topics.items()})
     sources = [
         McapImages(name, path, topic, topics[topic][0].format, len(topics[topic]))
         for topic, name in names.items()
@@ -230,15 +243,6 @@ def mcap(path: Path) -> Layout:
     )
 
 
-def _names(topics: Mapping[str, Sequence[_Message]]) -> dict[str, str]:
-    """Each topic's camera: its frame_id where that is a name and no other topic's."""
-    ids = [messages[0].frame_id for messages in topics.values()]
-    return {
-        topic: own if is_name(own) and ids.count(own) == 1 else name_like(topic.strip("/"), f"camera{number}")
-        for number, (topic, own) in enumerate(zip(topics, ids, strict=True))
-    }
-
-
 def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
     manifest = decode_struct(path / MANIFEST, attached[MANIFEST], Manifest, SCHEMA_VERSION)
     check_references(path / MANIFEST, manifest)
@@ -262,14 +266,8 @@ def _view(path: Path, lens: Any, pose: Any) -> View:
     if len(lens.K) != 9:
         raise BadInputError(f"{where} has a calibration without K")
     q, at = pose.rotation, pose.translation
-    rotation = from_quaternion(where, (q.w, q.x, q.y, q.z)).T
-    return View(
-        matrix=np.array(lens.K).reshape(3, 3),
-        distortion=np.array(lens.D or [0.0] * 5),
-        rotation=rotation,
-        translation=-rotation @ np.array([at.x, at.y, at.z]),
-        size=(lens.width, lens.height),
-    )
+    size = lens.width, lens.height
+    return view_at(where, lens.K, lens.D, (q.w, q.x, q.y, q.z), (at.x, at.y, at.z), size)
 
 
 @contextmanager

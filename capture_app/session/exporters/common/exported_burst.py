@@ -42,6 +42,8 @@ class ExportOptions:
     instant: int | None = None
     points: Path | None = None
     masks: Path | None = None
+    ros: bool | None = None
+    """A bag of ROS 2 instead of Foxglove's messages."""
 
 
 @dataclass(frozen=True, slots=True)

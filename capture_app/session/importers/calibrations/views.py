@@ -75,6 +75,25 @@ def rotation_of(where: str, values: Array) -> Array:
     return values.reshape(3, 3)
 
 
+def view_at(
+    where: str,
+    k: Sequence[float],
+    d: Sequence[float],
+    wxyz: Sequence[float],
+    centre: Sequence[float],
+    size: tuple[int, int],
+) -> View:
+    """The view of a camera by its matrix (9 numbers), distortion (or none), turn and place in the world."""
+    rotation = from_quaternion(where, wxyz).T
+    return View(
+        matrix=np.array(k).reshape(3, 3),
+        distortion=np.array(d if len(d) else [0.0] * 5),
+        rotation=rotation,
+        translation=-rotation @ np.array(centre),
+        size=size,
+    )
+
+
 def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
     """Rotation matrix (3x3) of a quaternion (w, x, y, z), not necessarily of length 1 (Horn 1987).
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import re
 import shutil
@@ -90,3 +91,28 @@ def test_importing_the_package_stays_light() -> None:
     )
     heavy = {"numpy", "cv2", "msgspec", "asyncio", "textual", "pycolmap", "open3d", "click"}
     assert not heavy & set(loaded.stdout.split())
+
+
+@pytest.mark.parametrize("name", ["error-bars", "late-depth"])
+def test_notebooks_print_and_draw_what_they_hold(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    kept = ROOT / "docs" / "notebooks" / f"{name}.ipynb"
+    again = tmp_path / "docs" / "notebooks" / kept.name
+    again.parent.mkdir(parents=True)
+    shutil.copyfile(kept, again)
+    (tmp_path / "sample_sessions").symlink_to(ROOT / "sample_sessions")
+    subprocess.run(
+        [sys.executable, ROOT / "docs" / "notebooks" / "run.py", again],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=True,
+    )
+    before, after = (outputs(path) for path in (kept, again))
+    assert after == before
+    assert "image/png" in before
+
+
+def outputs(notebook: Path) -> list[str]:
+    """What the cells have printed, and that they have drawn."""
+    cells = json.loads(notebook.read_text())["cells"]
+    given = [output for cell in cells for output in cell.get("outputs", ())]
+    return ["".join(one["text"]) if "text" in one else "".join(one["data"]) for one in given]

@@ -8,10 +8,18 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import click
+
+from capture_app.cli import app as capture_app
+from reconstruction.cli import app as reconstruct
+
 ROOT = Path(__file__).resolve().parents[1]
+COMMANDS = {"capture-app": capture_app, "reconstruct": reconstruct}
+HELP_WIDTH = 80
 PAGES = ("CONTRIBUTING.md", "CHANGELOG.md", "CODE_OF_CONDUCT.md", "SECURITY.md", "LICENSE")
 
 
@@ -27,9 +35,24 @@ def stage(folder: Path) -> None:
         page = as_markdown(json.loads(path.read_text()), path.parent, path.stem)
         path.with_suffix(".md").write_text(page)
         path.unlink()
+    commands = folder / "docs" / "commands.md"
+    told = (line for name, command in COMMANDS.items() for line in describe(command, name))
+    commands.write_text(commands.read_text() + "".join(told))
     # Where the repository shows notebooks, the site has pages of them.
     shown = folder / "docs" / "python.md"
     shown.write_text(shown.read_text().replace(".ipynb)", ".md)"))
+
+
+def describe(command: click.Command, path: str, parent: click.Context | None = None) -> Iterator[str]:
+    """A command's help as a section, and those of the commands below it."""
+    own = {**command.context_settings, "terminal_width": HELP_WIDTH, "max_content_width": HELP_WIDTH}
+    context = click.Context(command, parent=parent, info_name=path.rpartition(" ")[2], **own)
+    yield f"\n{'#' * min(4, path.count(' ') + 2)} {path}\n\n```text\n{command.get_help(context)}\n```\n"
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            if below is not None and not below.hidden:
+                yield from describe(below, f"{path} {name}", context)
 
 
 def as_markdown(notebook: dict[str, Any], pictures: Path, stem: str) -> str:

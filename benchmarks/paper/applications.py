@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import msgspec
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError
 from capture_app.session.reading.decoding import decode_image
+from reconstruction.compare.comparison import CompareOptions, compare
 
 BURST, SWEEP_STEP = "burst", "what moves, from picture to picture in the sweep"
 
@@ -31,6 +33,8 @@ class Application(msgspec.Struct, frozen=True, kw_only=True):
     place: str
     title: str
     command: str
+    engine: str = ""
+    """What finds its depth, in a sentence."""
     measures: tuple[Measure, ...] = ()
     files: tuple[str, ...] = ()
     """Of both conditions, synchronized first; one alone is of synchronized pictures."""
@@ -46,13 +50,18 @@ class Showing:
     """Its name in `metrics.json`."""
     picture: str = ""
     measures: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Label and unit by name."""
+    """Label and unit by name; of another study, with that one's name and a point before."""
 
 
 _COMPARE = "reconstruct compare sample_sessions"
 _DEPTH = {
     "mover_within_2pct": ("what moves, its distance within 2 % of the truth", "%"),
     "static_within_2pct": ("what stands still (control)", "%"),
+}
+_COLMAP = {
+    "triangulation.mover_points": ("points that COLMAP places on what moves", ""),
+    "triangulation.mover_precision": ("of these, at a distance within 2 % of the truth", "%"),
+    "triangulation.static_points": ("points that COLMAP places on what stands still (control)", ""),
 }
 APPLICATIONS = (
     Showing(
@@ -71,11 +80,13 @@ APPLICATIONS = (
             place="Figure 8",
             title="Depth of a jumping person from a pair of cameras, and 66 ms apart",
             command=f"{_COMPARE}/jumper --offset-ms 66",
+            engine="The paper's depth is COLMAP's; here distances are found by OpenCV's semi-global block "
+            "matching (SGBM), and COLMAP's own points of all views are counted below.",
         ),
         "jumper",
         "stereo",
         "stereo_depth",
-        _DEPTH,
+        _DEPTH | _COLMAP,
     ),
     Showing(
         Application(
@@ -83,6 +94,7 @@ APPLICATIONS = (
             place="Applications",
             title="Depth from five views, and at offsets from -66 to 66 ms",
             command=f"{_COMPARE}/jumper",
+            engine="Distances are found by our own plane sweep, not by COLMAP, whose stereo needs a GPU.",
         ),
         "jumper",
         "multiview",
@@ -123,6 +135,7 @@ APPLICATIONS = (
 """In the order of the page."""
 
 
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_sessions"
 METRICS = "metrics.json"
 THUMBNAIL_WIDTH = 200
 QUALITY = 85
@@ -169,6 +182,21 @@ class _Metrics(msgspec.Struct):
     bullet_time: _Sweep | None = None
 
 
+def compare_samples(folder: Path, *, quick: bool) -> list[Path]:
+    """Compare the applications' sessions into folders of their names, small ones if it is to be quick.
+
+    Raises what `reconstruct compare` raises.
+    """
+    less: dict[str, Any] = (
+        {"max_instants": 2, "multiview_instants": 1, "multiview_width": 320} if quick else {}
+    )
+    made = []
+    for session in dict.fromkeys(showing.session for showing in APPLICATIONS):
+        made.append(folder / session)
+        compare(SAMPLES / session, made[-1], CompareOptions(**less))
+    return made
+
+
 def read_compared(results: Sequence[Path], out: Path) -> tuple[Application, ...]:
     """Return all applications, with what these folders of `reconstruct compare` have of them.
 
@@ -196,7 +224,8 @@ def _fill(showing: Showing, metrics: _Metrics, folder: Path, out: Path) -> Appli
     study = next((one for one in metrics.studies if one.name == showing.study), None)
     if study is None or not study.measures:
         return application
-    found = {one.name: one for one in study.measures}
+    found = {f"{each.name}.{one.name}": one for each in metrics.studies for one in each.measures}
+    found |= {one.name: one for one in study.measures}
     measures = tuple(
         Measure(label, unit, _number(found[name].synced, unit), _number(found[name].offset, unit))
         for name, (label, unit) in showing.measures.items()

@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.paper.applications import Application, read_compared
+from benchmarks.paper.applications import Application, compare_samples, read_compared
 from benchmarks.paper.report import Entry, PaperReport, Row, SetUp, make_report, measure_all
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
@@ -36,6 +36,8 @@ def number(value: float | None, unit: str, *, digits: int | None = None) -> str:
     """Write a number with its unit, to three figures or so many digits after the point."""
     if value is None:
         return NOTHING
+    if digits is None and unit == "ms" and 0 < abs(value) < 0.1:
+        digits = 4
     if digits is None:
         digits = 0 if abs(value) >= 100 or value == round(value) else 1 if abs(value) >= 10 else 2
     text = f"{value:,.{digits}f}"
@@ -58,7 +60,7 @@ def _papers(row: Row) -> str:
 
 def set_ups(entry: Entry) -> tuple[str, ...]:
     """Say how both of ours were measured."""
-    if entry.default == entry.protocol:
+    if entry.default == entry.protocol:  # the set-ups, not the numbers
         return (f"Ours, at the paper's protocol and by default: {_set_up(entry.protocol)}",)
     return (
         f"Ours at the paper's protocol: {_set_up(entry.protocol)}",
@@ -128,6 +130,9 @@ def _application(one: Application, pictures: str) -> Iterator[str]:
         for name in one.files:
             yield ""
             yield f"![{one.title}]({pictures}{name})"
+    if one.engine:
+        yield ""
+        yield one.engine
     if one.measures:
         yield ""
         yield f"|  | {' | '.join(names)} |"
@@ -187,10 +192,12 @@ def run(
 ) -> PaperReport:
     """Measure everything and write the page into a folder that exists; `only` names keys, empty for all.
 
-    `compared` are folders of `reconstruct compare`, of bundled sessions. `markdown` is a file that gets the
-    page, too; its pictures go into `images` beside it. Raises BadInputError where something cannot be read
-    or written, NotAvailableError without matplotlib.
+    `compared` are folders of `reconstruct compare`, of bundled sessions; without any, and without `only`,
+    they are made here. `markdown` is a file that gets the page, too; its pictures go into `images` beside it.
+    Raises BadInputError where something cannot be read or written, NotAvailableError without matplotlib.
     """
+    if not compared and not only:
+        compared = compare_samples(out / "compared", quick=quick)
     applications = read_compared(compared, out)
     found = measure_all(share=QUICK_SHARE if quick else 1.0, seed=seed, only=only)
     try:

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.paper import page
 from benchmarks.paper.__main__ import main
-from benchmarks.paper.applications import APPLICATIONS, read_compared
+from benchmarks.paper.applications import APPLICATIONS, compare_samples, read_compared
 from capture_app.errors import BadInputError, ExitCode
 from reconstruction.scores.study_result import Interval, Measure, Picture, StudyResult
 
@@ -77,6 +77,18 @@ def test_the_page_shows_them_or_says_that_they_were_not_run(compared: Path, tmp_
         assert "18 px" in text.replace("\N{NO-BREAK SPACE}", " ")
         assert "figure-9-offset.jpg" in text
     assert (markdown.parent / "images" / "paper-figure-9-offset.jpg").exists()
+
+
+@pytest.mark.slow
+def test_the_quick_form_makes_all_of_them_small(tmp_path: Path) -> None:
+    compared = compare_samples(tmp_path / "compared", quick=True)
+    out = tmp_path / "out"
+    out.mkdir()
+    made = {one.key: one for one in read_compared(compared, out)}
+    assert all(one.measures for one in made.values())
+    assert all((out / name).stat().st_size for one in made.values() for name in one.files)
+    assert "OpenCV" in made["figure-8"].engine
+    assert "plane sweep" in made["five-views"].engine
 
 
 def test_sessions_of_the_applications_come_with_the_project() -> None:

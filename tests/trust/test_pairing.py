@@ -72,6 +72,7 @@ def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: Invitations
         attempt(desk, code)
 
 
+@pytest.mark.parametrize("changed", [{"seen": OTHER}, {"said": OTHER}, {"pin": OTHER}])
 def test_who_shows_another_certificate_to_one_of_them_is_found_out(
     desk: Invitations, changed: dict[str, str]
 ) -> None:

@@ -7,12 +7,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec.structs import replace
 from textual.message import Message
 from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import LinkLost, Update
 from capture_app.node.wire.status import NewsLine, Preview, RigStatus
+from capture_app.sync.wire.messages import NodeState
 
 NEWS_KEPT = 500
 PHASE_KEPT_S = 35.0
@@ -41,6 +43,10 @@ class RigRecord:
                 self.news.append(update)
             case LinkLost():
                 self.lost = update.reason
+                if self.status is not None:
+                    # What it told last holds no more: of a leader that is gone one thing is said.
+                    gone = (replace(node, state=NodeState.LOST, message="") for node in self.status.nodes)
+                    self.status = replace(self.status, nodes=tuple(gone), advice="", message="")
             case Preview():
                 pass
 

@@ -9,6 +9,7 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
+from textual.renderables.digits import DIGITS, DIGITS3X3
 
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import RigLink
@@ -27,16 +28,22 @@ _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False
 NOT_INVITED = "A machine that is not known here yet asks for a number, once: press i."
 
 
-async def invitation(source: RigLink) -> str:
-    """Let the leader make a code for the next machine, and return what to say of it, or why there is none."""
+async def invitation(source: RigLink) -> tuple[str, str]:
+    """Let the leader make a code for a machine; return it, and what to say of it or why there is none."""
     try:
         invited = await source.invite()
     except SimulshotError as error:
-        return printable(str(error)).capitalize()
-    return (
+        return "", printable(str(error)).capitalize()
+    return show_code(invited.code), (
         f"A machine that is not known here yet asks for a number, once: {show_code(invited.code)}."
-        f" It is for one machine and {invited.good_for_s // 60} minutes; i shows another."
+        f" It is for one machine and {invited.good_for_s // 60} minutes; i shows another; both are good."
     )
+
+
+def large(code: str) -> list[str]:
+    """A code in digits three lines high; nothing for none."""
+    places = [DIGITS.index(letter) * 3 for letter in code]
+    return ["".join(DIGITS3X3[place + row] for place in places) for row in range(3)] if code else []
 
 
 def joining_line(leader: str) -> str:
@@ -82,6 +89,31 @@ class GuideScreen(BoxDialog[None]):
                 or [""]
             ]
         )
+
+
+class InviteScreen(GuideScreen):
+    """Shows how another machine joins: the line to type there, as a QR code too, and the code it asks for."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss", "Close", id="invite.close", key_display="esc"),
+        Binding("i", "another", "Another code", id="invite.another"),
+    ]
+
+    def __init__(self, source: RigLink, leader: str) -> None:
+        super().__init__("invite", "Another machine", 38)
+        self._source, self._line = source, joining_line(printable(leader))
+
+    def on_mount(self) -> None:
+        """Ask for the first code."""
+        self.action_another()
+
+    @work(exclusive=True, group="invite")
+    async def action_another(self) -> None:
+        """Show a further code."""
+        code, words = await invitation(self._source)
+        number = [(line, "bold $success") for line in large(code)]
+        line = ("To join from another machine, type there:", ""), (self._line, "bold $secondary"), ("", "")
+        self.show(self._line, *line, *number, (words, "$foreground-muted"))
 
 
 class PhonesScreen(GuideScreen):

@@ -21,7 +21,14 @@ from capture_app.net.address import DEFAULT_PORT
 from capture_app.node.leader.local_nodes import VIEWS
 from capture_app.node.rig_link import RigLink
 from capture_app.text import count, printable
-from capture_app.tui.rig.joining import NOT_INVITED, PhonesScreen, invitation, joining_line, qr_lines
+from capture_app.tui.rig.joining import (
+    NOT_INVITED,
+    PhonesScreen,
+    invitation,
+    joining_line,
+    large,
+    qr_lines,
+)
 from capture_app.tui.rig_record import SessionsRequested, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
@@ -104,7 +111,7 @@ class StartPanel(Vertical):
         self._offers = Offers((), 0)
         self._leader = ""
         self._busy = ""
-        self._invitation = NOT_INVITED
+        self._number, self._invitation = "", NOT_INVITED
         self._title = Lines(id="start-title")
         self._list = OptionList(id="start-list")
         self._meaning = Lines(id="start-meaning")
@@ -216,7 +223,9 @@ class StartPanel(Vertical):
         words = next((one.what for one in self._choices() if one.name == self._chosen), "")
         code = max((len(line) for line in self._code.plain), default=0)
         lines = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN - code, 20))
-        return [Content.styled(line, "$foreground-muted") for line in lines]
+        number = large(self._number) if self._chosen == "invite" else []
+        shown = [Content.styled(line, "bold $success") for line in number]
+        return shown + [Content.styled(line, "$foreground-muted") for line in lines]
 
     # Doing
 
@@ -296,7 +305,7 @@ class StartPanel(Vertical):
 
     @work(exclusive=True, group="invite")
     async def _invite(self) -> None:
-        self._invitation = await invitation(self._source)
+        self._number, self._invitation = await invitation(self._source)
         self._explain()
 
     @work(group="start")

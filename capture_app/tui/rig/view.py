@@ -19,7 +19,7 @@ from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.camera_screen import CameraScreen
-from capture_app.tui.rig.joining import PhonesScreen
+from capture_app.tui.rig.joining import InviteScreen, PhonesScreen
 from capture_app.tui.rig.panel_screen import PanelScreen
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
@@ -73,6 +73,7 @@ class RigView(ModeView):
         Binding(
             "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
         ),
+        Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
 
@@ -203,7 +204,7 @@ class RigView(ModeView):
         """What can be done with a list of cameras, and what while some are added."""
         if action == "remove":
             return self._cameras.has_focus
-        if action in ("add", "news", "panel", "phones"):
+        if action in ("add", "news", "panel", "phones", "invite"):
             return self._cameras.display
         return self._adding is not None if action == "back" else True
 
@@ -229,6 +230,11 @@ class RigView(ModeView):
     def action_phones(self) -> None:
         """Show how phones become cameras."""
         self.app.push_screen(PhonesScreen(self._source))
+
+    def action_invite(self) -> None:
+        """Show how another machine joins."""
+        if self._record.status is not None:
+            self.app.push_screen(InviteScreen(self._source, self._record.status.leader))
 
     @work(group="orders")
     async def action_remove(self) -> None:

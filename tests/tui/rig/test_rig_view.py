@@ -5,6 +5,7 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.rig.camera_list import CameraList
+from capture_app.tui.rig.joining import large
 from capture_app.tui.rig.view import NewsPane
 from capture_app.tui.rig_record import RigRecord
 from tests.tui.driving import lines, make_app, settle, text, toasts
@@ -165,3 +166,29 @@ async def test_only_what_concerns_the_list_is_offered_with_the_news_and_own_disk
         await pilot.press("n")
         await settle(pilot)
         assert "Remove camera" not in text(app, "#footer")
+
+
+async def test_a_code_for_another_machine_is_large_wherever_one_looks_at_the_rig() -> None:
+    rig = FakeRig(2)
+    app = make_app(rig)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await settle(pilot)
+        await pilot.press("i")
+        await settle(pilot)
+        shown = lines(app, "#invite-words")
+        assert set(large("1234 5678")) <= set(shown)
+        assert any("--leader" in line for line in shown)
+        await pilot.press("i")
+        await settle(pilot)
+        assert rig.asked == [("invite",), ("invite",)]
+
+
+async def test_of_a_leader_that_is_gone_one_thing_is_said() -> None:
+    rig = FakeRig(2)
+    app = make_app(rig)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await settle(pilot)
+        rig.lose_link("no leader at 192.168.1.5:47010")
+        await settle(pilot)
+        assert "no leader at" in text(app, "#advice")
+        assert "ready" not in text(app, "#cameras-rows") + text(app, "#advice")

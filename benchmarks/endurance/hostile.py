@@ -5,13 +5,16 @@ Messages of the protocol with values out of range, nested, cut, and with bytes c
 of all of them, and over streams to leader and relay; connections are held open, idle and with half a header.
 Half of what goes to leader and relay is a stranger's; half is a known machine's, sealed with a key that it
 was given, and over TLS. With SIMULSHOT_OPEN=1 there is no such difference.
-Then the rig takes bursts. 0 if none has said anything of an exception, a burst is whole within its time, and
-memory has grown by no more than its limit; 1 if not.
+Meanwhile a paired machine that means harm takes names, streams, pictures, votes and bursts of others, and an
+operator asks for the status again and again. All of it goes by a trust folder of its own.
+Then the rig takes bursts. 0 if nothing of another's was granted, none has said anything of an exception, a
+burst is whole within its time, and memory has grown by no more than its limit; 1 if not.
 
     python -m benchmarks.endurance.hostile --datagrams 200000 --frames 20000 --connections 1000
 """
 
 import asyncio
+import os
 import random
 import resource
 import socket
@@ -25,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.endurance.hostile_messages import INSIDER, hostile_datagram, hostile_frame
+from benchmarks.endurance.paired import PairedThief, paired_machine
 from benchmarks.endurance.soak import CAMERA, JOIN_S, Soak, Watched, are_ready, listening, start
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.net.address import Address, parse_address
@@ -143,7 +147,10 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         places = list(dict.fromkeys([run.leader, relay, *nodes]))
         talk(f"attacking {', '.join(map(str, places))}")
         held = await hold([run.leader, relay], options.connections)
+        burst = (await ask_status(run.leader)).burst
+        thief = PairedThief(run.leader, paired_machine(folder / "thief"))
         await asyncio.gather(
+            thief.attack(options.names, (1, 0 if burst is None else burst.burst)),
             flood(places, options.datagrams, rng, await keys_of([run.leader, relay])),
             pester([run.leader, relay], options.frames, rng),
         )
@@ -167,7 +174,17 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         "connections": options.connections,
         "seconds_to_a_whole_burst": seconds,
         "bursts_until_then": tries,
-        "nodes": [node.name for node in status.nodes],
+        "nodes": [node.name for node in status.nodes if not node.name.startswith("made-up")],
+        "thief": {
+            "names": thief.names,
+            "names_granted": thief.welcomes,
+            "streams": thief.streams,
+            "nodes_at_most": thief.most_nodes,
+            "thefts_tried": thief.tried,
+            "thefts": thief.thefts,
+            "operator_answers": len(thief.answers_s),
+            "operator_waited_s": max(thief.answers_s, default=0.0),
+        },
         "processes": [
             {"process": name, "kind": kind, "before": of[0][1], "during": of[1][1], "after": of[2][1]}
             for name, process in run.processes.items()
@@ -180,6 +197,8 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
                 for name, process in run.processes.items()
                 if (of := process.series["memory_mb"])[2][1] - of[0][1] > MEMORY_MB
             ),
+            *([f"{thief.thefts} of {thief.tried} thefts succeeded"] if thief.thefts else []),
+            *([] if thief.answers_s else ["no operator was answered"]),
             *(f"{name} said: {line}" for name, lines in errors.items() for line in lines[:3]),
             *run.broken,
         ],
@@ -202,6 +221,12 @@ def print_tables(report: dict[str, Any]) -> None:
         f" a whole burst after {report['seconds_to_a_whole_burst']:.1f} s,"
         f" nodes {', '.join(report['nodes'])}"
     )
+    thief = report["thief"]
+    print(
+        f"a paired machine: {thief['names']} names, at most {thief['nodes_at_most']} nodes at a time,"
+        f" {thief['streams']} streams; {thief['thefts']} of {thief['thefts_tried']} thefts; an operator was"
+        f" answered {thief['operator_answers']} times, after {thief['operator_waited_s']:.2f} s at most"
+    )
     for line in report["complaints"]:
         print(f"WRONG: {line}")
 
@@ -212,10 +237,12 @@ def main() -> int:
     parser.add_argument("--datagrams", type=int, default=200_000)
     parser.add_argument("--frames", type=int, default=5_000)
     parser.add_argument("--connections", type=int, default=1_000)
+    parser.add_argument("--names", type=int, default=300)
     options = parser.parse_args()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 16_384)), hard))
     with tempfile.TemporaryDirectory(prefix="hostile-") as folder:
+        os.environ["XDG_DATA_HOME"] = f"{folder}/data"  # a machine like that is not to stay known
         report = asyncio.run(attack(options, Path(folder)))
     print_report(report, print_tables, as_json=options.json)
     return 1 if report["complaints"] else 0

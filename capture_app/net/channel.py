@@ -153,8 +153,6 @@ class OpenStreams:
     def __init__(self, most: int = MOST_STREAMS, most_of_one_address: int = MOST_OF_ONE_ADDRESS) -> None:
         self._most, self._most_of_one_address = most, most_of_one_address
         self._streams: dict[str, list[Channel[Any]]] = {}
-        self.refused = 0
-        """How many were broken off, of those that are there or that come, for lack of room."""
 
     def __len__(self) -> int:
         return sum(map(len, self._streams.values()))
@@ -176,8 +174,6 @@ class OpenStreams:
             admitted = stream.is_beyond = True
         if admitted:
             self._streams.setdefault(stream.host, []).append(stream)
-        else:
-            self.refused += 1
         return admitted
 
     def admit_peer(self, stream: "Channel[Any]") -> bool:
@@ -192,8 +188,6 @@ class OpenStreams:
             spare.abort()
             self.remove(spare)
             stays = spare is not stream
-            self.refused += stays
-        self.refused += not stays
         return stays
 
     def remove(self, stream: "Channel[Any]") -> None:
@@ -211,7 +205,6 @@ class OpenStreams:
         stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
         if stream is None:
             return False
-        self.refused += 1
         stream.abort()
         self.remove(stream)
         return True

@@ -97,7 +97,8 @@ async def _find_obstacle(
         await asyncio.wait((datagrams,), timeout=patience_s - LAST_S)
         by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
         if by_udp is Answer.CAME and version != VERSION:
-            return _other_version(version or 0)
+            what, _, remedy = version_mismatch(version or 0).partition(": ")
+            return Obstacle(what, remedy)
         await asyncio.wait((streams,), timeout=patience_s if by_udp is Answer.CAME else LAST_S)
         by_tcp = streams.result() if streams.done() else Answer.SILENCE
     finally:
@@ -183,11 +184,6 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
         "is that the leader's address (`capture-app doctor` there tells it), and does a firewall drop its"
         f" port? As with: {opened}",
     )
-
-
-def _other_version(version: int) -> Obstacle:
-    what, _, remedy = version_mismatch(version).partition(": ")
-    return Obstacle(what, remedy)
 
 
 async def _why_unknown(leader: Address, address: Address, trust: Trust, patience_s: float) -> Obstacle | None:

@@ -43,7 +43,7 @@ from capture_app.sync.tree.member import TreeMemberConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
-from capture_app.trust.trust import Peer, Trust
+from capture_app.trust.trust import Trust
 
 UPSTREAM_TIMEOUT_S = 2.0
 
@@ -211,7 +211,9 @@ class RelayNode:
                         below.who = peer_of(message, below.who)
                     case KeyRequest():
                         await below.send(self._keys.hand_out(below.who, message))
-                    case NodeStream() | ViewfinderOpened() if not self._is_node(below.who, message):
+                    case NodeStream() | ViewfinderOpened() if not is_node(
+                        below.who, self._engine.leader.members.get(message.camera), message.instance
+                    ):
                         raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                     case _:
                         if await self._pass_on(below, message):
@@ -220,9 +222,6 @@ class RelayNode:
                 await below.send(refusal_of(error))
             if below.who.is_stranger:
                 return
-
-    def _is_node(self, who: Peer, message: NodeStream | ViewfinderOpened) -> bool:
-        return is_node(who, self._engine.leader.members.get(message.camera), message.instance)
 
     async def _pass_on(self, below: Channel[ToLeader], message: ToLeader) -> bool:
         """Pass a stream on to the leader, from this message on, until it ends; False where no leader is."""

@@ -56,7 +56,8 @@ def load_identity(folder: Path) -> Identity:
     try:
         if not path.exists():
             _make(path)
-        certificate = ssl.PEM_cert_to_DER_cert(_certificate_part(path.read_text("ascii")))
+        pem = path.read_text("ascii")
+        certificate = ssl.PEM_cert_to_DER_cert(pem[pem.index("-----BEGIN CERTIFICATE-----") :])
     except OSError as error:
         raise DiskError(
             f"cannot keep this machine's key in {folder}: {error.strerror or error}",
@@ -71,11 +72,6 @@ def load_identity(folder: Path) -> Identity:
 
 def _grouped(text: str) -> str:
     return "-".join(text[at : at + GROUP] for at in range(0, len(text), GROUP))
-
-
-def _certificate_part(pem: str) -> str:
-    begin = pem.index("-----BEGIN CERTIFICATE-----")
-    return pem[begin:]
 
 
 @contextlib.contextmanager

@@ -1,22 +1,18 @@
 """The machines that this one knows, by their pins, and what each may do; kept in one file."""
 
-import os
 import ssl
 import time
 from collections.abc import Callable, Iterable
 from enum import StrEnum
 from pathlib import Path
 
-import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, DiskError, SimulshotError
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import free_name, name_like
-from capture_app.session.files.durable import write_atomic
-from capture_app.session.files.locks import lock_file
-from capture_app.text import UNREADABLE, pretty_json
 from capture_app.trust.identity import pin_of
+from capture_app.trust.kept_file import KeptFile
 
 FILE = "machines.json"
 MOST = 1000
@@ -50,7 +46,9 @@ class KnownMachines:
     """The file of them; what another process has changed in it is seen at the next look."""
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / FILE
+        self._file = KeptFile(
+            folder / FILE, tuple[KnownMachine, ...], (), "delete it, and pair the machines again"
+        )
         self._seen: tuple[int, int, int] | None = None
         self._machines: tuple[KnownMachine, ...] = ()
         self.version = 0
@@ -63,14 +61,14 @@ class KnownMachines:
         while it is in use changes nothing.
         """
         try:
-            state = self._path.stat()
+            state = self._file.path.stat()
         except OSError:
             seen = None
         else:
             seen = state.st_ino, state.st_mtime_ns, state.st_size
         if seen != self._seen:
             try:
-                self._machines = self._read() if seen is not None else ()
+                self._machines = self._file.read() if seen is not None else ()
             except SimulshotError:
                 if self._seen is None:
                     raise
@@ -132,29 +130,10 @@ class KnownMachines:
         self._change(lambda machines: (one for one in machines if one.pin != found[0].pin))
         return found[0]
 
-    def _read(self) -> tuple[KnownMachine, ...]:
-        try:
-            return msgspec.json.decode(self._path.read_bytes(), type=tuple[KnownMachine, ...])
-        except FileNotFoundError:
-            return ()
-        except OSError as error:
-            raise DiskError(f"cannot read {self._path}: {error.strerror}") from error
-        except UNREADABLE as error:
-            raise BadInputError(
-                f"{self._path} is damaged: {error}", hint="delete it, and pair the machines again"
-            ) from error
-
     def _change(
         self, change: Callable[[tuple[KnownMachine, ...]], Iterable[KnownMachine]]
     ) -> tuple[KnownMachine, ...]:
-        try:
-            lock = lock_file(self._path.with_suffix(".lock"), wait=True)
-            try:
-                write_atomic(self._path, pretty_json(tuple(change(self._read()))))
-            finally:
-                os.close(lock)
-        except OSError as error:
-            raise DiskError(f"cannot write {self._path}: {error.strerror}") from error
+        self._file.change(lambda machines: tuple(change(machines)))
         return self.all()
 
 

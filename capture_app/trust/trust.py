@@ -50,6 +50,7 @@ class Trust:
         self.folder = folder
         self._known = None if folder is None else KnownMachines(folder)
         self._server: tuple[int, ssl.SSLContext] | None = None
+        self._clients: dict[bool, ssl.SSLContext] = {}
 
     @classmethod
     def open(cls) -> "Trust":
@@ -117,26 +118,17 @@ class Trust:
 
         `as_stranger`: without showing who this is, for those that are not known yet.
         """
-        return None if self.is_open else self._stranger if as_stranger else self._client
-
-    @functools.cached_property
-    def _client(self) -> ssl.SSLContext:
-        context = _pinning_context()
-        context.load_cert_chain(self.identity.file)
-        return context
-
-    @functools.cached_property
-    def _stranger(self) -> ssl.SSLContext:
-        return _pinning_context()
-
-
-def _pinning_context() -> ssl.SSLContext:
-    """TLS in which the server proves its key; which key that may be is decided by its pin alone."""
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.minimum_version = ssl.TLSVersion.TLSv1_3
-    context.check_hostname = False
-    context.verify_mode = ssl.CERT_NONE
-    return context
+        if self.is_open:
+            return None
+        if as_stranger not in self._clients:
+            context = self._clients[as_stranger] = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+            context.minimum_version = ssl.TLSVersion.TLSv1_3
+            # The server proves its key; which key that may be is decided by its pin alone.
+            context.check_hostname = False
+            context.verify_mode = ssl.CERT_NONE
+            if not as_stranger:
+                context.load_cert_chain(self.identity.file)
+        return self._clients[as_stranger]
 
 
 _OPEN = Trust.open()

@@ -55,9 +55,6 @@ class BurstSender:
                 self._answer.cancel()
                 await asyncio.gather(self._answer, return_exceptions=True)
 
-    def _others_wait(self, burst: BurstUpload) -> bool:
-        return any(other.has_work for other in self._waiting if other is not burst)
-
     async def introduce(self, opening: messages.NodeStream) -> None:
         """Say whose stream this is. Raises NetworkError where the leader does not know that node."""
         answer = await self.ask(opening)
@@ -97,12 +94,19 @@ class BurstSender:
                 await self._send_image(burst, burst.images[len(self._in_flight)], receipts)
             elif self._in_flight:
                 refusal = await self._take_answer(burst)
-            elif burst.is_picking and not burst.frames and self._others_wait(burst):
+            elif (
+                burst.is_picking
+                and not burst.frames
+                and any(other.has_work for other in self._waiting if other is not burst)
+            ):
                 raise PausedError("others have something to send")
             elif burst.frames or burst.is_picking:
                 await self._news.wait()
             elif burst.disputed:
-                return _disputed(burst)
+                numbers = ", ".join(str(image.record.instant) for image in burst.disputed)
+                return messages.Refusal(
+                    what=f"the leader has other pictures than these of instants {numbers}"
+                )
             else:
                 return None
             if refusal is not None:
@@ -231,11 +235,6 @@ async def _delete(files: Collection[Path]) -> None:
 
     if files:
         await asyncio.to_thread(delete)
-
-
-def _disputed(burst: BurstUpload) -> messages.Refusal:
-    instants = ", ".join(str(image.record.instant) for image in burst.disputed)
-    return messages.Refusal(what=f"the leader has other pictures than these of instants {instants}")
 
 
 def _final(refusal: messages.Refusal) -> messages.Refusal:

@@ -18,14 +18,8 @@ FILE = "device-profiles.json"
 MOST_LATENCIES = 24
 
 
-class _Injection(msgspec.Struct, frozen=True, kw_only=True):
-    row_time_ns: int
-    gain: float
-    neutral_rows: float
-
-
 class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    injection: _Injection | None = None
+    injection: InjectionProfile | None = None
     start_latencies_ns: tuple[int, ...] = ()
     stamp: StampAccuracy | None = None
 
@@ -43,7 +37,7 @@ class DeviceProfiles:
         least, most = GAIN_LIMITS
         if known is None or not least <= known.gain <= most or known.row_time_ns <= 0:
             return None
-        return InjectionProfile(known.row_time_ns, known.gain, known.neutral_rows)
+        return known
 
     def start_latencies_ns(self, facts: CameraFacts) -> tuple[int, ...]:
         """How long starts of cameras like this one took, modulo the period in ns, newest last."""
@@ -51,10 +45,7 @@ class DeviceProfiles:
 
     def save_injection(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
         """Keep what a long frame does to cameras like this one; False where it cannot be written."""
-        known = _Injection(
-            row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows
-        )
-        return self._write(_key(facts), injection=known)
+        return self._write(_key(facts), injection=profile)
 
     def save_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
         """Keep how long starts took, in the place of what was known; False where it cannot be written."""

@@ -260,7 +260,7 @@ class ActiveBursts:
         shares = new_shares(burst, facts, short_timeouts=self._silent)
         session = self._bursts[number] = self.newest = BurstSession(burst, shares, writer, self._disk)
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
-        self._begin_following(session)
+        self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
             pins = {name: member.pin for name, member in self.engine.members.items() if name in burst.clients}
@@ -337,8 +337,7 @@ class ActiveBursts:
         is in use.
         """
         session = await self._find_session(message)
-        camera = message.record.camera if isinstance(message, ImageUpload) else message.plan.camera.name
-        session.check_machine(camera, pin)
+        session.check_machine(message.camera, pin)
         return session
 
     async def _find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
@@ -377,9 +376,6 @@ class ActiveBursts:
         if refusal.burst in self._bursts:
             session = self._bursts[refusal.burst]
             self._spawn(session.give_up_camera(refusal.name, refusal.reason))
-
-    def _begin_following(self, session: BurstSession) -> None:
-        self._spawn(self._follow(session))
 
     async def _follow(self, session: BurstSession) -> None:
         self._news.note(session.status)

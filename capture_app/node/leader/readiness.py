@@ -1,6 +1,7 @@
 """Whether a rig is ready for a burst, and the one sentence that says what keeps it from that."""
 
 import asyncio
+import math
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
@@ -221,14 +222,11 @@ def rig_advice(
 
 def _of_states(views: Sequence[ClientView], states: Sequence[NodeState]) -> str:
     for state in states:
-        concerned = [view for view in views if view.report.state is state and not _is_old_loss(view)]
+        most_ns = LOST_IS_NEWS_NS if state is NodeState.LOST else math.inf
+        concerned = [view for view in views if view.report.state is state and view.age_ns <= most_ns]
         if concerned:
             return shortfall(concerned[0], why=True) + _and_more(len(concerned))
     return ""
-
-
-def _is_old_loss(view: ClientView) -> bool:
-    return view.report.state is NodeState.LOST and view.age_ns > LOST_IS_NEWS_NS
 
 
 def _and_more(all_of_them: int) -> str:

@@ -107,12 +107,9 @@ class LeaderService:
                 ):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
-            case messages.CameraReport(plan=plan) if plan.camera.name != principal:
-                raise BadInputError(f"this stream does not speak for camera {plan.camera.name!r}")
-            case messages.ImageUpload(record=record) if record.camera != principal:
-                raise BadInputError(f"this stream does not speak for camera {record.camera!r}")
-            case messages.SpoolSpace() if message.camera != principal:
-                raise BadInputError(f"this stream does not speak for camera {message.camera!r}")
+            case messages.CameraReport() | messages.ImageUpload() | messages.SpoolSpace():
+                if message.camera != principal:
+                    raise BadInputError(f"this stream does not speak for camera {message.camera!r}")
 
     async def _take_image(
         self, channel: Channel[messages.ToLeader], message: messages.ImageUpload

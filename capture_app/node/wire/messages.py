@@ -58,6 +58,11 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
     events: tuple[dict[str, JsonValue], ...] = ()
     """What the node's engine saw and did lately, times in its own clock."""
 
+    @property
+    def camera(self) -> str:
+        """Whose part it is."""
+        return self.plan.camera.name
+
     def with_plan(self, **changes: Any) -> Self:
         """The report with another plan in these fields."""
         return replace(self, plan=replace(self.plan, **changes))
@@ -75,6 +80,11 @@ class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
     truth_sha256: Sha256 | None = None
     offset: Count = 0
     """How many bytes the leader has already, from a stream that broke off."""
+
+    @property
+    def camera(self) -> str:
+        """Whose image it is."""
+        return self.record.camera
 
 
 class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):

@@ -21,7 +21,6 @@ from reconstruction.calibration.quality import (
     CalibrationQuality,
     judge_calibration,
     refuse_bad_calibration,
-    refuse_equal_poses,
 )
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.sources import (
@@ -117,7 +116,6 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     candidate = _candidate(dataset, options)
     found = candidate.calibration
     views = calibrated_views(dataset, found)
-    refuse_equal_poses(views)
     quality = judge_calibration(views, candidate.shared)
     if options.source in FOUND_HERE or own:
         refuse_bad_calibration(quality, len(dataset.cameras))

@@ -5,7 +5,7 @@ three cameras see are asked too.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import cv2
@@ -238,3 +238,75 @@ def _shift(
         return float(np.median(found))
     concerned = [group for group in groups if set(names) & set(group.cameras)]
     return max(float(np.median(group.errors.sum(0))) for group in concerned)
+
+
+OTHER_RIG = 0.5, 0.05
+"""Share of the pairs and triples of cameras that contradict each other in another rig's calibration, and by
+what share of the picture."""
+MOST_SUSPECTS = 12
+"""Of more cameras it is not tried whether two were exchanged."""
+
+Views = dict[str, View]
+Groups = dict[tuple[str, ...], Array]
+"""Pixels (k, n, 2) of points that all of k cameras see."""
+
+
+def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
+    """Whose pictures are upside down, which cameras are exchanged, or that all is another rig's; in words.
+
+    What mends the most is said to be wrong, one after the other, and only if that mends everything.
+    """
+    known = {name: view for name, view in views.items() if name in features}
+    matches = {pair: _sure_matches(views, pair, features) for pair in _neighbours(known)}
+    matches = {pair: at for pair, at in matches.items() if len(at[0]) >= MIN_PAIR_POINTS}
+    groups: Groups = {pair: np.stack(at) for pair, at in matches.items()} | _triples(matches)
+    limit = REFUSED_PX * max((size_above_features(v.width, v.height) for v in views.values()), default=1.0)
+    now, faults = dict(views), []
+    left = _odd(now, groups, limit)
+    while left:
+        names = sorted({name for group in left for name in group})
+        changes = [({name: upside_down(now[name])}, _turned(name, views)) for name in names]
+        for a, b in combinations(names if len(names) <= MOST_SUSPECTS else (), 2):
+            changes.append(({a: now[b], b: now[a]}, f"the calibrations of {a} and {b} are exchanged"))
+        tried = [_odd(now | changed, groups, limit) for changed, _ in changes]
+        best = min(range(len(tried)), key=lambda k: len(tried[k]))
+        if len(tried[best]) >= len(left):
+            break
+        left = tried[best]
+        now |= changes[best][0]
+        faults.append(changes[best][1])
+    if not left:
+        return faults
+    share, far = OTHER_RIG
+    odd = _odd(views, groups, max(limit, far * max(view.width for view in views.values())))
+    if len(odd) <= share * len(groups):
+        return []
+    return [
+        f"it does not fit the pictures: {len(odd)} of {len(groups)} groups of neighbours contradict each "
+        "other (is it another rig's, or were its cameras moved?)"
+    ]
+
+
+def _odd(views: Views, groups: Groups, limit: float) -> list[tuple[str, ...]]:
+    return [names for names, at in groups.items() if _measured(views, names, at).deviation > limit]
+
+
+def _turned(name: str, views: Views) -> str:
+    # Of two cameras neither can be told from the other.
+    who = " or ".join(views) if len(views) == 2 else name
+    return f"the pictures of {who} are upside down against the calibration"
+
+
+def upside_down(view: View) -> View:
+    """The view of the same camera with its pictures turned by half a turn."""
+    turn = np.diag([-1.0, -1.0, 1.0])
+    matrix = view.matrix.copy()
+    matrix[:2, 2] = (view.width - 1, view.height - 1) - matrix[:2, 2]
+    distortion = view.distortion * np.array([1, 1, -1, -1, 1])
+    return replace(
+        view,
+        matrix=matrix,
+        distortion=distortion,
+        rotation=turn @ view.rotation,
+        translation=turn @ view.translation,
+    )

@@ -4,9 +4,12 @@ A session without a calibration takes that of its rig, if it still holds.
 """
 
 import hashlib
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
+import numpy as np
 from platformdirs import user_data_path
 
 from capture_app.errors import BadInputError
@@ -14,8 +17,9 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.terminal import talk
 from capture_app.text import pretty_json
-from reconstruction.calibration.consistency import RigCheck, check_rig
-from reconstruction.calibration.rig import calibrated_views, features_at_rest
+from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups
+from reconstruction.calibration.rig import calibrated_views, features_at_rest, refuse_faults, sound_views
+from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
@@ -142,12 +146,20 @@ def check_calibration(dataset: Dataset, calibration: Calibration) -> RigCheck:
     return check_rig(views, features_at_rest(SceneMotion(dataset, 1), views, middle))
 
 
-def adopt_kept_calibration(dataset: Dataset) -> None:
-    """Give a session that has no calibration the one kept of its rig, and say so; a camera that moved too.
+def settle_calibration(dataset: Dataset) -> None:
+    """Hold a session's own calibration against its pictures, or give it the one kept of its rig, and say so.
 
     Recordings that were imported name no rig, and get none.
+
+    Raises:
+        BadInputError: its own cannot be of its pictures; all that is wrong with it.
     """
-    if dataset.calibration() is not None or dataset.session.manifest.origin == "imported":
+    own = dataset.calibration()
+    if own is not None:
+        views, faults = sound_views(dataset, own)
+        refuse_faults(dataset, faults + find_mixups(views, _middle_features(dataset, views)))
+        return
+    if dataset.session.manifest.origin == "imported":
         return
     kept = CalibrationShelf().find(dataset)
     if kept is None:
@@ -165,6 +177,18 @@ def adopt_kept_calibration(dataset: Dataset) -> None:
         return
     dataset.adopt_calibration(kept.with_origin)
     talk(f"calibration kept from {kept.session} of {kept.created[:10]}: {describe_check(check)}")
+
+
+def _middle_features(dataset: Dataset, cameras: Iterable[str]) -> dict[str, Features]:
+    """By camera, the features of its picture nearest to the middle of the session that can be read."""
+    found = {}
+    for name in cameras:
+        there = dataset.instants(name)
+        if there:
+            with suppress(BadInputError):
+                grey = dataset.grey(name, there[len(there) // 2])
+                found[name] = detect_features(grey, np.zeros(grey.shape, bool))
+    return found
 
 
 def describe_check(check: RigCheck) -> str:

@@ -1,7 +1,6 @@
 """How good a calibration is, by the reprojection errors of points that two cameras share."""
 
 from collections.abc import Mapping
-from itertools import combinations
 
 import cv2
 import numpy as np
@@ -20,8 +19,6 @@ MIN_POINTS = 50
 MIN_INLIER_SHARE = 0.4
 MAX_REPROJECTION_PX = 2.0
 MIN_ANGLE_DEG = 0.3
-SAME_SHARE = 1e-6
-"""Poses that differ by less than this share of the rig's extent from its origin are the same."""
 
 
 class CalibrationQuality(Struct, frozen=True, kw_only=True):
@@ -85,19 +82,6 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
     if why:
         hint = "were the cameras moved, or is it another rig's? record a board from several places"
         raise BadInputError(f"this calibration is not good enough: {why}", hint=hint)
-
-
-def refuse_equal_poses(views: Mapping[str, View]) -> None:
-    """Raise BadInputError where two cameras are said to be one: in one place, with one direction."""
-    size = max((float(np.linalg.norm(view.centre)) for view in views.values()), default=0.0)
-    for (a, one), (b, other) in combinations(views.items(), 2):
-        apart = float(np.linalg.norm(one.centre - other.centre))
-        turned = float(np.abs(one.rotation - other.rotation).max())
-        if apart <= SAME_SHARE * size and turned <= SAME_SHARE:
-            raise BadInputError(
-                f"this calibration is not good enough: {a} and {b} have one pose, as if they were one camera",
-                hint="two cameras are never in the same place; calibrate the rig again",
-            )
 
 
 def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Array]:

@@ -1,7 +1,8 @@
 """A session's cameras: their calibration, refused where no rig can have it, and their best pairs."""
 
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -36,22 +37,16 @@ MAX_FOLD = 0.1
 
 The median counts: the model of many a wide lens folds in the very corners."""
 
+SAME_SHARE = 1e-6
+"""Poses that differ by less than this share of the rig's extent from its origin are the same."""
+NEIGHBOURS_M = 5e-4, 150.0
+"""How far from each other neighbouring cameras may be."""
 MAX_STRETCH = 8.0
 """How much wider or narrower a picture may become without its distortion."""
 
 
-def refuse_unsound(name: str, camera: CameraCalibration) -> None:
-    """Raise BadInputError, with the number, where a camera's calibration can be of no camera."""
-    why = _problem(camera)
-    if why:
-        raise BadInputError(
-            f"the calibration of camera {name} cannot be right: {why}",
-            hint="calibrate the rig anew, or mend calibration.json",
-        )
-
-
-def _problem(camera: CameraCalibration) -> str:
-    """What cannot be of a calibration; empty where nothing is."""
+def impossible(camera: CameraCalibration) -> str:
+    """What no real camera can have of a calibration; empty where nothing is."""
     rotation, translation = np.array(camera.rotation), np.array(camera.translation)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
     if not all(np.isfinite(numbers).all() for numbers in (rotation, translation, lens)):
@@ -214,23 +209,66 @@ def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, Vi
     Raises:
         BadInputError: a calibration was made for images of another shape, or by other cameras, or is unsound.
     """
+    views, faults = sound_views(dataset, calibration)
+    refuse_faults(dataset, faults)
+    return views
+
+
+def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, View], list[str]]:
+    """The calibrated cameras whose calibration can be of their images, and what is wrong with the others.
+
+    Raises:
+        BadInputError: it is of other cameras.
+    """
     if not calibration.cameras.keys() & set(dataset.cameras):
         raise BadInputError(
             f"{dataset.name}'s calibration is of other cameras ({', '.join(calibration.cameras)})",
             hint=f"the session has {', '.join(dataset.cameras)}",
         )
-    views = {}
+    views, faults = {}, []
     for name in dataset.cameras:
         known = calibration.cameras.get(name)
         if known is None:
             continue
-        refuse_unsound(name, known)
         width, height = dataset.size_on_disk(name)
-        if abs(known.width / known.height - width / height) > 0.01 * width / height:
-            raise BadInputError(
+        if why := impossible(known):
+            faults.append(f"the calibration of camera {name} cannot be right: {why}")
+        elif abs(known.width / known.height - width / height) > 0.01 * width / height:
+            faults.append(
                 f"camera {name} is calibrated for {known.width}x{known.height}, "
-                f"but its images are {width}x{height}",
-                hint="calibrate at the shape of the images",
+                f"but its images are {width}x{height}"
             )
-        views[name] = View.from_calibration(known, *dataset.size(name))
-    return views
+        else:
+            views[name] = View.from_calibration(known, *dataset.size(name))
+    twins, misplaced = _misplaced(views, calibration.unit)
+    return {name: view for name, view in views.items() if name not in twins}, faults + misplaced
+
+
+def _misplaced(views: Mapping[str, View], unit: str) -> tuple[set[str], list[str]]:
+    """Cameras that are said to be one, in one place with one direction; what is wrong with all places."""
+    size = max((float(np.linalg.norm(view.centre)) for view in views.values()), default=0.0)
+    twins: set[str] = set()
+    faults, nearest = [], dict.fromkeys(views, np.inf)
+    for (a, one), (b, other) in combinations(views.items(), 2):
+        apart = float(np.linalg.norm(one.centre - other.centre))
+        turned = float(np.abs(one.rotation - other.rotation).max())
+        if apart <= SAME_SHARE * size and turned <= SAME_SHARE:
+            twins |= {a, b}
+            faults.append(f"{a} and {b} have one pose, as if they were one camera")
+        elif apart > 0:
+            nearest |= {a: min(nearest[a], apart), b: min(nearest[b], apart)}
+    known = [apart for apart in nearest.values() if np.isfinite(apart)]
+    spacing = float(np.median(known)) if known else 1.0
+    least, most = NEIGHBOURS_M
+    if unit == "m" and not least <= spacing <= most:
+        faults.append(f"neighbouring cameras stand {spacing:.3g} m apart: its unit is not the metre")
+    return twins, faults
+
+
+def refuse_faults(dataset: Dataset, faults: Sequence[str]) -> None:
+    """Raise BadInputError with all that is wrong with a calibration, if anything is."""
+    if faults:
+        found = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
+        raise BadInputError(
+            found + "; ".join(faults), hint="calibrate the rig anew, or mend calibration.json"
+        )

@@ -11,7 +11,7 @@ import msgspec
 from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.bullet_time import render_burst_grid, render_camera_sweep
-from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
@@ -80,7 +80,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     """
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
-    adopt_kept_calibration(dataset)
+    settle_calibration(dataset)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     with comparison_folder(out) as output:
         result = Comparison(dataset, offset, options, output.folder).run_studies(session)
@@ -226,7 +226,8 @@ class Comparison:
         if asked is None and moving < LARGE_MOVING_SHARE:
             self.poses.skip(
                 f"{share} of the picture moves, which pose estimation rejects as outliers, in late pictures "
-                "too (--poses measures it anyway)"
+                "too (--poses measures it anyway)",
+                unasked=True,
             )
         elif asked is not False:
             self.poses.reason = "asked for" if asked else f"{share} of the picture moves"

@@ -40,7 +40,7 @@ class Study(ABC):
         self.motion = rig.motion
         self.condition = ALL_APART
         """What it compares with the synchronized condition if nothing else is asked for."""
-        self.found = StudyResult(name=self.name, skipped="it was not asked for")
+        self.found = StudyResult(name=self.name, skipped="it was not asked for", unasked=True)
 
     @property
     def subject(self) -> str:
@@ -82,9 +82,9 @@ class Study(ABC):
         except (ValueError, ForeignError, NotAvailableError) as error:
             self.skip(str(error))
 
-    def skip(self, why: str) -> None:
+    def skip(self, why: str, *, unasked: bool = False) -> None:
         """Measure nothing, for this reason."""
-        self.found = StudyResult(name=self.name, skipped=why)
+        self.found = StudyResult(name=self.name, skipped=why, unasked=unasked)
 
     def compare_condition(self, condition: Condition) -> StudyResult:
         """Compare a further condition, or say why that is impossible."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
-from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
@@ -156,7 +156,7 @@ def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions
 def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTolerance:
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
-    adopt_kept_calibration(dataset)
+    settle_calibration(dataset)
     steps = whole_frame_offsets(dataset, options.max_offset_ms)
     rig = Rig(dataset, stages, steps[-1].step)
     rig.check_pair(options.stereo)

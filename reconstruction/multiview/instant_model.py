@@ -11,7 +11,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
 from capture_app.text import pretty_json
-from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.kept import settle_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
@@ -203,6 +203,6 @@ def multiview(
     output = OutputFolder(out, replaces_only(OURS))
     matcher = choose_matcher(options.matcher, quick=options.quick)
     dataset = Dataset.open(session, options.time_shifts_ms)
-    adopt_kept_calibration(dataset)
+    settle_calibration(dataset)
     with output:
         return model_instant(dataset, matcher, options, output.folder, progress)

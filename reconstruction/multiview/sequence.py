@@ -31,7 +31,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.terminal import Progress
 from capture_app.text import pretty_json
-from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, require_reconstruction
@@ -268,7 +268,7 @@ def model_sequence(
     matcher = choose_matcher(options.each.matcher, quick=options.each.quick)
     dataset = Dataset.open(session, options.each.time_shifts_ms)
     chosen = _chosen_instants(dataset, options.instants)
-    adopt_kept_calibration(dataset)
+    settle_calibration(dataset)
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(),

@@ -10,7 +10,7 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
-from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
@@ -189,7 +189,7 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
     dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=KEPT_BYTES_PER_PIXEL)
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
     absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
-    adopt_kept_calibration(dataset)
+    settle_calibration(dataset)
     views = _known_views(dataset, cameras)
     calibration = dataset.calibration()
     source = calibration.source_words if calibration is not None and views else ""

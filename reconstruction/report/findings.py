@@ -187,8 +187,15 @@ def verdict(result: CompareResult) -> str:
         motion_sentence(timing) if timing is not None else "",
         _what_was_found(result),
         rig_sentence(rig, timing) if rig is not None else "",
+        _skipped_sentence(result),
     )
     return " ".join(text for text in told if text)
+
+
+def _skipped_sentence(result: CompareResult) -> str:
+    """What could not be made, and why; empty where all that was asked for was."""
+    skipped = [f"{one.subject} ({one.skipped})" for one in result.studies if one.skipped and not one.unasked]
+    return f"Not made: {'; '.join(skipped)}." if skipped else ""
 
 
 def _what_was_found(result: CompareResult) -> str:

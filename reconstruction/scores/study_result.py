@@ -89,6 +89,8 @@ class StudyResult(Struct, frozen=True, kw_only=True):
     """Why these cameras were taken, or why the study was made."""
     skipped: str = ""
     """Why nothing was measured; empty where something was."""
+    unasked: bool = False
+    """It was skipped because nobody asked for it."""
     measures: tuple[Measure, ...] = ()
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     """`instant`, its facts, and each measure as `synced_*` and `offset_*`."""

@@ -10,7 +10,7 @@ from msgspec import Struct, structs
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
-from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.image_files import save_picture, write_image
@@ -86,7 +86,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
     dataset.require_cameras(2, "depth needs two that see the same from different places")
-    adopt_kept_calibration(dataset)
+    settle_calibration(dataset)
     with comparison_folder(out) as output:
         progress = Progress(3)
         rig = Rig(dataset, output.folder / STAGES)

@@ -10,7 +10,7 @@ from capture_app.errors import BadInputError, NotApplicableError
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importers.realigning import realign_session
 from capture_app.terminal import Progress
-from reconstruction.calibration.kept import adopt_kept_calibration
+from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
@@ -44,7 +44,7 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
     dataset.require_cameras(2, "an offset is one of two cameras")
     if reference is not None:
         dataset.session.camera(reference)
-    adopt_kept_calibration(dataset)
+    settle_calibration(dataset)
     alone = bool(dataset.unsynchronized)
     if apply and not alone:
         raise NotApplicableError(

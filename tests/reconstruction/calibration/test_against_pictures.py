@@ -1,0 +1,103 @@
+"""Every command holds a session's calibration against its pictures before it makes anything of it."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from capture_app.session.reading.reader import Session
+from reconstruction.calibration.consistency import upside_down
+from reconstruction.calibration.kept import settle_calibration
+from reconstruction.common.geometry import View
+from reconstruction.session.dataset import Dataset
+from tests.reconstruction.calibration.test_kept_calibration import RIG, ROOM, calibration, turned
+from tests.reconstruction.conftest import Reconstruct, make_view, write_session
+
+Rig = dict[str, View]
+TWICE = {**RIG, "b": replace(RIG["b"], rotation=RIG["a"].rotation, translation=RIG["a"].translation)}
+EXCHANGED = {**RIG, "b": RIG["c"], "c": RIG["b"]}
+MILLIMETRES = {name: replace(view, translation=1000 * view.translation) for name, view in RIG.items()}
+ANOTHER = {
+    name: make_view((0.4 * k, 0.3 * (k % 2), 0.0), yaw=9 - 7 * k, pitch=8.0 * (-1) ** k)
+    for k, name in enumerate(RIG)
+}
+FOLDED = replace(RIG["d"], distortion=np.array([-5.0, 0, 0, 0, 0]))
+FAULTS: dict[str, tuple[Rig, tuple[str, ...]]] = {
+    "one pose twice, and a lens that folds": (
+        {**TWICE, "d": FOLDED},
+        ("has 2 faults: ", "camera d cannot be right: its distortion folds", "a and b have one pose"),
+    ),
+    "upside down": (
+        {**RIG, "c": upside_down(RIG["c"])}, ("the pictures of c are upside down against the calibration",)
+    ),
+    "a third upside down, and one pose twice": (
+        {**TWICE, "d": upside_down(RIG["d"])}, ("a and b have one pose", "the pictures of c or d are upside down")
+    ),
+    "exchanged": (EXCHANGED, ("the calibrations of b and c are exchanged",)),
+    "millimetres": (MILLIMETRES, ("neighbouring cameras stand 201 m apart: its unit is not the metre",)),
+    "another rig's": (ANOTHER, ("it does not fit the pictures: ",)),
+}  # fmt: skip
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "stereo": ("--out", "out"),
+    "multiview": ("--out", "out"),
+    "panorama": ("--out", "out"),
+    "tolerance": (),
+    "compare": ("--out", "out"),
+    "time": (),
+}
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Rig], Path]:
+    """The folder of the rig's session with another calibration."""
+    root = tmp_path_factory.mktemp("rigs")
+    bare: Session = write_session(root, ROOM, RIG, instants=2, calibrated=False, truth=False)
+
+    def write(views: Rig) -> Path:
+        folder = root / str(len(list(root.iterdir())))
+        shutil.copytree(bare.folder, folder)
+        (folder / "calibration.json").write_bytes(msgspec.json.encode(calibration(views)))
+        return folder
+
+    return write
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_all_faults_are_in_one_message(
+    calibrated: Callable[[Rig], Path], reconstruct: Reconstruct, fault: str
+) -> None:
+    views, said = FAULTS[fault]
+    refused = reconstruct("time", calibrated(views))
+    assert refused.code == 3
+    for words in said:
+        assert words in refused.complaint
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_asks_before_it_makes_anything(
+    calibrated: Callable[[Rig], Path], reconstruct: Reconstruct, tmp_path: Path, command: str
+) -> None:
+    views, (said,) = FAULTS["upside down"]
+    options = [str(tmp_path / "out") if word == "out" else word for word in COMMANDS[command]]
+    refused = reconstruct(command, calibrated(views), *options)
+    assert refused.code == 3
+    assert said in refused.complaint
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("off", [{}, {"c": turned(RIG["c"], pitch_px=2.0)}])
+def test_what_fits_or_is_a_little_off_is_taken(calibrated: Callable[[Rig], Path], off: Rig) -> None:
+    settle_calibration(Dataset.open(calibrated({**RIG, **off})))
+
+
+def test_of_two_cameras_either_may_be_upside_down(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    pair = {name: RIG[name] for name in "bc"}
+    session = write_session(tmp_path, ROOM, pair, instants=2, calibrated=False, truth=False)
+    views = {**pair, "c": upside_down(pair["c"])}
+    (session.folder / "calibration.json").write_bytes(msgspec.json.encode(calibration(views)))
+    refused = reconstruct("time", session.folder)
+    assert "the pictures of b or c are upside down" in refused.complaint

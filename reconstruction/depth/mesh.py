@@ -36,10 +36,10 @@ class MeshModel:
     files: tuple[str, ...]
 
 
-def build_mesh(fused: Path, folder: Path, views: Sequence[View]) -> MeshModel:
+def build_mesh(fused: Path, folder: Path, views: Sequence[View], *, mesh: bool = True) -> MeshModel:
     """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
 
-    A cloud of too few points has no mesh, and no picture of it.
+    A cloud of too few points has no mesh, and no picture of it; none has where there is to be no `mesh`.
 
     `views`: the cameras, from whose side it is shown.
 
@@ -49,17 +49,17 @@ def build_mesh(fused: Path, folder: Path, views: Sequence[View]) -> MeshModel:
     o3d = load_open3d()
     with foreign_calls("Open3D", "making a mesh"):
         cloud = _drop_outliers(o3d.io.read_point_cloud(str(fused)))
-        mesh = _poisson_mesh(o3d, cloud)
+        made = _poisson_mesh(o3d, cloud) if mesh else o3d.geometry.TriangleMesh()
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
         # Of a few points there is no mesh, and Open3D refuses to write one.
-        if len(mesh.triangles):
-            written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
+        if len(made.triangles):
+            written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), made)
     if not written:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
-    if not len(mesh.triangles):
+    if not len(made.triangles):
         return MeshModel(len(cloud.points), 0, ("cloud.ply",))
-    write_image(folder / "turntable.png", turntable(o3d, mesh, views))
-    return MeshModel(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
+    write_image(folder / "turntable.png", turntable(o3d, made, views))
+    return MeshModel(len(cloud.points), len(made.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 
 
 def draw_turntables(

@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,8 @@ class MultiviewOptions:
     offsets_ms: tuple[float, ...] = ()
     matcher: Matcher = Matcher.AUTO
     mesh: bool = True
+    cloud: bool = True
+    """Clean the fused cloud, which takes Open3D."""
     quick: bool = False
     """A first sweep at half the size, and no scores of the cloud."""
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
@@ -77,7 +80,7 @@ def model_instant(
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
     images, left_out, calibration, unit = load_input_images(dataset, instants)
     progress = progress or Progress(0, silent=True)
-    progress.total = len(images) + (3 if options.mesh else 2)
+    progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
     progress.step("how near and how far the scene is")
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     scene = find_coarse_scene(calibrated)
@@ -87,7 +90,7 @@ def model_instant(
         raise refuse_views(views_seen, scene.points)
     left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
-    progress.total = len(images) + (3 if options.mesh else 2)
+    progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
     marks["range"] = time.perf_counter()
     workspace = part / "workspace"
     found = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress)
@@ -103,9 +106,9 @@ def model_instant(
     movers = None if options.quick else score_movers(dataset, images, unit, options.instant, part / FUSED)
     marks["judging"] = time.perf_counter()
     model = MeshModel(fused, 0, ())
-    if options.mesh:
-        progress.step("cloud, mesh and pictures")
-        model = build_mesh(part / FUSED, part, list(image_views(images).values()))
+    if options.mesh or options.cloud:
+        progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
+        model = build_mesh(part / FUSED, part, list(image_views(images).values()), mesh=options.mesh)
         marks["mesh"] = time.perf_counter()
     reference = choose_reference_view(image_views(images), scene.points)
     main = next(view for view in views if view.camera == reference)
@@ -200,6 +203,8 @@ def multiview(
     require_reconstruction("pycolmap", "joining the cameras' depth")
     if options.mesh:
         require_reconstruction("open3d", "making a mesh")
+    elif find_spec("open3d") is None:
+        options = replace(options, cloud=False)
     output = OutputFolder(out, replaces_only(OURS))
     matcher = choose_matcher(options.matcher, quick=options.quick)
     dataset = Dataset.open(session, options.time_shifts_ms)

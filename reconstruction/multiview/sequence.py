@@ -349,7 +349,7 @@ def _make(
     leader_ns = dataset.instants_ns[instant]
     try:
         offsets_ms = options.condition.offsets_ms(dataset.cameras, instant)
-        wanted = replace(options.each, instant=instant, offsets_ms=offsets_ms)
+        wanted = replace(options.each, instant=instant, offsets_ms=offsets_ms, cloud=False)
         found = model_instant(dataset, matcher, wanted, work)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))

@@ -87,6 +87,9 @@ def test_offset_cameras_lose_what_moves_and_keep_the_rest(
         "synced": reconstruct(*at, tmp_path / "synced").result,
         "offset": reconstruct(*at, tmp_path / "offset", "--condition", "66,0,-66").result,
     }
+    assert (tmp_path / "synced" / "cloud.ply").exists()
+    assert not (tmp_path / "synced" / "mesh.ply").exists()
+    assert 0.5 < results["synced"]["cloud_points"] / results["synced"]["fused_points"] < 1
     offset = {view["camera"]: view for view in results["offset"]["views"]}
     assert [offset[name]["instant"] for name in VIEWS] == [4, 2, 0]
     assert results["offset"]["mover_within_2pct"] < 0.1

@@ -35,7 +35,8 @@ FAULTS: dict[str, tuple[Rig, tuple[str, ...]]] = {
         {**RIG, "c": upside_down(RIG["c"])}, ("the pictures of c are upside down against the calibration",)
     ),
     "a third upside down, and one pose twice": (
-        {**TWICE, "d": upside_down(RIG["d"])}, ("a and b have one pose", "the pictures of c or d are upside down")
+        {**TWICE, "d": upside_down(RIG["d"])},
+        ("a and b have one pose", "the pictures of c or d are upside down"),
     ),
     "exchanged": (EXCHANGED, ("the calibrations of b and c are exchanged",)),
     "millimetres": (MILLIMETRES, ("neighbouring cameras stand 201 m apart: its unit is not the metre",)),

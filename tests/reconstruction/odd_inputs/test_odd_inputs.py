@@ -71,7 +71,11 @@ def test_every_command_ends_with_a_line_and_an_exit_code(
 @pytest.mark.parametrize(
     ("case", "command", "words"),
     [
-        ("calibration: equal poses, all", "stereo", "at the same place by the calibration (baseline 0)"),
+        (
+            "calibration: equal poses, all",
+            "stereo",
+            "left and right have one pose, as if they were one camera",
+        ),
         ("calibration: equal poses, all", "calibrate from session", "one pose"),
         ("calibration: mirrored, one", "multiview", "camera left cannot be right: its rotation is mirrored"),
         ("calibration: distortion 1e9", "tolerance", "without its distortion the picture would be"),

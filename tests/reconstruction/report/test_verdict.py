@@ -176,3 +176,12 @@ def test_where_no_pair_gives_depth_all_cameras_are_told_of() -> None:
 def test_a_recording_without_common_times_is_called_so_first() -> None:
     text = told(unsynchronized=NOT_SYNCHRONIZED)
     assert text.startswith("This recording is not synchronized, offsets unknown.")
+
+
+def test_what_could_not_be_made_is_said_with_its_reason() -> None:
+    lost = StudyResult(name="panorama", skipped="the pictures share too little")
+    unasked = StudyResult(name="poses", skipped="it was not asked for", unasked=True)
+    assert told(stereo(0.97, 0.01), lost, unasked).endswith(
+        "Not made: panorama (the pictures share too little)."
+    )
+    assert "Not made" not in told(stereo(0.97, 0.01), unasked)

@@ -113,6 +113,11 @@ def load(name: str) -> click.Command:
     show_default="as last time",
     help="Number of frames from each camera.",
 )
+@click.option(
+    "--depth/--no-depth",
+    default=True,
+    help="Make the depth of each take at once where the rig is calibrated, at low priority.",
+)
 @open_option
 @click.pass_context
 def app(
@@ -123,6 +128,7 @@ def app(
     port: int | None,
     cameras: tuple[str, ...],
     frames: int | None,
+    depth: bool,
 ) -> None:
     """Take pictures of the same instant with many ordinary cameras.
 
@@ -150,7 +156,7 @@ def app(
     if leader is not None and not in_browser:
         make_known((leader,), None, None)
     rig = asyncio.run(attach(leader=leader, sessions=sessions, host=host, port=port, cameras=cameras))
-    run_screen(rig, frames=frames)
+    run_screen(rig, frames=frames, depth=depth)
 
 
 add_verbosity(app)

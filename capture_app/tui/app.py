@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Iterable, Sequence
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -22,7 +23,7 @@ from capture_app.rig_process import AttachedRig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, printable
 from capture_app.tui.jobs.jobs_view import JobsView
-from capture_app.tui.jobs.run import Run, RunState
+from capture_app.tui.jobs.run import MOMENT, Run, RunState
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.keys import HelpScreen, keys_file_text, unknown_names
 from capture_app.tui.library.session_rows import find_samples
@@ -105,11 +106,12 @@ class SimulshotApp(App[None]):
         started: bool = False,
         record: RigRecord | None = None,
         sharp_terminal: SharpTerminal | None = None,
+        depth: bool = False,
     ) -> None:
         """`sessions`: the folder that is shown; `record`: where what the rig tells is kept.
 
         `local`: the leader is on this machine; `started`: it was started for this screen; `sharp_terminal`:
-        what draws still pictures, None for glyphs.
+        what draws still pictures, None for glyphs; `depth`: that of each take is made after it.
         """
         # Textual leaves colours out only where it passes the terminal's own on; else it makes them grey.
         super().__init__(ansi_color=True if "NO_COLOR" in os.environ else None)
@@ -121,6 +123,7 @@ class SimulshotApp(App[None]):
         self.sharp_terminal = sharp_terminal
         self._record = record or RigRecord()
         self.runs = Runs(sessions, self._tell_run)
+        self._depth = depth
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
         for theme in THEMES.values():
@@ -157,7 +160,8 @@ class SimulshotApp(App[None]):
                 self._source, self._record, self._settings, self._sessions, samples, local=self._local
             )
         elif mode == "shoot":
-            view = ShootView(self._source, self._record, self._settings)
+            runs = self.runs if self._depth else None
+            view = ShootView(self._source, self._record, self._settings, runs)
         elif mode == "sessions":
             view = SessionsView(self._sessions, self.runs, samples, self._settings)
         else:
@@ -192,7 +196,7 @@ class SimulshotApp(App[None]):
     def _tell_run(self, run: Run | None) -> None:
         """Say in every mode that a run has come to its end."""
         self._tell(self.runs)
-        if run is None or run.state not in (RunState.DONE, RunState.FAILED):
+        if run is None or run.kind == MOMENT.name or run.state not in (RunState.DONE, RunState.FAILED):
             return
         what = f"{run.command.title} of {printable(run.session.name)}"
         if run.state is RunState.FAILED:
@@ -301,8 +305,11 @@ class SimulshotApp(App[None]):
             self.call_from_thread(self.show_mishap, f"choices are not remembered: {error}", "warning")
 
 
-def run_screen(rig: AttachedRig, *, frames: int | None = None) -> None:
-    """Show a rig until the user leaves; `frames` of a burst are remembered where they are given."""
+def run_screen(rig: AttachedRig, *, frames: int | None = None, depth: bool = True) -> None:
+    """Show a rig until the user leaves; `frames` of a burst are remembered where they are given.
+
+    `depth`: that of each take is made after it, where this machine can.
+    """
     settings = Settings.load()
     if frames is not None:
         settings.remember("shoot.frames", frames)
@@ -314,4 +321,5 @@ def run_screen(rig: AttachedRig, *, frames: int | None = None) -> None:
         local=rig.is_local,
         started=rig.started,
         sharp_terminal=find_sharp_terminal(settings.recall("pictures", "local")),
+        depth=depth and find_spec("pycolmap") is not None,
     ).run()

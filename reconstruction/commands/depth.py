@@ -86,6 +86,12 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
     help="Also compute a mesh, and render that of a single instant.",
 )
 @click.option("--quick", is_flag=True, help="Half the time: thin parts and edges are less exact.")
+@click.option(
+    "--page", is_flag=True, help="Also write a page on which the cloud of one instant is turned by hand."
+)
+@click.option(
+    "--calibrated", is_flag=True, help="Refuse where no calibration of the rig is known that holds."
+)
 @click.option("--depth", is_flag=True, help="With --instants, keep the depth maps, too.")
 @click.option("--rrd", is_flag=True, help="With --instants, also write a recording that Rerun plays.")
 @options.time_shift_option
@@ -113,6 +119,8 @@ def multiview(
     from reconstruction.multiview.instant_model import MultiviewOptions
     from reconstruction.session.dataset import Dataset
 
+    if instants is not None and chosen["page"]:
+        raise click.UsageError("--page is for one instant")
     if instants is None and (depth or rrd):
         raise click.UsageError("--depth and --rrd are for --instants")
     if instants is not None and ctx.get_parameter_source("instant") is not click.core.ParameterSource.DEFAULT:

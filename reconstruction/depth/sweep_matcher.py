@@ -123,13 +123,13 @@ def match_all_views(
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
         surfaces = settle_blank_walls(images, sources, depth_ranges, surfaces, pool)
-        kept = _kept_depths(pool, images, sources, surfaces)
+        kept = _kept_depths(pool, images, sources, surfaces, engine)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
-        kept = _kept_depths(pool, images, sources, surfaces)
+        kept = _kept_depths(pool, images, sources, surfaces, engine)
         if paired:
             # What one of two has taken over from the other, the other may now see in turn.
             surfaces |= zip(paired, pool.map(propose, paired), strict=True)
-            kept = _kept_depths(pool, images, sources, surfaces)
+            kept = _kept_depths(pool, images, sources, surfaces, engine)
         facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
         return {
             name: ViewDepth(kept[name], np.where(kept[name][..., None] > 0, normals, 0), surfaces[name])
@@ -148,6 +148,7 @@ def _kept_depths(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     surfaces: Mapping[str, Surface],
+    engine: SweepEngine,
 ) -> dict[str, Array]:
     """Every view's depth where others confirm it, elsewhere 0; float32 height x width."""
 
@@ -155,7 +156,7 @@ def _kept_depths(
         surface = surfaces[name]
         others = _nearest_views(name, sources, surfaces)[:MAX_VOTERS]
         voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
-        count, able = consistent_and_visible_views(surface, voters)
+        count, able = consistent_and_visible_views(surface, voters, engine=engine)
         good = consistent_pixels(surface, count, able, len(voters), images[name].blank)
         return np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
 

@@ -75,14 +75,12 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     return InputImage(camera, instant, colours, photo, view)
 
 
-def _know_movers(image: InputImage, motion: SceneMotion) -> InputImage:
-    """The picture with what moves in it, if its camera took others."""
+def find_movers(image: InputImage, motion: SceneMotion) -> Array | None:
+    """What moves in a picture (bool), a little widened; None where its camera took no other."""
     if len(motion.dataset.instants(image.camera)) < 2:
-        return image
+        return None
     mask = motion.widened_movers(image.camera, image.instant).astype(np.uint8)
-    return replace(
-        image, calibrated=replace(image.calibrated, moving=undistort_nearest(image.view, mask) > 0)
-    )
+    return undistort_nearest(image.view, mask) > 0
 
 
 def load_input_images(
@@ -127,5 +125,7 @@ def load_input_images(
     if np.mean([image.calibrated.flat.mean() for image in images.values()]) >= MIN_BLANK_SHARE:
         # Planes are laid on blank walls, and must not be on what moves before them.
         motion = SceneMotion(dataset, 1)
-        images = {camera: _know_movers(image, motion) for camera, image in images.items()}
+        for camera, image in images.items():
+            known = replace(image.calibrated, moving=find_movers(image, motion))
+            images[camera] = replace(image, calibrated=known)
     return images, left_out, calibration.source_words, calibration.unit

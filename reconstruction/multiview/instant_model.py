@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_app.errors import NotApplicableError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
@@ -39,9 +40,11 @@ from reconstruction.multiview.matcher import (
     image_views,
     match_cameras,
 )
+from reconstruction.multiview.moment import FILES, measured_share, write_moment
 from reconstruction.multiview.result import MultiviewResult, ViewResult
 from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.motion import SceneMotion
 from reconstruction.session.picture_checksums import picture_checks
 
 RESULT = "multiview.json"
@@ -59,7 +62,11 @@ class MultiviewOptions:
     cloud: bool = True
     """Clean the fused cloud, which takes Open3D."""
     quick: bool = False
-    """A first sweep at half the size, and no scores of the cloud."""
+    """A first sweep at half the size; the cloud is neither scored nor, without a mesh, cleaned."""
+    page: bool = False
+    """Also write a page on which the cloud is turned by hand."""
+    calibrated: bool = False
+    """Refuse to find a calibration in the pictures where none is known."""
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
     """What is added to the times of the cameras it names."""
 
@@ -111,6 +118,7 @@ def model_instant(
         model = build_mesh(part / FUSED, part, list(image_views(images).values()), mesh=options.mesh)
         marks["mesh"] = time.perf_counter()
     reference = choose_reference_view(image_views(images), scene.points)
+    depth = found[reference].depth
     main = next(view for view in views if view.camera == reference)
     result = MultiviewResult(
         session=dataset.name,
@@ -128,6 +136,9 @@ def model_instant(
         static_within_2pct=main.static_within_2pct,
         median_error_pct=main.median_error_pct,
         movers_1cm=movers,
+        moving_measured=measured_share(images[reference], depth, SceneMotion(dataset, 1))
+        if options.page
+        else None,
         nearest=min(scene.depth_ranges[camera][0] for camera in images),
         farthest=max(scene.depth_ranges[camera][1] for camera in images),
         views=views,
@@ -135,7 +146,7 @@ def model_instant(
         fused_points=fused,
         cloud_points=model.points,
         mesh_triangles=model.triangles,
-        files=(FUSED, *model.files, "workspace", RESULT),
+        files=(FUSED, *model.files, *(FILES if options.page else ()), "workspace", RESULT),
         seconds=round(time.perf_counter() - marks["begin"], 3),
         seconds_of={
             stage: round(now - before, 3)
@@ -145,6 +156,8 @@ def model_instant(
         changed_pictures=picture_checks().changed,
         versions=library_versions(),
     )
+    if options.page:
+        write_moment(result, images[reference], depth, part / FUSED)
     write_atomic(part / RESULT, pretty_json(result))
     return result
 
@@ -188,7 +201,7 @@ def write_view(
     )
 
 
-OURS = {RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
+OURS = {*FILES, RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
 
 
 def multiview(
@@ -203,11 +216,14 @@ def multiview(
     require_reconstruction("pycolmap", "joining the cameras' depth")
     if options.mesh:
         require_reconstruction("open3d", "making a mesh")
-    elif find_spec("open3d") is None:
+    elif options.quick or find_spec("open3d") is None:
         options = replace(options, cloud=False)
     output = OutputFolder(out, replaces_only(OURS))
     matcher = choose_matcher(options.matcher, quick=options.quick)
     dataset = Dataset.open(session, options.time_shifts_ms)
     settle_calibration(dataset)
+    if options.calibrated and dataset.calibration() is None:
+        what = "no calibration of this rig is known that still holds"
+        raise NotApplicableError(what, hint="calibrate it, as docs/calibration.md shows")
     with output:
         return model_instant(dataset, matcher, options, output.folder, progress)

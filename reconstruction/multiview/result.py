@@ -57,6 +57,8 @@ class MultiviewResult(Struct, frozen=True, kw_only=True):
     median_error_pct: float | None = None
     movers_1cm: CloudScore | None = None
     """None where nothing moves, or the truth is not known in metres."""
+    moving_measured: float | None = None
+    """Share of what moves by the pictures that has a depth; only with a page."""
     nearest: float
     farthest: float
     views: tuple[ViewResult, ...]

@@ -112,7 +112,9 @@ def _page(result: CompareResult, out: Path) -> str:
         "exactness": describe_exactness(result),
         "hero": hero,
         "views": views,
-        "cloud": view_clouds(clouds, out) if clouds else None,
+        "cloud": view_clouds(clouds, out, str(multiview.facts["reference"]), len(multiview.cameras))
+        if multiview is not None and clouds
+        else None,
         "pictures": [shown for shown in pictures if shown is not hero],
         "sweep_sides": name_sides(result, sweep.cameras if sweep else ()),
         "image": lambda path, panels=1: embed_image(out / path, panels),

@@ -86,16 +86,20 @@ class PackedCloud:
 
 @dataclass(frozen=True)
 class CloudView:
-    """Both sides, what they turn about, and the focal length over the picture's width."""
+    """Both sides or one, what they turn about, and the focal length over the picture's width."""
 
+    files: InstantClouds
+    reference: str
+    """The camera from whose place they are seen first."""
+    cameras: int
     synced: PackedCloud
-    offset: PackedCloud
+    offset: PackedCloud | None
     pivot: tuple[float, ...]
     focal: float
 
 
-def view_clouds(clouds: InstantClouds, out: Path) -> CloudView:
-    """Read both files and pack them.
+def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) -> CloudView:
+    """Read the files and pack them.
 
     Raises:
         BadInputError: a file is missing or not as it was written.
@@ -103,13 +107,18 @@ def view_clouds(clouds: InstantClouds, out: Path) -> CloudView:
     rotation = np.array(clouds.rotation).reshape(3, 3)
     centre = np.array(clouds.centre)
     sides = {}
-    for side in ("synced", "offset"):
-        points, colours = read_points(out / getattr(clouds, side))
-        sides[side] = ((points - centre) @ rotation.T, colours)
+    for side, name in (("synced", clouds.synced), ("offset", clouds.offset)):
+        if name:
+            points, colours = read_points(out / name)
+            sides[side] = ((points - centre) @ rotation.T, colours)
     box = np.percentile(sides["synced"][0], [CROP, 100 - CROP], axis=0)
     pivot = (np.array(clouds.pivot) - centre) @ rotation.T
     return CloudView(
-        **{side: _pack(*cloud, box) for side, cloud in sides.items()},
+        clouds,
+        reference,
+        cameras,
+        synced=_pack(*sides["synced"], box),
+        offset=_pack(*sides["offset"], box) if "offset" in sides else None,
         pivot=tuple(pivot.tolist()),
         focal=clouds.focal,
     )

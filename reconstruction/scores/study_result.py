@@ -54,7 +54,8 @@ class InstantClouds(Struct, frozen=True, kw_only=True):
 
     instant: int
     synced: str
-    offset: str
+    offset: str = ""
+    """Empty where there is the synchronized one alone."""
     rotation: tuple[float, ...]
     """From the rig's frame to the reference camera's own, row by row."""
     centre: tuple[float, ...]

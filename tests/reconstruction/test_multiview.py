@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import stat
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
+from capture_app.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
 from reconstruction.depth import colmap
@@ -26,6 +27,7 @@ from reconstruction.depth.colmap import (
 )
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.input_images import undistort_image, undistort_nearest
+from reconstruction.multiview.instant_model import MultiviewOptions, multiview
 from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
@@ -69,13 +71,27 @@ def test_quick_depth_comes_without_a_mesh_and_is_nearly_as_right(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
-    result = reconstruct("multiview", trio.folder, "--instant", 2, "--quick", "--out", out, "--json").result
+    asked = "--instant", 2, "--quick", "--page", "--calibrated", "--out", out, "--json"
+    result = reconstruct("multiview", trio.folder, *asked).result
+    assert result["moving_measured"] > 0.8
+    assert 'class="cloud"' in (out / "report.html").read_text()
     assert result["within_2pct"] > 0.75
     assert result["mover_within_2pct"] > 0.8
     assert result["mesh_triangles"] == 0
     assert sorted(path.name for path in out.iterdir()) == sorted(
-        ["depth", "fused.ply", "fused.ply.vis", "multiview.json", "workspace"]
+        ["depth", "fused.ply", "fused.ply.vis", "multiview.json", "points.ply", "report.html", "workspace"]
     )
+
+
+def test_a_rig_whose_calibration_nobody_knows_is_refused_where_that_is_asked_for(
+    trio: Session, tmp_path: Path
+) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(trio.folder, session)
+    (session / "calibration.json").unlink()
+    with pytest.raises(NotApplicableError, match="no calibration of this rig is known that still holds"):
+        multiview(session, tmp_path / "out", MultiviewOptions(calibrated=True))
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

@@ -10,7 +10,17 @@ import msgspec
 from capture_app.errors import BadInputError
 from capture_app.session.format.checks import inside
 from capture_app.text import count
-from capture_app.tui.jobs.run import CLOUDS, COMPARE, MULTIVIEW, PANEL, PANORAMA, TOLERANCE, Command, Run
+from capture_app.tui.jobs.run import (
+    CLOUDS,
+    COMPARE,
+    MOMENT,
+    MULTIVIEW,
+    PANEL,
+    PANORAMA,
+    TOLERANCE,
+    Command,
+    Run,
+)
 from capture_app.tui.widgets.lines import filled_cells
 
 SYNCED, LATE = "same instant", "late"
@@ -87,7 +97,9 @@ def _of_multiview(found: Mapping[str, Any]) -> str:
     truth = (
         "" if right is None else f"; {percent(right)} of {found['reference']} within 2 % of the true depth"
     )
-    return f"{maps}, {found['fused_points']:,} points{truth}"
+    measured = found.get("moving_measured")
+    moving = "" if measured is None else f"; {percent(measured)} of what moves measured"
+    return f"{maps}, {found['fused_points']:,} points{moving}{truth}"
 
 
 def _moves(found: Mapping[str, Any]) -> bool:
@@ -302,6 +314,7 @@ _READERS = {
     COMPARE.name: _comparison,
     PANORAMA.name: _panorama,
     MULTIVIEW.name: _multiview,
+    MOMENT.name: _multiview,
     CLOUDS.name: _clouds,
     TOLERANCE.name: _dose,
     PANEL.name: _panel,

@@ -77,6 +77,16 @@ MULTIVIEW = Command(
     "--instant 0 --no-mesh",
     result="multiview.json",
 )
+MOMENT = Command(
+    "moment",
+    "Depth of the moment",
+    "depth of one instant at once, and a page to turn it",
+    RECONSTRUCT,
+    ("multiview",),
+    "--instant 0",
+    result="multiview.json",
+    fixed=("--quick", "--page", "--calibrated"),
+)
 CLOUDS = Command(
     "clouds",
     "Clouds of all instants",
@@ -140,7 +150,7 @@ EXPORTS: Mapping[str, Command] = {
     )
     for name, what in FORMATS.items()
 }
-STUDIES = (COMPARE, MULTIVIEW, PANORAMA, TOLERANCE, CLOUDS, PANEL)
+STUDIES = (COMPARE, MULTIVIEW, MOMENT, PANORAMA, TOLERANCE, CLOUDS, PANEL)
 """The commands whose results can be looked at."""
 COMMANDS = {one.name: one for one in (*STUDIES, VERIFY, REPAIR, *EXPORTS.values())}
 

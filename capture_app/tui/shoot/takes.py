@@ -1,6 +1,6 @@
 """The takes that the screen has heard of, whoever ordered them, and what became of each."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict
 from capture_app.text import printable
 from capture_app.tui.signs import GRADES
+from capture_app.tui.widgets.picture import Picture, Source
 
 
 @dataclass(slots=True)
@@ -88,12 +89,22 @@ class TakePanel(VerticalScroll, can_focus=False):
         self._text = Static(id="takes-text")
         self.plain = ""
         """What it says."""
-        super().__init__(self._text, id="takes")
+        self._picture = Picture(id="takes-depth")
+        self._picture.display = False
+        super().__init__(self._text, self._picture, id="takes")
         self.border_title = "Takes"
 
-    def show(self, takes: Sequence[Take], now_s: float = 0.0) -> None:
-        """Show these, the newest last."""
-        text = Content("\n").join(_lines(takes, now_s, wide=self.size.width >= WIDE))
+    def show(
+        self,
+        takes: Sequence[Take],
+        now_s: float = 0.0,
+        depth: Iterable[Content] = (),
+        picture: Source | None = None,
+    ) -> None:
+        """Show these, the newest last, with lines about its depth and a picture of it."""
+        self._picture.display = picture is not None
+        self._picture.show(picture)
+        text = Content("\n").join(_lines(takes, now_s, depth, wide=self.size.width >= WIDE))
         shown = self._text.content
         if not isinstance(shown, Content) or not shown.is_same(text):
             self.plain = text.plain
@@ -126,7 +137,7 @@ def transfer_line(transfer: CameraTransfer) -> Content:
     )
 
 
-def _lines(takes: Sequence[Take], now_s: float, *, wide: bool) -> Iterator[Content]:
+def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content], *, wide: bool) -> Iterator[Content]:
     if not takes:
         yield Content.styled("No take yet: press Space.", "$foreground-muted")
         return
@@ -137,6 +148,7 @@ def _lines(takes: Sequence[Take], now_s: float, *, wide: bool) -> Iterator[Conte
         yield Content.styled("in the trash", "$foreground-muted")
     else:
         yield from _in_full(takes[-1], now_s, wide=wide)
+        yield from depth
     if len(takes) > 1:
         yield Content("")
         yield from (_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])

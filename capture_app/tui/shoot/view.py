@@ -20,12 +20,15 @@ from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import clock_offset, count, duration, printable
+from capture_app.tui.jobs.result_screen import open_report
+from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import CANCEL, Answer, Question
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.plan import PlanPanel, moments_of
 from capture_app.tui.shoot.stage import Stage
+from capture_app.tui.shoot.take_depth import TakeDepth
 from capture_app.tui.shoot.takes import Take, TakePanel, open_take, progress_words, verdict_line
 from capture_app.tui.signs import cameras_of
 from capture_app.tui.widgets.lines import Lines
@@ -46,6 +49,9 @@ class ShootView(ModeView):
         Binding("r", "retake", "Retake", id="shoot.retake", tooltip="the newest take once more"),
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
         Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="to and fro between cameras"),
+        Binding(
+            "d", "turn", "Turn it", id="shoot.turn", show=False, tooltip="the last take's depth, by hand"
+        ),
         Binding("n", "edit('name')", "Name", id="shoot.name"),
         Binding("t", "edit('notes')", "Notes", id="shoot.note"),
         Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),
@@ -63,8 +69,12 @@ class ShootView(ModeView):
         ),
     ]
 
-    def __init__(self, rig: RigLink, record: RigRecord, settings: Settings) -> None:
+    def __init__(
+        self, rig: RigLink, record: RigRecord, settings: Settings, depth_runs: Runs | None = None
+    ) -> None:
+        """`depth_runs`: what makes the depth of each take; None: nothing does."""
         self._rig, self._record = rig, record
+        self._depth = TakeDepth(depth_runs)
         self.takes: list[Take] = []
         """The takes that the screen has heard of, the newest last."""
         self._waiting: Worker[None] | None = None
@@ -107,6 +117,8 @@ class ShootView(ModeView):
         match message.what:
             case Preview() as preview:
                 self.stage.grid.show_preview(preview)
+            case Runs():
+                self._show_course()
             case RigStatus() as status:
                 self.plan_panel.show_period(status.period_ns)
                 self.stage.grid.show_status(status)
@@ -172,6 +184,14 @@ class ShootView(ModeView):
     def action_wiggle(self) -> None:
         """Wiggle through the cameras at the chosen instant of the last take."""
         self.stage.wiggle()
+
+    def action_turn(self) -> None:
+        """Open the page on which the depth of the newest take is turned by hand."""
+        run = self._depth.of(self._newest_sheet)
+        if run is None or run.report is None:
+            self.notify("the newest take has no depth")
+        else:
+            open_report(self, run.report)
 
     @work(group="asking")
     async def action_cancel_burst(self) -> None:
@@ -284,7 +304,14 @@ class ShootView(ModeView):
             self.stage.load_sheet(take.sheet, take.key_instant)
             if take.is_new and not self._under_way:
                 self.stage.show_sheet()
+        if take.sheet is not None and take.is_new:
+            await self._depth.begin(take.sheet)
         self._show_course()
+
+    @property
+    def _newest_sheet(self) -> TakeSheet | None:
+        newest = next(reversed(self.takes), None)
+        return None if newest is None or newest.trashed else newest.sheet
 
     @property
     def _shown(self) -> Take | None:
@@ -303,7 +330,8 @@ class ShootView(ModeView):
     def _show_course(self) -> None:
         """Show what is under way, in the takes and in the line below."""
         now_s = self._record.clock()
-        self.take_panel.show(self.takes, now_s)
+        sheet = self._newest_sheet
+        self.take_panel.show(self.takes, now_s, self._depth.lines(sheet), self._depth.picture(sheet))
         line = self._course(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
         self._line.show([line])
 

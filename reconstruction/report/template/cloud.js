@@ -27,7 +27,7 @@ for (const figure of document.querySelectorAll(".cloud")) {
     }
     return { count, points, colours, sizes };
   };
-  const clouds = { synced: unpack("synced"), offset: unpack("offset") };
+  const clouds = { synced: unpack("synced"), offset: canvas.dataset.offset && unpack("offset") };
   let side = "synced", yaw = 0, pitch = 0, near = 1, due = false, swinging = !still.matches, began = 0;
 
   const draw = () => {

@@ -41,7 +41,7 @@ def save(out: Path, synced: np.ndarray, offset: np.ndarray) -> InstantClouds:
 def test_points_come_back_in_the_first_cameras_frame(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     points = rng.uniform([-1, -1, 3], [1, 1, 6], (2_000, 3))
-    view = view_clouds(save(tmp_path, points, points + 0.01), tmp_path)
+    view = view_clouds(save(tmp_path, points, points + 0.01), tmp_path, "cam1", 5)
     shown, colours = unpack(view.synced)
     assert view.pivot == pytest.approx((0, 0, 4), abs=1e-6)
     assert view.synced.of == 2_000
@@ -56,14 +56,14 @@ def test_both_sides_show_the_same_part_of_space(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     points = rng.uniform([-1, -1, 3], [1, 1, 6], (3_000, 3))
     stray = np.vstack([points[:100], points[100:] + 50])
-    view = view_clouds(save(tmp_path, points, stray), tmp_path)
+    view = view_clouds(save(tmp_path, points, stray), tmp_path, "cam1", 5)
     assert 90 <= view.offset.points <= 100
     assert view.offset.of == 3_000
 
 
 def test_large_clouds_are_thinned_evenly(tmp_path: Path) -> None:
     points = np.random.default_rng(3).uniform([-1, -1, 3], [1, 1, 6], (80_000, 3))
-    view = view_clouds(save(tmp_path, points, points[:5]), tmp_path)
+    view = view_clouds(save(tmp_path, points, points[:5]), tmp_path, "cam1", 5)
     shown, _ = unpack(view.synced)
     assert len(shown) == MAX_POINTS
     assert shown.mean(0) == pytest.approx([0, 0, 4.5], abs=0.03)

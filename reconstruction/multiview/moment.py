@@ -1,0 +1,54 @@
+"""A moment to be turned by hand: how much of what moves was measured, and a page with the cloud."""
+
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.common.outputs import write_points
+from reconstruction.depth.colmap import read_fused_cloud
+from reconstruction.multiview.input_images import InputImage, find_movers
+from reconstruction.multiview.result import MultiviewResult
+from reconstruction.report.embedding import view_clouds
+from reconstruction.report.page import REPORT, Section, render_page, write_page
+from reconstruction.report.wording import share
+from reconstruction.scores.study_result import InstantClouds
+from reconstruction.session.motion import SceneMotion
+
+POINTS = "points.ply"
+FILES = (POINTS, REPORT)
+
+
+def measured_share(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:
+    """Share of what moves in a picture that has a depth; None where nothing moves, or nobody knows."""
+    moving = find_movers(image, motion)
+    return None if moving is None or not moving.any() else round(float((depth[moving] > 0).mean()), 4)
+
+
+def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused: Path) -> None:
+    """Write `FILES` beside a fused cloud: its points, and the page on which they are turned.
+
+    `image` and `depth` are the reference's.
+    """
+    cloud = read_fused_cloud(fused, len(result.views))
+    write_points(fused.with_name(POINTS), cloud.points, cloud.colours)
+    view = image.calibrated.view
+    clouds = InstantClouds(
+        instant=result.instant,
+        synced=POINTS,
+        rotation=tuple(view.rotation.ravel().tolist()),
+        centre=tuple(view.centre.tolist()),
+        focal=view.focal / view.width,
+        pivot=tuple(np.median(cloud.points, axis=0).tolist()),
+    )
+    measured = result.moving_measured
+    moving = "" if measured is None else f" {share(measured)} of what moves was measured."
+    page = {
+        "title": f"{result.session}, instant {result.instant}",
+        "kicker": "One instant in space",
+        "name": result.session,
+        "verdict": f"{result.fused_points:,} points from {len(result.views)} cameras.{moving}",
+        "numbers_in": ("multiview.json",),
+        "cloud": view_clouds(clouds, fused.parent, result.reference, len(result.views)),
+    }
+    write_page(render_page(page, [Section("cloud.html")]), fused.parent)

@@ -1,0 +1,109 @@
+"""The depth that is made after a take: what the panel says, its page, and takes that follow quickly."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from capture_app.tui.jobs import run
+from capture_app.tui.jobs.run import MOMENT, RunState
+from capture_app.tui.shoot import take_depth
+from tests.tui.driving import make_app, toasts, until
+from tests.tui.shoot.studio import Studio, ready_rig, saves_into
+
+CHILD = """
+import json, sys, time
+from pathlib import Path
+import cv2, numpy as np
+words = sys.argv[1:]
+how = Path(__file__).with_name("how")
+while how.read_text() == "wait":
+    time.sleep(0.01)
+if how.read_text() == "refuse":
+    sys.exit("child: error: no calibration of this rig is known that still holds")
+out = Path(words[words.index("--out") + 1])
+(out / "depth").mkdir(parents=True)
+cv2.imwrite(str(out / "depth" / "cam01.png"), np.full((48, 64, 3), 90, np.uint8))
+views = [{"camera": "cam01", "picture": "depth/cam01.png", "coverage": 0.9}]
+found = {"views": views, "reference": "cam01", "fused_points": 12345, "moving_measured": 0.94}
+(out / "multiview.json").write_text(json.dumps(found))
+(out / "report.html").write_text("to be turned")
+print(json.dumps(found))
+"""
+
+
+@pytest.fixture
+def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Studio:
+    """A screen that makes depth after takes, by a program that stands in for `reconstruct multiview`."""
+    (tmp_path / "depth_of_a_take.py").write_text(CHILD)
+    (tmp_path / "how").write_text("")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{Path.cwd()}")
+    quick = replace(MOMENT, module="depth_of_a_take")
+    monkeypatch.setattr(take_depth, "MOMENT", quick)
+    monkeypatch.setitem(run.COMMANDS, quick.name, quick)
+    rig = ready_rig(3)
+    rig.take = saves_into(tmp_path / "sessions")
+    made = Studio(rig, tmp_path / "sessions")
+    made.app = make_app(rig, sessions=tmp_path / "sessions", depth=True)
+    return made
+
+
+async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
+    studio: Studio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+    monkeypatch.delenv("SSH_CONNECTION", raising=False)
+    monkeypatch.delenv("SSH_TTY", raising=False)
+    monkeypatch.setattr(studio.app, "open_url", opened.append)
+    async with studio.app.run_test(size=(120, 50)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await until(pilot, lambda: "94 % of what moves measured" in studio.view.take_panel.plain)
+        (made,) = studio.app.runs.all
+        assert "--quick" in made.line
+        assert f"--instant {studio.view.takes[-1].sheet.instants // 2}" in made.line
+        assert studio.view.take_panel.query_one("#takes-depth").display
+        await pilot.press("d")
+        assert opened == [made.report.resolve().as_uri()]
+
+
+async def test_a_rig_without_a_calibration_gets_a_line_and_no_alarm(studio: Studio, tmp_path: Path) -> None:
+    (tmp_path / "how").write_text("refuse")
+    async with studio.app.run_test(size=(120, 50)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await until(pilot, lambda: "no depth: no calibration" in studio.view.take_panel.plain)
+        assert not toasts(studio.app)
+
+
+async def test_of_takes_that_follow_quickly_the_last_is_not_kept_waiting(
+    studio: Studio, tmp_path: Path
+) -> None:
+    (tmp_path / "how").write_text("wait")
+    async with studio.app.run_test(size=(120, 50)) as pilot:
+        await studio.enter(pilot)
+        for number in (1, 2, 3):
+            await pilot.press("space")
+            await until(pilot, partial(has_runs, studio, number))
+        newest, second, _ = studio.app.runs.all
+        assert newest.session.name == studio.view.takes[-1].name
+        assert second.state is RunState.CANCELLED
+        (tmp_path / "how").write_text("")
+        await until(pilot, lambda: newest.state is RunState.DONE)
+
+
+def has_runs(studio: Studio, number: int) -> bool:
+    return len(studio.app.runs.all) >= number
+
+
+async def test_depth_is_not_made_where_it_is_not_wanted(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.take = saves_into(tmp_path)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 50)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await until(pilot, lambda: studio.view.takes and studio.view.takes[-1].sheet is not None)
+        await studio.settle(pilot)
+        assert studio.app.runs.all == []

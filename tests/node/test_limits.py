@@ -30,7 +30,7 @@ from tests.facts import make_facts
 from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced
 from tests.node.thieves import ask, say_hello
-from tests.waiting import until
+from tests.waiting import SLOW_PATIENCE_S, until
 
 OWN = ("mine", 2222)
 SLOW = 1_000_000_000
@@ -71,7 +71,7 @@ async def send(trust, leader):
         channels.append(channel := await connect(leader, FromLeader, trust=trust))
         await channel.send(operating.ViewfinderOpened(camera=name, instance=n + 1))
         frame = operating.PreviewFrame(camera=name, leader_ns=0, width=1, height=1)
-        await channel.send(frame, bytes(60 << 20))
+        await channel.send(frame, bytes(24 << 20))
         await channel.send(operating.Vitals(fps=7.0))
     await asyncio.sleep(600)
 
@@ -182,12 +182,15 @@ async def test_pictures_that_nobody_wants_take_no_memory(
         where = str(tmp_path / "machine"), str(leader.own_address.port)
         process = await asyncio.create_subprocess_exec(sys.executable, "-c", SENDER, *where)
         try:
-            await until(lambda: all(n.fps == 7.0 for n in leader.status().nodes if n.name in names))
+            await until(
+                lambda: all(n.fps == 7.0 for n in leader.status().nodes if n.name in names),
+                seconds=SLOW_PATIENCE_S,
+            )
             grown = memory_bytes() - before
         finally:
             process.kill()
             await process.wait()
-    # Of 480 MiB that were sent.
+    # Of 192 MiB that were sent.
     assert grown < 100 * MIB, f"{grown / MIB:.0f} MiB"
 
 

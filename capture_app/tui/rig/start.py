@@ -311,9 +311,18 @@ class StartPanel(Vertical):
     @work(group="start")
     async def _start(self, choice: str, order: Awaitable[None], words: str) -> None:
         self._settings.remember(CHOICE, choice)
-        self._busy = words
-        self._explain()
+        self._say_busy(words)
+        until_there = ""
         with telling(self):
             await order
-        self._busy = ""
+            # Said until they are there: their list takes this panel's place then.
+            until_there = f"{words} They join as soon as they are open, within half a minute."
+        self._say_busy(until_there)
+
+    def begin_anew(self) -> None:
+        """Offer all again: what was started before is there."""
+        self._say_busy("")
+
+    def _say_busy(self, words: str) -> None:
+        self._busy = words
         self._explain()

@@ -212,6 +212,7 @@ class RigView(ModeView):
         """Offer further cameras."""
         if self._record.status is not None:
             self._adding = len(self._record.status.nodes)
+            self._start.begin_anew()
             self._draw()
 
     def action_back(self) -> None:

@@ -166,3 +166,26 @@ def test_a_code_is_what_was_put_in(tmp_path: Path) -> None:
     picture = np.kron(modules[:37], np.ones((8, 8), np.uint8)) * 255
     picture = np.pad(picture, 32, constant_values=255)
     assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == line
+
+
+class SlowRig(FakeRig):
+    """One whose cameras come later."""
+
+    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
+        """Start their processes."""
+
+
+async def test_what_was_started_stays_said_until_it_is_there() -> None:
+    """A process runs after 2 s, its camera is there after 22."""
+    rig = SlowRig(0)
+    app = make_app(rig)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await rest(app, pilot)
+        for press in ("s", "t"):
+            await pilot.press(press)
+            rig.tell()
+            await settle(pilot)
+            assert "Starting 5 simulated cameras" in text(app, "#start-meaning")
+        await FakeRig.add_simulated(rig, 5)
+        await settle(pilot)
+        assert not app.screen.query_one("#start").display

@@ -13,7 +13,6 @@ _PUBLIC = {
     "SimulshotError": "errors",
     "open_session": "session.reading.opened",
 }
-__all__ = ["AsyncRig", "Rig", "SimulshotError", "__version__", "open_session"]
 
 
 def __getattr__(name: str) -> Any:

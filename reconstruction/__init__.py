@@ -7,7 +7,6 @@ import importlib
 from typing import Any
 
 _PUBLIC = {"Condition": "session.conditions", "open_session": "opened"}
-__all__ = ["Condition", "open_session"]
 
 
 def __getattr__(name: str) -> Any:

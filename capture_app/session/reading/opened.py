@@ -1,6 +1,6 @@
 """A session as Python code reads it: each frame as an array, decoded when it is asked for and not before."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -29,7 +29,7 @@ TimeName = Literal[
 Pixels = npt.NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True, repr=False, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One camera's frame at one instant; its picture is decoded whenever it is asked for.
 
@@ -41,12 +41,8 @@ class Frame:
     """Its number in the burst, from 0."""
     missing: str
     """Why there is no such frame; empty for one that is there."""
-    _record: ImageRecord | None
-    _session: "OpenSession"
-
-    def __repr__(self) -> str:
-        there = f"missing: {self.missing}" if self.missing else f"leader_ns={self.leader_ns}"
-        return f"<Frame {self.camera} instant {self.instant}, {there}>"
+    _record: ImageRecord | None = field(repr=False)
+    _session: "OpenSession" = field(repr=False)
 
     @property
     def record(self) -> ImageRecord:

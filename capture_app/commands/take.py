@@ -142,6 +142,7 @@ MOST_FRAMES = 100_000
         "capture-app burst --frames 30 --name jump --wait-s 20",
         "capture-app burst --frames 360 --interval-s 10 --name clouds",
         "capture-app burst --leader 192.168.1.20 --repeat 10 --every 60 --json",
+        "capture-app burst --on-motion --frames 30 --before 15 --repeat 100 --every 20 --name deer",
     )
 )
 @leader_option
@@ -203,6 +204,19 @@ MOST_FRAMES = 100_000
     help="With --repeat: seconds from one burst to the next.",
 )
 @click.option(
+    "--on-motion",
+    is_flag=True,
+    help="Take each burst when something moves before a camera, at most one each --every seconds.",
+)
+@click.option(
+    "--region",
+    type=(FiniteRange(0, 1),) * 4,
+    metavar="LEFT TOP RIGHT BOTTOM",
+    default=(0.0, 0.0, 1.0, 1.0),
+    show_default="the whole picture",
+    help="With --on-motion: where, as shares of the picture.",
+)
+@click.option(
     "--cancel", type=click.IntRange(1), metavar="BURST", help="Cancel the burst of this number instead."
 )
 @ready_options
@@ -212,6 +226,8 @@ def burst(
     consecutive: bool,
     repeat: int,
     every_s: float | None,
+    on_motion: bool,
+    region: tuple[float, float, float, float],
     cancel: int | None,
     as_json: bool,
     **chosen: Any,
@@ -239,8 +255,17 @@ def burst(
     def show(done: "BurstStatus") -> None:
         results.append(show_take(done, as_json))
 
+    if on_motion and request.at_leader_ns is not None:
+        raise click.UsageError("--at-ns is not with --on-motion")
+    if not (region[0] < region[2] and region[1] < region[3]):
+        raise click.UsageError("--region is LEFT TOP RIGHT BOTTOM, as shares: 0.5 0 1 1 is the right half")
     try:
-        bursts = asyncio.run(_take_bursts(leader, request, repeat, every_s, show))
+        taking = (
+            _take_on_motion(leader, request, repeat, every_s or 0.0, region, show)
+            if on_motion
+            else _take_bursts(leader, request, repeat, every_s, show)
+        )
+        bursts = asyncio.run(taking)
     finally:
         if as_json and results:
             print_json(results[0] if repeat == 1 else {"bursts": results})
@@ -282,6 +307,35 @@ async def _take_bursts(
                 await asyncio.sleep(max(0.0, began_s + number * every_s - loop.time()))
                 taking.append(tasks.create_task(take()))
     return [task.result() for task in taking]
+
+
+async def _take_on_motion(
+    leader: Address,
+    request: "BurstRequest",
+    repeat: int,
+    every_s: float,
+    region: tuple[float, float, float, float],
+    show: Callable[["BurstStatus"], None],
+) -> list["BurstStatus"]:
+    """Take each when something moves, the frames before it too, and look again when it is saved."""
+    from capture_app.node.motion_watch import MotionWatch, watch_motion
+    from capture_app.node.rig_link import RigLink
+
+    watch, taken, loop = MotionWatch(region), list["BurstStatus"](), asyncio.get_running_loop()
+    next_s = loop.time()
+    talk(f"watching for what moves; {count(repeat, 'burst')} at most, Ctrl-C ends it")
+    async for seen in watch_motion(RigLink(leader), watch):
+        if loop.time() < next_s:
+            continue
+        next_s = loop.time() + every_s
+        talk(f"something moves before {seen.camera}")
+        done = await take_burst(leader, replace(request, at_leader_ns=seen.leader_ns))
+        show(done)
+        taken.append(done)
+        if len(taken) == repeat:
+            break
+        watch.forget()
+    return taken
 
 
 MOST_S = 31 * 86_400.0

@@ -102,30 +102,21 @@ class SourceView:
         """From a reference's pixel and inverse depth to the source's pixel, and the source's noise (13,)."""
         return np.concatenate([self.plane_warp(0.0).reshape(-1), self.shift, [self.source.noise]])
 
-    def project(self, inverse_depth: Array, every: int = 1) -> tuple[Array, Array, Array]:
+    def project(
+        self, inverse_depth: Array, rows: slice = slice(None), every: int = 1
+    ) -> tuple[Array, Array, Array]:
         """Source pixels x, y of the reference's pixels at these inverse depths, and z times inverse depth.
 
-        `every`: of one row and column of so many.
+        Of these `rows`, or of one row and column of so many (`every`); x and y are NaN where it is behind.
         """
-        xs, ys, zs = self._turned if every == 1 else self._turn_rays(self.reference.rays[:, ::every, ::every])
+        few = every > 1
+        xs, ys, zs = (
+            self._turn_rays(self.reference.rays[:, ::every, ::every]) if few else self._turned[:, rows]
+        )
         shift = self.shift.astype(np.float32)
         z = zs + shift[2] * inverse_depth
         far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
         return (xs + shift[0] * inverse_depth) * far, (ys + shift[1] * inverse_depth) * far, z
-
-    def project_rows(self, inverse_depth: Array, rows: slice) -> tuple[Array, Array]:
-        """Source pixels x, y as by `project`, of some rows; far beside the picture where it is behind."""
-        xs, ys, zs = self._turned[:, rows]
-        shift = self.shift.astype(np.float32)
-        far = zs + shift[2] * inverse_depth
-        np.maximum(far, 1e-6, out=far)
-        np.divide(1.0, far, out=far)
-        x, y = shift[0] * inverse_depth, shift[1] * inverse_depth
-        x += xs
-        y += ys
-        x *= far
-        y *= far
-        return x, y
 
     def warp_by_depth(self, inverse_depth: Array) -> Array:
         """The source's grey levels seen through a map of inverse depths."""

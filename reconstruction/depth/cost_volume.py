@@ -82,7 +82,8 @@ class _Band:
         picture = self._view.source.grey
         if base is not None:
             level = base[self._rows] + np.float32(offset)
-            x, y = self._view.project_rows(level, self._rows)
+            x, y, _ = self._view.project(level, self._rows)
+            np.nan_to_num(x, copy=False, nan=-1e4)
             return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderValue=OUTSIDE))
         matrix = self._view.plane_warp(offset)
         matrix[:, 2] += self._rows.start * matrix[:, 1]

@@ -79,7 +79,6 @@ class ClockFilter:
     def __init__(self, *, window_ns: int = 30_000_000_000) -> None:
         self._window_ns, self._not_before_ns = window_ns, LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
-        self._restarted = False
         self.refused_steps = 0
         """How often samples told of a step that those after them did not confirm."""
         self.reset()
@@ -99,6 +98,8 @@ class ClockFilter:
         self._least_gap, self._hidden = float(-LONG_AGO_NS), 0.0
         self.longer_ns = 0.0
         """By how much one of the ways has become longer than it was."""
+        self._restarted = False
+        """Whether a clock stepped, or was slewed, shortly before."""
         self._beyond_chance = 0
         """How often in a row the newest answers were beyond chance."""
 
@@ -137,7 +138,7 @@ class ClockFilter:
             self._suspects.clear()
             self.refused_steps += 1
         if self._restarted and self.samples >= SETTLED_SAMPLES:
-            samples, self._restarted = self.samples, False
+            samples = self.samples
             self.reset()
             self.add(sample)
             self.samples = samples + 1
@@ -149,6 +150,9 @@ class ClockFilter:
         self._newest_ns = max(self._newest_ns, sample.t3_ns)
         self._blocks.setdefault(sample.t0_ns // BLOCK_NS, (set(), set()))[0].add(upper)
         self._blocks.setdefault(sample.t3_ns // BLOCK_NS, (set(), set()))[1].add(lower)
+        if sample.round_trip_ns - self._least_gap < self.longer_ns / 2.0:
+            # No message is quicker than the way is long.
+            self.longer_ns = 0.0
         if self._groups.add(upper, lower, 0.0 if self._fitted is None else self._fitted.skew):
             self._look_for_change()
         return True

@@ -262,7 +262,7 @@ class LeaderConfig:
     instance: int
     transfer_port: int
     rig: RigConfig = RigConfig()
-    exchanges_per_s: float = 10_000.0
+    exchanges_per_s: float = 20_000.0
     """Time requests that all clients together may send at most; with more clients each of them sends fewer.
     A leader that has too much to do asks for less."""
     beacons: Group | None = None

@@ -184,7 +184,7 @@ class Timekeeper:
             if not self._stepped:
                 self._events.append(ClockStepped())
             self._stepped = True
-        if self.clock.longer_ns != longer_ns and self.time_is_known:
+        if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
             self._events.append(WayLonger(self.clock.longer_ns))
         if self.clock.is_doubted and not doubted:
             self.target.doubt()

@@ -150,9 +150,9 @@ EXPORTS: Mapping[str, Command] = {
     )
     for name, what in FORMATS.items()
 }
-STUDIES = (COMPARE, MULTIVIEW, MOMENT, PANORAMA, TOLERANCE, CLOUDS, PANEL)
-"""The commands whose results can be looked at."""
-COMMANDS = {one.name: one for one in (*STUDIES, VERIFY, REPAIR, *EXPORTS.values())}
+STUDIES = (COMPARE, MULTIVIEW, PANORAMA, TOLERANCE, CLOUDS, PANEL)
+"""The commands that are offered for their results."""
+COMMANDS = {one.name: one for one in (*STUDIES, MOMENT, VERIFY, REPAIR, *EXPORTS.values())}
 
 
 class RunState(StrEnum):

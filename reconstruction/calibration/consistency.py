@@ -39,6 +39,10 @@ FAR_AWAY = 1e6
 """Against the size of a rig."""
 
 
+Groups = dict[tuple[str, ...], Array]
+"""Pixels (k, n, 2) of points that all of k cameras see."""
+
+
 class MovedCamera(Struct, frozen=True, kw_only=True):
     """A camera that stands otherwise than it is calibrated; several names: one of these."""
 
@@ -87,22 +91,27 @@ class _Group:
 
 def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> RigCheck:
     """Hold the views against features at rest, all of one instant."""
-    pairs = _neighbours({name: view for name, view in views.items() if name in features})
-    matches = {pair: _sure_matches(views, pair, features) for pair in pairs}
-    matches = {pair: found for pair, found in matches.items() if len(found[0]) >= MIN_PAIR_POINTS}
-    groups = [_measured(views, pair, np.stack(found)) for pair, found in matches.items()]
-    groups += [_measured(views, names, pixels) for names, pixels in _triples(matches).items()]
+    pixels = _shared_points(views, features)
+    groups = [_measured(views, names, at) for names, at in pixels.items()]
     scale = max((size_above_features(view.width, view.height) for view in views.values()), default=1.0)
     shared = {name for group in groups for name in group.cameras}
     guilty = _blamed(groups, INCONSISTENT_PX * scale)
     moved = [MovedCamera(cameras=names, shift_px=_shift(views, names, groups, guilty)) for names in guilty]
     return RigCheck(
-        points=sum(len(found[0]) for found in matches.values()),
+        points=sum(at.shape[1] for names, at in pixels.items() if len(names) == 2),
         error_px=float(np.median([group.deviation for group in groups])) if groups else None,
         unchecked=tuple(name for name in views if name not in shared),
         moved=tuple(moved),
         holds=all(camera.shift_px <= REFUSED_PX * scale for camera in moved),
     )
+
+
+def _shared_points(views: Mapping[str, View], features: Mapping[str, Features]) -> Groups:
+    """The pixels of points that neighbours share, in twos and in threes."""
+    pairs = _neighbours({name: view for name, view in views.items() if name in features})
+    matches = {pair: _sure_matches(views, pair, features) for pair in pairs}
+    matches = {pair: at for pair, at in matches.items() if len(at[0]) >= MIN_PAIR_POINTS}
+    return {pair: np.stack(at) for pair, at in matches.items()} | _triples(matches)
 
 
 def _neighbours(views: Mapping[str, View]) -> list[tuple[str, str]]:
@@ -247,8 +256,6 @@ MOST_SUSPECTS = 12
 """Of more cameras it is not tried whether two were exchanged."""
 
 Views = dict[str, View]
-Groups = dict[tuple[str, ...], Array]
-"""Pixels (k, n, 2) of points that all of k cameras see."""
 
 
 def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
@@ -256,10 +263,7 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
 
     What mends the most is said to be wrong, one after the other, and only if that mends everything.
     """
-    known = {name: view for name, view in views.items() if name in features}
-    matches = {pair: _sure_matches(views, pair, features) for pair in _neighbours(known)}
-    matches = {pair: at for pair, at in matches.items() if len(at[0]) >= MIN_PAIR_POINTS}
-    groups: Groups = {pair: np.stack(at) for pair, at in matches.items()} | _triples(matches)
+    groups = _shared_points(views, features)
     limit = REFUSED_PX * max((size_above_features(v.width, v.height) for v in views.values()), default=1.0)
     now, faults = dict(views), []
     left = _odd(now, groups, limit)

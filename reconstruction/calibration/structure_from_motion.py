@@ -146,6 +146,10 @@ def _found(
     if len(found) < 2:
         raise NotApplicableError("only one camera could be placed", hint="the views need to overlap more")
     lenses = ", focal lengths taken for granted" if held else ""
+    if len(focal_px) < len(cameras):
+        lenses = ", lenses guessed from these pictures alone, perhaps several percent off"
+    missing = [name for name in dataset.cameras if name not in found]
+    lenses += f"; not placed: {', '.join(missing)}" if missing else ""
     return Calibration(
         cameras=found,
         unit="arbitrary",

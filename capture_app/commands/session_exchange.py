@@ -202,7 +202,9 @@ def _say_next(session: Session) -> None:
     if len(session.manifest.cameras) < 2:
         step = f"capture-app sessions sheet {session.folder}"
     elif times is not None and times.doubt(session.manifest.burst.period_ns):
-        step = f"reconstruct time {session.folder} --apply"
+        # Of a calibrated one that was tried just now.
+        tried = session.calibration() is not None
+        step = f"{'capture-app sessions show' if tried else 'reconstruct time --apply'} {session.folder}"
     elif session.calibration() is None:
         step = f"reconstruct calibrate {session.folder}"
     else:

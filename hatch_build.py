@@ -17,6 +17,6 @@ class CompileKernels(BuildHookInterface):  # type: ignore[misc]
         """Compile, and put the library into the wheel: one for each architecture, for all Pythons."""
         compiling = runpy.run_path(str(Path(self.root, DEPTH, "compiling.py")))
         if self.target_name == "wheel" and compiling["compile_kernels"]():
-            build_data["artifacts"].append(f"{DEPTH}/kernels.so")
+            build_data["artifacts"].append(f"{DEPTH}/kernels.library")
             build_data["pure_python"] = False
             build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"

@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernels.c")
-LIBRARY = Path(__file__).with_name("kernels.so")
+# Not kernels.so, which Python would take for a module of its own.
+LIBRARY = Path(__file__).with_name("kernels.library")
 # No product is fused with a sum, so that all machines give the same depth; the others change no result.
 FLAGS = (
     "-std=gnu11",

@@ -73,12 +73,12 @@ class Invitations:
         """Take a machine's word, and return the leader's and what the machine must prove; one try is spent.
 
         `digit` is the first of the code that the machine has; without, the newest is meant.
-        Raises UnknownMachineError where there is no code, BadInputError for what is no such word.
+        Raises UnknownMachineError where no code begins so, BadInputError for what is no such word.
         """
         found = (one for one in reversed(self._good()) if one.code.startswith(digit))
         invitation = next(found, None)
         if invitation is None:
-            raise UnknownMachineError(NO_CODE, hint=SHOW_CODE)
+            raise UnknownMachineError(WRONG_CODE if self._good() else NO_CODE, hint=SHOW_CODE)
         invitation.tries_left -= 1
         from spake2 import SPAKE2_B
 

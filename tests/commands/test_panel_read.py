@@ -59,6 +59,7 @@ def test_an_import_is_read_without_a_word_about_its_cameras(
     assert told["errors"]["within_uncertainty"] is None
 
 
+@pytest.mark.slow
 def test_a_session_without_a_panel_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["panel", "read", str(BUNDLED.parent / "pinwheel")]) == ExitCode.BAD_INPUT
     assert "no marker of a panel" in capsys.readouterr().err

@@ -31,6 +31,7 @@ def test_a_leader_out_of_reach_is_a_problem_in_json_and_for_people(
     assert "→ start it there with: capture-app" in printed
 
 
+@pytest.mark.slow
 def test_a_report_holds_what_was_found_and_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -93,6 +93,7 @@ def test_importing_the_package_stays_light() -> None:
     assert not heavy & set(loaded.stdout.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["error-bars", "late-depth"])
 def test_notebooks_print_and_draw_what_they_hold(name: str, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")

@@ -10,6 +10,7 @@ from capture_app.errors import BadInputError, IncompleteError, NetworkError, Not
 from capture_app.rig_process import list_rigs
 
 
+@pytest.mark.slow
 def test_a_rig_takes_bursts_and_is_gone_afterwards(tmp_path: Path) -> None:
     with Rig(cameras=("sim:perfect,scene=bars",), sessions=tmp_path) as rig:
         with pytest.raises(IncompleteError, match="1 of 2 cameras are ready after 3 s"):

@@ -151,6 +151,7 @@ async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(start: St
     assert not (tmp_path / "sessions").exists()
 
 
+@pytest.mark.slow
 async def test_several_cameras_of_a_machine_run_in_one_process(start: Start, tmp_path: Path) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
     specs = ("sim:phone-a,drops=0,outliers=0", "sim:phone-b,drops=0,outliers=0", "v4l2:/dev/none")

@@ -162,6 +162,7 @@ async def test_streams_of_one_machine_leave_room_for_operators_and_others(
         assert loop.time() - began_s < 30, "an answer all the same"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [False, True], ids=["unasked", "far too large"])
 async def test_pictures_that_nobody_wants_take_no_memory(
     tmp_path: Path, trust: Trust, leader: LeaderNode, wanted: bool

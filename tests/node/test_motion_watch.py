@@ -29,6 +29,7 @@ def taught(watch: MotionWatch, scene: Scene) -> MotionWatch:
     return watch
 
 
+@pytest.mark.slow
 def test_an_hour_with_nothing_moving_moves_nothing() -> None:
     scene, watch = Scene(), MotionWatch()
     for second in range(3600):

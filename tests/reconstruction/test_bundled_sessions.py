@@ -45,6 +45,7 @@ def test_multiview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(read_ply(out / "fused.ply").points) == result["fused_points"] > 5000
 
 
+@pytest.mark.slow
 def test_panorama(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = found(capsys, "panorama", "crossing", "--out", tmp_path / "panorama")
     assert result["used"] == ["cam00", "cam01", "cam02"]

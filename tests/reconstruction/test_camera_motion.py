@@ -46,6 +46,7 @@ def test_a_rig_on_a_moving_cart_is_said(
     assert "timing alone makes the difference" not in page
 
 
+@pytest.mark.slow
 def test_on_a_cart_too_a_late_camera_is_found(scene: Scene, tmp_path: Path) -> None:
     session = write_session(
         tmp_path, scene, PAIR, instants=5, truth=False, moved=on_a_cart, late={"right": 1.0}

@@ -67,6 +67,7 @@ def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, recon
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
 
 
+@pytest.mark.slow
 def test_quick_depth_comes_without_a_mesh_and_is_nearly_as_right(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

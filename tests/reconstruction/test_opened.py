@@ -29,6 +29,7 @@ def test_depth_comes_as_arrays_and_without_a_word(capfd: pytest.CaptureFixture[s
     assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_files_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
     made = open_session(SAMPLE).panorama(tmp_path / "panorama", instant=1)
     picture = made.image(made.result.synced.panorama)
@@ -38,6 +39,7 @@ def test_files_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
     assert file.is_file()
 
 
+@pytest.mark.slow
 def test_a_calibration_that_was_made_is_the_sessions(tmp_path: Path) -> None:
     folder = tmp_path / "jumper"
     shutil.copytree(SAMPLE, folder)
@@ -51,6 +53,7 @@ def test_a_calibration_that_was_made_is_the_sessions(tmp_path: Path) -> None:
         session.calibrate("session", keep=False, scale_by_board=True)
 
 
+@pytest.mark.slow
 def test_a_mistake_is_an_error_of_ours(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="no session at"):
         open_session(tmp_path / "none")

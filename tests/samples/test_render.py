@@ -38,6 +38,7 @@ def test_a_recipe_gives_the_same_bytes_again(trigger: Trigger, tmp_path: Path) -
     assert not same_files(first.folder, tmp_path / "d" / "card")
 
 
+@pytest.mark.slow
 def test_synchronized_cameras_keep_their_engines_record(tmp_path: Path) -> None:
     manifest = render(recipe_of(), tmp_path).session.manifest
     for camera in manifest.cameras:
@@ -82,6 +83,7 @@ def test_a_captured_session_is_never_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "card" / "journal.ndjson").exists()
 
 
+@pytest.mark.slow
 def test_a_take_of_another_burst_is_refused(tmp_path: Path) -> None:
     recipe = read_recipe(render(recipe_of(), tmp_path).session.folder)
     assert recipe.take is not None

@@ -26,6 +26,7 @@ def test_a_clock_slewed_beyond_the_premise_ends_ready_at_once(ppm: str) -> None:
     assert share(found, "ready") > 0.7, "and it is ready again when the clock is"
 
 
+@pytest.mark.slow
 def test_a_small_change_of_the_rate_is_noticed_in_seconds() -> None:
     found = figures("80 ppm more, WiFi", 2)
     assert share(found, "unready_after_s") <= 4.0
@@ -37,6 +38,7 @@ def test_an_outage_with_a_crystal_that_warms_up_is_told_as_it_is() -> None:
     assert share(figures("hold-over, warming, wire", 3), "stated_95_held") >= 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ms", ["0.2", "5"])
 def test_a_way_that_becomes_longer_is_counted_into_the_error_bar(ms: str) -> None:
     found = figures(f"one way {ms} ms longer, wire")

@@ -171,6 +171,7 @@ def test_a_screen_that_changes_its_pace_is_measured_anew(browser: Browser, page:
     assert read_tick(browser)[0] == "screen-90hz-down"
 
 
+@pytest.mark.slow
 def test_the_page_asks_for_nothing_and_runs_nothing_else(browser: Browser, page: Path) -> None:
     browser.open(page)
     browser.complaints.clear()

@@ -78,6 +78,7 @@ def test_real_units_in_processes_and_nothing_twice(
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_what_no_depth_can_be_made_of_is_not_applicable_and_no_failure(
     run: Callable[..., Any], boards: Session, scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
@@ -189,6 +190,7 @@ def test_one_camera_only_is_one_line(run: Callable[..., Any], scene: Scene, tmp_
     assert [row.not_applicable[:31] for row in done.result.units] == ["the session has one camera only"]
 
 
+@pytest.mark.slow
 def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: Path) -> None:
     def keys(
         folder: Path = boards.folder,

@@ -178,6 +178,7 @@ def test_what_cannot_be_read_is_left_alone(bare: Session) -> None:
     assert shelf.find(Dataset(bare)) is not None
 
 
+@pytest.mark.slow
 def test_a_calibration_is_given_from_one_session_to_another(
     bare: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

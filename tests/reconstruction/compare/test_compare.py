@@ -151,6 +151,7 @@ def test_nothing_moving_is_said_plainly(scene: Scene, tmp_path: Path, reconstruc
     assert study(result, "poses")["skipped"]
 
 
+@pytest.mark.slow
 def test_without_calibration_and_colmap_the_panorama_is_still_made(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -89,6 +89,7 @@ def test_of_two_cameras_the_second_is_late(scene: Scene, tmp_path: Path) -> None
     assert still[1] == pytest.approx(still[2], abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_short_burst_makes_every_second_camera_late(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path / "short", scene, VIEWS, instants=2, truth=False)
     found = compared(study(session, tmp_path / "stages", offset_ms=33))
@@ -107,6 +108,7 @@ def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_pat
     assert len(found.facts["left_out"]) == 1
 
 
+@pytest.mark.slow
 def test_what_cannot_be_measured_is_said(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
 ) -> None:

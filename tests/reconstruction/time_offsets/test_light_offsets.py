@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
@@ -56,6 +57,7 @@ def test_a_lamp_tells_how_late_a_camera_is(tmp_path: Path, reconstruct: Reconstr
     assert result["calibration"] == "", "light takes no geometry"
 
 
+@pytest.mark.slow
 def test_row_times_that_nobody_told_are_learnt(tmp_path: Path) -> None:
     untold = BlinkCamera(light(2), FAST_ROWS_NS, 4_000_000, LATE_NS, period_share=0.55, rows_untold=True)
     found = offsets(blinks(tmp_path, a=FIRST, b=untold))["b"]

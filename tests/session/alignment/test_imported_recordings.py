@@ -33,6 +33,7 @@ def claps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_claps_align_videos(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
     exact = ("--sound-distance-m", "0", "--sound-delay-ms", "0")
     session = imported(claps, "--times", "video", *exact, "--start", "60", "--count", "40")
@@ -167,6 +168,7 @@ def test_timecodes_align_to_a_frame(tmp_path: Path) -> None:
         assert {(i["a"].sequence or 0) - (i["b"].sequence or 0) for i in both} == {6}
 
 
+@pytest.mark.slow
 def test_a_timecode_that_sound_contradicts_is_not_taken(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,6 +19,7 @@ from tests.session.conftest import camera_record
 from tests.session.crashes.full_take import Take
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_once_at_any_call_costs_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_what_is_no_point_cloud(tmp_path: Path, content: bytes) -> None:
         read_ply(tmp_path / "none.ply")
 
 
+@pytest.mark.slow
 def test_points_where_a_format_holds_them(
     whole: Session, export: Export, cloud: Path, tmp_path: Path
 ) -> None:

@@ -60,6 +60,7 @@ def test_one_instant_has_one_time(make: Make, export: Export, tmp_path: Path) ->
     assert [frame["time"] for frame in content["frames"]] == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_n3dv(make: Make, export: Export, tmp_path: Path) -> None:
     report = export(make(), "n3dv", near=0.1, far=3.0)
     out = tmp_path / "out"

@@ -165,6 +165,7 @@ def phone_of(folder: Folder, camera: str) -> Phone:
     raise AssertionError(camera)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOLDERS)
 def test_one_command_without_an_option(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, root = FOLDERS[name], tmp_path / "my shoot"

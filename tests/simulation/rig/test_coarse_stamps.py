@@ -36,6 +36,7 @@ def picks_of(rig: VirtualRig) -> list[SelectedFrame[SensorFrame]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [True, False], ids=["cut", "rounded"])
 @pytest.mark.parametrize("period", ["33 ms", "40 ms"])
 def test_a_pick_says_what_stamps_of_1_ms_hide(cut: bool, period: str) -> None:

@@ -71,6 +71,7 @@ def told(rig: VirtualRig) -> list[int | None]:
     return [client.report.relative_uncertainty_ns for client in rig.leader.clients(rig.now_true_ns)]
 
 
+@pytest.mark.slow
 def test_clients_of_one_cell_agree_without_the_links_asymmetry() -> None:
     cell = RadioCell()
     rig = BeaconRig(specs(cell, cell, cell), seed=2)
@@ -86,6 +87,7 @@ def test_clients_of_one_cell_agree_without_the_links_asymmetry() -> None:
         assert correction.relative_uncertainty_ns < 60_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cells",
     [
@@ -105,6 +107,7 @@ def test_where_nothing_is_heard_together_all_is_as_before(cells: tuple[RadioCell
     assert told(rig) == [None] * 3
 
 
+@pytest.mark.slow
 def test_a_cell_does_not_move_those_who_are_not_of_it() -> None:
     cell, other = RadioCell("one"), RadioCell("other")
     rig = BeaconRig(specs(cell, cell, cell, other), seed=3)
@@ -115,6 +118,7 @@ def test_a_cell_does_not_move_those_who_are_not_of_it() -> None:
     assert apart_us(rig) < 25.0
 
 
+@pytest.mark.slow
 def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
     cell = RadioCell()
     rig = BeaconRig(specs(cell, cell), seed=2)
@@ -154,6 +158,7 @@ def forged(rng: random.Random, client: int) -> tuple[AgreedArrival, ArrivalRepor
     return AgreedArrival(client, number(), time_ns(), *errors_ns), ArrivalReport(client, *errors_ns, arrivals)
 
 
+@pytest.mark.slow
 def test_whatever_is_forged_the_bounds_hold_and_agreement_comes_back() -> None:
     rng = random.Random(7)
     rig = BeaconRig(specs(RadioCell(), RadioCell()), seed=2)

@@ -185,6 +185,7 @@ def test_one_late_stamp_is_not_a_late_picture() -> None:
     assert all(abs(outlier - off) < 40_000 for outlier, off in told)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_run() -> None:
     def run() -> list[tuple[str, object]]:
         rig = VirtualRig(specs(2, "phone-a", "webcam", link=PAPER_LINK), seed=11)
@@ -207,6 +208,7 @@ law = st.just(GammaDelay(50_000, 400_000, outlier_share=0.05))
 shares = st.floats(0, 0.3)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(
     link=st.builds(Link, law, law, shares, shares),

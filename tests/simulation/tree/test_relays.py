@@ -68,6 +68,7 @@ def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
     assert rig.views()["cam"].via == "two"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("next_parent", ["root", "relay"])
 def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: str) -> None:
     rig = RelayRig()

@@ -87,6 +87,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     assert first.digest != other.digest
 
 
+@pytest.mark.slow
 def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> None:
     spec = replace(SMALL, duration_s=30.0, outages=(RelayOutage(0, 10 * S),))
     tree = Tree(spec, seed=3)
@@ -103,6 +104,7 @@ def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> N
         assert member.path == (1, relay.config.instance)
 
 
+@pytest.mark.slow
 def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while() -> None:
     back_s = 20
     spec = replace(

@@ -281,6 +281,7 @@ def test_a_slewed_leader_is_told_and_followed(slew_ppm: int) -> None:
     assert error_ns(time_map, link, end_ns) <= time_map.uncertainty_ns
 
 
+@pytest.mark.slow
 def test_a_warming_crystal_stays_within_what_holdover_states() -> None:
     """0.05 ppm more each second, for a minute with samples and half a minute without."""
     held = 0

@@ -56,6 +56,7 @@ def test_a_fast_phone_has_the_time_for_five_minutes() -> None:
     assert phone.offsets > 250
 
 
+@pytest.mark.slow
 def test_lost_messages_cost_no_accuracy() -> None:
     rig = rig_of(-35.0, loss=0.1)
     wait_until_synced(rig)
@@ -90,6 +91,7 @@ def test_a_phone_that_is_gone_for_good_is_forgotten() -> None:
     assert rig.leader.statuses(rig.now_ns) == ()
 
 
+@pytest.mark.slow
 def test_aligned_phones_take_one_picture_each_near_the_instant() -> None:
     rig = rig_of(20.0, -15.0, aligns=True, loss=0.1)
     wait_until_synced(rig)
@@ -129,6 +131,7 @@ def test_instants_that_follow_too_soon_are_left_to_other_cameras() -> None:
     assert nearest == [0, 2, 4, 6]
 
 
+@pytest.mark.slow
 def test_no_phone_moves_its_phase_near_a_picture() -> None:
     rig = rig_of(20.0, aligns=True)
     wait_until_synced(rig)
@@ -145,6 +148,7 @@ def test_no_phone_moves_its_phase_near_a_picture() -> None:
     assert rig.phones[0].alignments > before
 
 
+@pytest.mark.slow
 def test_phones_record_and_stay_as_they_are_meanwhile() -> None:
     rig = rig_of(20.0, aligns=True)
     wait_until_synced(rig)

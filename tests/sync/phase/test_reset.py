@@ -52,6 +52,7 @@ def test_a_latency_of_two_kinds_is_aimed_at_the_likelier() -> None:
     assert tries(bimodal, MS, aimed=True, rounds=200) < 6.5
 
 
+@pytest.mark.slow
 def test_a_latency_that_cannot_be_predicted_costs_no_more_than_chance() -> None:
     assert tries(steady(60), 2 * MS, aimed=True, rounds=200) < 1.25 * PERIOD_NS / (4 * MS)
 

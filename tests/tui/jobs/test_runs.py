@@ -162,6 +162,7 @@ async def test_a_file_that_no_start_of_ours_wrote_is_passed_over(
     assert [run.line for run in runs.all] == [done.line]
 
 
+@pytest.mark.slow
 async def test_verify_and_export_are_jobs_too(runs: Runs, session: Session, tmp_path: Path) -> None:
     verified = runs.add(VERIFY, session.folder)
     exported = runs.add(EXPORTS["nerfstudio"], session.folder, "", tmp_path / "for nerfstudio")
@@ -204,6 +205,7 @@ def test_time_left_is_reckoned_from_the_steps(tmp_path: Path) -> None:
     assert job.share is None
 
 
+@pytest.mark.slow
 async def test_a_panel_is_read_and_its_figures_can_be_looked_at(runs: Runs) -> None:
     job = runs.add(PANEL, SAMPLES / "led_panel")
     await runs.wait()

@@ -105,6 +105,7 @@ async def test_how_far_a_job_is_is_told_beside_its_session_at_once(
         await pilot.app.runs.cancel(going)
 
 
+@pytest.mark.slow
 async def test_verify_tells_what_is_wrong(sessions: Path) -> None:
     image = sessions / "one" / "images" / "rig1" / "cam01" / "000002.jpg"
     image.write_bytes(image.read_bytes()[:-1])

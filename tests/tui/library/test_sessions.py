@@ -25,6 +25,7 @@ from tests.tui.library.screen import choose, library, names, rows, text, type_te
 from tests.tui.takes import make_take
 
 
+@pytest.mark.slow
 async def test_what_is_there_at_the_start_is_shown_and_what_comes_later(sessions: Path) -> None:
     async with library(sessions) as pilot:
         assert set(names(pilot)) == {"one", "two", "three"}
@@ -53,6 +54,7 @@ async def test_the_best_synchronized_is_marked_and_sorted_first(sessions: Path) 
     assert settings.choices["sessions.order"] == "by name"
 
 
+@pytest.mark.slow
 async def test_find_by_words(sessions: Path) -> None:
     set_note(sessions / "one", "the dancer left")
     async with library(sessions) as pilot:
@@ -85,6 +87,7 @@ async def test_rename(sessions: Path) -> None:
     assert not (sessions / "one").exists()
 
 
+@pytest.mark.slow
 async def test_note_trash_and_undo(sessions: Path) -> None:
     async with library(sessions) as pilot:
         await choose(pilot, "two")
@@ -127,6 +130,7 @@ async def test_look_at_a_take_and_a_picture(sessions: Path) -> None:
         await until(pilot, lambda: not isinstance(pilot.app.screen, TakeScreen | LookScreen))
 
 
+@pytest.mark.slow
 async def test_an_interrupted_session_says_what_to_do_and_can_be_thrown_away(sessions: Path) -> None:
     writer = SessionWriter.create(sessions, "cut")
     writer.add_image(b"x", camera="cam00", instant=0, leader_ns=5)
@@ -177,6 +181,7 @@ async def test_samples_are_shown_and_left_as_they_are(sessions: Path) -> None:
         assert view(pilot.app).check_action("compare", ()) is True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["[bold]evil[blink]", "\x1b[2J\x07", "x" * 200, "ünï日本"])
 async def test_names_from_elsewhere_are_text(sessions: Path, name: str) -> None:
     shutil.copytree(sessions / "one", sessions / name)
@@ -203,6 +208,7 @@ async def test_names_from_elsewhere_are_text(sessions: Path, name: str) -> None:
         await pilot.press("escape")
 
 
+@pytest.mark.slow
 async def test_another_view_can_ask_for_a_session_for_samples_and_for_another_folder(
     sessions: Path, tmp_path: Path
 ) -> None:

@@ -65,6 +65,7 @@ def shown_beside(pilot: Any) -> Path | None:
     return None if sheet is None else sheet.session.folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES)
 def test_the_list_looks_as_it_did(snap_compare: Any, size: tuple[int, int], folder: Path) -> None:
     assert snap_compare(make(folder), terminal_size=size, run_before=ready)

@@ -73,6 +73,7 @@ async def test_a_lost_camera_does_not_hold_the_take_up(tmp_path: Path) -> None:
         assert len(studio.requests) == 1
 
 
+@pytest.mark.slow
 async def test_on_the_sheet_a_take_is_seen_from_the_key_to_its_pictures(tmp_path: Path) -> None:
     rig = ready_rig(3)
     rig.take = saves_into(tmp_path)

@@ -40,6 +40,7 @@ async def test_space_takes_as_planned_and_the_sheet_is_there_at_once(tmp_path: P
         assert "spread 20 µs ±18 µs" in text
 
 
+@pytest.mark.slow
 async def test_name_and_notes_go_with_the_take(tmp_path: Path) -> None:
     rig = ready_rig(2)
     rig.take = saves_into(tmp_path, cameras=2)
@@ -110,6 +111,7 @@ async def test_a_sequence_takes_one_after_the_other(tmp_path: Path) -> None:
         assert [one.name for one in list_sessions(tmp_path)] == ["burst-001", "burst-002", "burst-003"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("answer", "kept"), [("k", True), ("t", False)])
 async def test_a_retake_keeps_or_trashes_the_take_before(tmp_path: Path, answer: str, kept: bool) -> None:
     rig = ready_rig(2)

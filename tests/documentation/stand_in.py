@@ -19,6 +19,7 @@ from pathlib import Path
 
 MODULES = {"capture-app": "capture_app.cli", "reconstruct": "reconstruction.cli"}
 CAMERA = "sim:perfect,scene=bars"
+CAMERA_NAMES = {"cam01": "perfect", "cam02": "perfect-2"}
 PATIENCE_S = 300
 SHORTER: dict[tuple[str, ...], tuple[str, ...]] = {
     ("compare",): ("--max-instants=2", "--max-multiview-instants=0"),
@@ -76,7 +77,8 @@ def main() -> int:
     _, name, *words = sys.argv
     if name not in MODULES:  # make and pip, whose lines test_command_lines.py checks
         return 0
-    words = [fill(word, Path(os.environ["DOCUMENTED_SAMPLES"])) for word in words]
+    samples, names = Path(os.environ["DOCUMENTED_SAMPLES"]), CAMERA_NAMES if words[:1] == ["cameras"] else {}
+    words = [names.get(word) or fill(word, samples) for word in words]
     give_own_folder(words)
     said = {word.partition("=")[0] for word in words}
     for path, options in SHORTER.items():
@@ -133,7 +135,8 @@ def interrupt_when_it_speaks(command: Sequence[str]) -> int:
     print(process.stdout.read().decode(), end="", file=sys.stderr)
     code = process.wait()
     watchdog.cancel()
-    return 0 if code in (0, 130) else code or 1
+    # Its first word may come before it takes Ctrl-C as a request.
+    return 0 if code in (0, 130, -signal.SIGINT) else code or 1
 
 
 def look_at_screen(command: Sequence[str]) -> int:

@@ -69,6 +69,7 @@ def test_a_pages_blocks_run(page: Path, world: tuple[Path, dict[str, str]]) -> N
     folder, environment = world
     # What another page has done to its sessions is not this one's.
     shutil.rmtree(folder / "sessions", ignore_errors=True)
+    (folder / "sessions").mkdir()
     for block in blocks(page):
         if block.not_run:
             continue

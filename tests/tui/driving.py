@@ -12,7 +12,7 @@ from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.fake_rig import FakeRig
-from tests.waiting import looked_at, patience
+from tests.waiting import PATIENCE_S, looked_at, patience
 
 Shown = TypeVar("Shown")
 
@@ -42,9 +42,9 @@ async def stand_still(pilot: Any) -> None:
             await settle(pilot)
 
 
-async def until(pilot: Any, true: Callable[[], object]) -> None:
+async def until(pilot: Any, true: Callable[[], object], seconds: float = PATIENCE_S) -> None:
     """Wait for what threads and other processes do, with all messages come through."""
-    async with patience(looked_at(true)):
+    async with patience(looked_at(true), seconds):
         await settle(pilot)
         while not true():
             await asyncio.sleep(0.01)

@@ -160,7 +160,7 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         await settle(pilot)
         await type_text(pilot, "--max-multiview-instants 0 --max-instants 1 --no-poses")
         await pilot.press("enter")
-        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
+        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over, seconds=300)
         (job,) = jobs(pilot)
         assert (job.state, job.kind) == (RunState.DONE, "compare"), job.message
         assert job.out == sessions / "_results" / "crossing" / "compare"

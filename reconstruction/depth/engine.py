@@ -157,23 +157,5 @@ class SweepEngine:
         """Costs along one surface (height x width, uint8)."""
         return np.ascontiguousarray(self.cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
 
-    def fit_planes(
-        self,
-        inverse_depth: Array,
-        tolerance: float,
-        *,
-        slopes: Array | None = None,
-        radius: int = 2,
-        stride: int = 1,
-        rounds: int = 2,
-    ) -> Array:
-        """Each pixel's own plane, as by `fit_planes`."""
-        return fit_planes(
-            inverse_depth, tolerance, slopes=slopes, radius=radius, stride=stride, rounds=rounds
-        )
-
-    def compare(
-        self, inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
-    ) -> tuple[Array, Array]:
-        """Where two views' surfaces are the same, and where the other could see it (bool)."""
-        return compare_surfaces(inverse_depth, source_view, other, agreement)
+    fit_planes = staticmethod(fit_planes)
+    compare = staticmethod(compare_surfaces)

@@ -18,7 +18,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, WORST_COST
-from reconstruction.depth.engine import Agreement, SweepEngine
+from reconstruction.depth.engine import SweepEngine
 
 KERNELS = Path(__file__).with_name("kernels.cu")
 TILE, DEPTHS = (32, 8), 16
@@ -51,6 +51,10 @@ def _first_line(error: Exception) -> str:
 
 class GpuEngine(SweepEngine):
     """The sweep's engine on the current CUDA device; `cupy` is the module, or what has its interface."""
+
+    # Plane fits and votes are made on the CPU.
+    fit_planes = staticmethod(CPU.fit_planes)
+    compare = staticmethod(CPU.compare)
 
     def __init__(self, cupy: Any, note: str = "") -> None:
         super().__init__(note)
@@ -127,27 +131,6 @@ class GpuEngine(SweepEngine):
         volume = self.cost_volume(source_views, inverse_depth, np.zeros(1))
         with _told_in_words():
             return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
-
-    def fit_planes(
-        self,
-        inverse_depth: Array,
-        tolerance: float,
-        *,
-        slopes: Array | None = None,
-        radius: int = 2,
-        stride: int = 1,
-        rounds: int = 2,
-    ) -> Array:
-        """As on the CPU: there."""
-        return CPU.fit_planes(
-            inverse_depth, tolerance, slopes=slopes, radius=radius, stride=stride, rounds=rounds
-        )
-
-    def compare(
-        self, inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
-    ) -> tuple[Array, Array]:
-        """As on the CPU: there."""
-        return CPU.compare(inverse_depth, source_view, other, agreement)
 
     def _copy(self, array: Array) -> Any:
         """The array on the GPU, row by row as the kernels read it; CuPy would keep the order it has here."""

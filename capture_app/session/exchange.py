@@ -33,6 +33,8 @@ FORMATS = {
 }
 """Names as typed after --to; each is the name of a module of `exporters` with a function `write`."""
 
+ROS_BAGS = "ROS bags"
+"""What the package rosbags is needed for, in words."""
 RECORD = "simulshot.json"
 FRAMES = "frames.csv"
 """In every export: where each image is in the export, with its time in ns of the leader's clock."""
@@ -142,3 +144,9 @@ def _file(name: str) -> Any:
         else:
             field.type = kind
     return file
+
+
+def ros_messages() -> Any:
+    """The messages of ROS 2, as of Humble. Raises NotAvailableError without rosbags."""
+    typesys = load_optional("rosbags.typesys", "ros", ROS_BAGS)
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

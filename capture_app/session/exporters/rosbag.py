@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from capture_app.optional_packages import load_optional
+from capture_app.session.exchange import ROS_BAGS, ros_messages
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.lens import (
@@ -25,24 +26,17 @@ from capture_app.session.exporters.common.tables import unit_note
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.manifest import ImageRecord
 
-PURPOSE = "ROS bags"
 _IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
-
-
-def typestore() -> Any:
-    """The messages of ROS 2, as of Humble. Raises NotAvailableError without rosbags."""
-    typesys = load_optional("rosbags.typesys", "ros", PURPOSE)
-    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
 def write_bag(burst: ExportedBurst, folder: Path) -> None:
     """Write <session>/, a bag that `ros2 bag play` takes; stamps, and when messages came, are leader_ns."""
-    rosbag2 = load_optional("rosbags.rosbag2", "ros", PURPOSE)
+    rosbag2 = load_optional("rosbags.rosbag2", "ros", ROS_BAGS)
     calibration = burst.calibration_or_note("ROS", "the session has no calibration: the bag has images only")
     origin_ns = min(0, burst.origin_ns)
     writer = rosbag2.Writer(folder / burst.name, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
     with writer:
-        bag = _Bag(writer, typestore(), origin_ns)
+        bag = _Bag(writer, ros_messages(), origin_ns)
         images = sorted((i for c in burst.cameras for i in burst.images_of(c)), key=lambda one: one.leader_ns)
         if calibration is not None and images:
             bag.add_rig(images[0].leader_ns, calibration, burst.cameras)

@@ -13,12 +13,12 @@ import numpy as np
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import is_name, name_like
 from capture_app.optional_packages import load_optional
+from capture_app.session.exchange import ROS_BAGS, ros_messages
 from capture_app.session.importers.calibrations.views import View, Views, view_at
 from capture_app.session.importers.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importers.sources import Layout, Source
 from capture_app.session.reading.decoding import encode_image, image_size
 
-_PURPOSE = "ROS bags"
 _COMPRESSED, _RAW = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
 _INFO, _TF = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
@@ -145,8 +145,7 @@ def _picture(where: str, message: Any) -> bytes:
 
 def _messages(path: Path, kinds: Sequence[str]) -> Iterator[tuple[str, str, int, Any]]:
     """Topic, type, when it arrived (ns) and content of the messages of these types, as they came."""
-    typesys = load_optional("rosbags.typesys", "ros", _PURPOSE)
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    store = ros_messages()
     try:
         if path.suffix.lower() == ".mcap":
             with path.open("rb") as stream:
@@ -156,7 +155,7 @@ def _messages(path: Path, kinds: Sequence[str]) -> Iterator[tuple[str, str, int,
                         content = store.deserialize_cdr(message.data, schema.name)
                         yield channel.topic, schema.name, message.log_time, content
             return
-        with load_optional("rosbags.highlevel", "ros", _PURPOSE).AnyReader(
+        with load_optional("rosbags.highlevel", "ros", ROS_BAGS).AnyReader(
             [path], default_typestore=store
         ) as found:
             chosen = [one for one in found.connections if one.msgtype in kinds]

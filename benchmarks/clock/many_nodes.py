@@ -12,9 +12,9 @@ from argparse import Namespace
 from time import process_time_ns
 from typing import Any
 
+from benchmarks.clock.many_clients import CAMERA
 from benchmarks.report import new_parser, print_report, print_table
 from benchmarks.simulated.clock_tree import RIG, ROOT, Tree, TreeSpec
-from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.time_client import TimeClient
@@ -36,15 +36,6 @@ MEMBERS = (1000, 3000, 9000)
 TOLERANCE_NS = 100_000
 SECONDS = 120.0
 LOOKS, LOOK_EVERY_S = 10, 1.0
-CAMERA = CameraFacts(
-    kind=SIMULATED,
-    model="none",
-    width=0,
-    height=0,
-    period_ns=33_333_333,
-    phase_control=PhaseControl.NONE,
-    timestamp_source=TimestampSource.UNKNOWN,
-)
 
 
 class CameraNode:

@@ -1,7 +1,6 @@
 """Who gets a key of a leader or a relay, and what becomes of those that have none, over real UDP and TLS."""
 
 import asyncio
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -22,19 +21,6 @@ from tests.facts import make_facts
 from tests.waiting import until
 
 from .sealed_nodes import hostile_socket, introduced, sealed_node
-
-
-@pytest.fixture
-def trust(tmp_path: Path) -> Trust:
-    return Trust(tmp_path / "leader")
-
-
-@pytest.fixture
-async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    ) as node:
-        yield node
 
 
 def here(leader: LeaderNode | RelayNode) -> list[str]:

@@ -3,7 +3,6 @@
 import asyncio
 import resource
 import sys
-from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -13,7 +12,6 @@ import pytest
 from capture_app.errors import DiskFullError, NetworkError
 from capture_app.net.channel import MAX_HEADER_BYTES, MOST_OF_ONE_MACHINE, connect
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.snapshots import MOST_OF_A_PAGE
 from capture_app.node.requests import ask_status
 from capture_app.node.wire import messages as wire
@@ -35,19 +33,6 @@ from tests.waiting import SLOW_PATIENCE_S, until
 OWN = ("mine", 2222)
 SLOW = 1_000_000_000
 MIB = 1 << 20
-
-
-@pytest.fixture
-def trust(tmp_path: Path) -> Trust:
-    return Trust(tmp_path / "leader")
-
-
-@pytest.fixture
-async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    ) as node:
-        yield node
 
 
 def memory_bytes() -> int:

@@ -1,0 +1,23 @@
+"""A leader whose trust is kept in a folder of its own."""
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.trust.trust import Trust
+
+
+@pytest.fixture
+def trust(tmp_path: Path) -> Trust:
+    return Trust(tmp_path / "leader")
+
+
+@pytest.fixture
+async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
+    ) as node:
+        yield node

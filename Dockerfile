@@ -1,7 +1,7 @@
 # The machine that leads or reconstructs:
 #   docker build -t simulshot .
 #   docker run --network host -v "$PWD/sessions:/sessions" simulshot capture-app leader --sessions /sessions
-#   docker run -v "$PWD:/work" simulshot reconstruct compare /work/sessions/burst-001 --out /work/compare
+#   docker run -v "$PWD:/data" simulshot reconstruct compare /data/sessions/burst-001 --out /data/compare
 FROM python:3.13-slim-trixie AS build
 RUN apt-get update \
     && apt-get install -y --no-install-recommends gcc libc6-dev \

@@ -132,7 +132,7 @@ class PendingBursts(Generic[F]):
             known.trigger = structs.replace(known.trigger, count=max(trigger.count, known.over))
 
     def forget(self, leader: int, burst: int) -> None:
-        """SelectedFrame nothing more of a burst, also should its trigger come again."""
+        """Select nothing more of a burst, also should its trigger come again."""
         self._pending.pop((leader, burst), None)
         if (leader, burst) not in self._done:
             self._done.append((leader, burst))
@@ -155,7 +155,7 @@ class PendingBursts(Generic[F]):
         *,
         is_member: bool,
     ) -> list[FramesSelected[F]]:
-        """SelectedFrame the frames of all bursts whose last frame is there, or waited for no longer.
+        """Select the frames of all bursts whose last frame is there, or waited for no longer.
 
         Spare instants are told after that, each when it is over; the stream's phase only by a member.
         """
@@ -381,7 +381,7 @@ class Client(Generic[F]):
         self._note_events()
 
     def forget_burst(self, leader: int, burst: int) -> None:
-        """SelectedFrame no more frames of a burst: its leader has what it needs, or has cancelled it."""
+        """Select no more frames of a burst: its leader has what it needs, or has cancelled it."""
         self._bursts.forget(leader, burst)
 
     def leave(self) -> None:

@@ -148,9 +148,10 @@ MIN_INSTANTS = 3
 """With fewer instants there is no error bar that could be believed."""
 SYSTEMATIC_MS = 0.25
 """What is left of rows, exposures and the paths between images; one standard deviation."""
-SHARED_PX = 0.12
+SHARED_PX = 0.1
 """What all points of one part of the picture err by together, however many they are."""
-RESAMPLES = 300
+INSTANT_PX = 0.12
+"""What those of one instant err by together besides."""
 ROUNDS = 20
 
 
@@ -261,19 +262,26 @@ class _Fit:
         )
         seen = np.concatenate([moving.distance_px, still.errors_px])
         prior = np.diag([0.0 if count else 1.0, *np.ones(TERMS)])
-        parts = _parts(moving.geometry, moving.instant), _parts(still.geometry, np.zeros(len(seen) - count))
+        # The most that each can weigh, px^-2: what is shared does not get less by more points.
+        shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / max(1, len(np.unique(moving.instant)))
+        most = (
+            _parts(moving.geometry, moving.instant) / shared_px2,
+            _parts(still.geometry, np.zeros(len(seen) - count)) / SHARED_PX**2,
+        )
         self.values = np.zeros(1 + TERMS) if start is None else start
-        match_px, still_px = 2.0, 1.0
+        match_px = 2.0
         for step in range(ROUNDS):
             miss = seen - rows @ self.values
             if step:
                 match_px = _spread(miss[:count], LEAST_MATCH_PX)
-                still_px = _spread(miss[count:], LEAST_STILL_PX)
+            still_px = _spread(miss[count:], LEAST_STILL_PX)
             sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, still_px)])
             weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
             weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
-            for of, its in zip((np.s_[:count], np.s_[count:]), parts, strict=True):
-                weights[of] *= min(1.0, its / SHARED_PX**2 / max(1e-9, float(weights[of].sum())))
+            # Geman and McClure's, not Cauchy's: wrong matches of what stands still err alike at all instants.
+            weights[count:] /= 1 + (miss[count:] / (1.5 * still_px)) ** 2
+            for of, its in zip((np.s_[:count], np.s_[count:]), most, strict=True):
+                weights[of] *= min(1.0, its / max(1e-9, float(weights[of].sum())))
             normal = rows.T @ (weights[:, None] * rows) + prior
             self.values = np.linalg.solve(normal, rows.T @ (weights * seen))
         self.match_px = match_px
@@ -287,15 +295,15 @@ class _Fit:
     @property
     def sd_ms(self) -> float:
         """Of the offset: by the scatter of the instants, or by what the geometry could explain."""
-        count = len(self.moving.counts)
-        rows, weights = self._rows[:count], self._weights[:count]
-        places = np.unique(self.moving.instant, return_inverse=True)[1]
-        instants = int(places.max()) + 1
-        pulls = np.zeros((instants, rows.shape[1]))
-        np.add.at(pulls, places, (weights * self._miss[:count])[:, None] * rows)
+        count, instant = len(self.moving.counts), self.moving.instant.astype(int)
         inverse = np.linalg.inv(self._normal)
-        # A cluster's points err together: what each instant alone pulls the offset by (Liang and Zeger 1986).
-        drawn = float(np.sqrt((((pulls @ inverse[0]) ** 2).sum()) * instants / max(1, instants - 1)))
+        pull = self._weights[:count] * self._miss[:count] * (self._rows[:count] @ inverse[0])
+        # A cluster's points err together: what each instant alone pulls the offset by (Liang and Zeger 1986);
+        # and paths of an instant use the pictures beside it (Newey and West 1987).
+        pulls = np.bincount(instant - instant.min(), pull)
+        beside = sum(2 * (1 - k / 3) * float(pulls[k:] @ pulls[:-k]) for k in (1, 2))
+        instants = len(np.unique(instant))
+        drawn = float(np.sqrt(max(pulls @ pulls, pulls @ pulls + beside) * instants / max(1, instants - 1)))
         free = max(1, instants - 1)
         # Few instants tell their own scatter poorly: Student's t over the normal law, at 95 %.
         drawn *= 1 + 1.2 / free + 2.4 / free**2
@@ -324,7 +332,7 @@ def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
         weights = its.counts * (its.across_px_per_ms / fit.match_px) ** 2
         middle = _weighted_median(its.offset_ms, weights)
         scatter = 1.4826 * _weighted_median(np.abs(its.offset_ms - middle), weights)
-        left = SHARED_PX / np.sqrt(np.mean(its.across_px_per_ms**2) * _parts(its.geometry, its.instant))
+        left = INSTANT_PX / np.sqrt(np.mean(its.across_px_per_ms**2) * _parts(its.geometry, its.instant))
         sd = max(1.25 / np.sqrt(weights.sum()), 1.25 * scatter / np.sqrt(its.counts.sum()))
         sd = float(np.hypot(sd, left))
         if sd < period_ms / 2:

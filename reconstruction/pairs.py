@@ -27,14 +27,16 @@ def size_above_features(width: int, height: int) -> float:
     return max(1.0, max(width, height) / MAX_SIDE_PX)
 
 
-def detect_features(image: Array, movers: Array) -> Features:
-    """SIFT points of a grey image (uint8) outside its movers (bool)."""
-    scale = min(1.0, MAX_SIDE_PX / max(image.shape))
+def detect_features(
+    image: Array, movers: Array, side_px: int = MAX_SIDE_PX, points: int = MAX_POINTS
+) -> Features:
+    """SIFT points of a grey image (uint8) outside its movers (bool); so many, in one made so small."""
+    scale = min(1.0, side_px / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
     allowed = cv2.resize(
         (~movers).astype(np.uint8) * 255, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_NEAREST
     )
-    sift = cv2.SIFT.create(nfeatures=MAX_POINTS, contrastThreshold=0.02)
+    sift = cv2.SIFT.create(nfeatures=points, contrastThreshold=0.02)
     keypoints, descriptors = sift.detectAndCompute(small, allowed)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))

@@ -93,28 +93,32 @@ def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> Ri
     """Hold the views against features at rest, all of one instant."""
     pixels = _shared_points(views, features)
     groups = [_measured(views, names, at) for names, at in pixels.items()]
-    scale = max((size_above_features(view.width, view.height) for view in views.values()), default=1.0)
+    limit = _refused_px(views)
     shared = {name for group in groups for name in group.cameras}
-    guilty = _blamed(groups, INCONSISTENT_PX * scale)
+    guilty = _blamed(groups, limit * INCONSISTENT_PX / REFUSED_PX)
     moved = [MovedCamera(cameras=names, shift_px=_shift(views, names, groups, guilty)) for names in guilty]
     return RigCheck(
         points=sum(at.shape[1] for names, at in pixels.items() if len(names) == 2),
         error_px=float(np.median([group.deviation for group in groups])) if groups else None,
         unchecked=tuple(name for name in views if name not in shared),
         moved=tuple(moved),
-        holds=all(camera.shift_px <= REFUSED_PX * scale for camera in moved),
+        holds=all(camera.shift_px <= limit for camera in moved),
     )
 
 
 def _shared_points(views: Mapping[str, View], features: Mapping[str, Features]) -> Groups:
     """The pixels of points that neighbours share, in twos and in threes."""
-    pairs = _neighbours({name: view for name, view in views.items() if name in features})
-    matches = {pair: _sure_matches(views, pair, features) for pair in pairs}
+    matches = {pair: _sure_matches(views, pair, features) for pair in _neighbours(views, features)}
     matches = {pair: at for pair, at in matches.items() if len(at[0]) >= MIN_PAIR_POINTS}
     return {pair: np.stack(at) for pair, at in matches.items()} | _triples(matches)
 
 
-def _neighbours(views: Mapping[str, View]) -> list[tuple[str, str]]:
+def _refused_px(views: Mapping[str, View]) -> float:
+    return REFUSED_PX * max((size_above_features(v.width, v.height) for v in views.values()), default=1.0)
+
+
+def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> list[tuple[str, str]]:
+    views = {name: view for name, view in views.items() if name in features}
     found = set()
     for name, view in views.items():
         others = [
@@ -258,13 +262,21 @@ MOST_SUSPECTS = 12
 Views = dict[str, View]
 
 
+def plainly_fits(views: Views, features: Mapping[str, Features]) -> bool:
+    """Whether every camera's few features, wrong matches and all, fit those of a neighbour."""
+    matched = {(a, b): match_features(features[a], features[b]) for a, b in _neighbours(views, features)}
+    groups: Groups = {pair: np.stack(at) for pair, at in matched.items() if len(at[0]) >= MIN_PAIR_POINTS}
+    asked = {name for pair in groups for name in pair}
+    return asked == views.keys() and not _odd(views, groups, _refused_px(views))
+
+
 def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
     """Whose pictures are upside down, which cameras are exchanged, or that all is another rig's; in words.
 
     What mends the most is said to be wrong, one after the other, and only if that mends everything.
     """
     groups = _shared_points(views, features)
-    limit = REFUSED_PX * max((size_above_features(v.width, v.height) for v in views.values()), default=1.0)
+    limit = _refused_px(views)
     now, faults = dict(views), []
     left = _odd(now, groups, limit)
     while left:

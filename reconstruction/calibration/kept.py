@@ -17,7 +17,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.terminal import talk
 from capture_app.text import pretty_json
-from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups
+from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups, plainly_fits
 from reconstruction.calibration.rig import calibrated_views, features_at_rest, refuse_faults, sound_views
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
@@ -157,7 +157,9 @@ def settle_calibration(dataset: Dataset) -> None:
     own = dataset.calibration()
     if own is not None:
         views, faults = sound_views(dataset, own)
-        refuse_faults(dataset, faults + find_mixups(views, _middle_features(dataset, views)))
+        if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
+            faults += find_mixups(views, _middle_features(dataset, views))
+        refuse_faults(dataset, faults)
         return
     if dataset.session.manifest.origin == "imported":
         return
@@ -179,15 +181,19 @@ def settle_calibration(dataset: Dataset) -> None:
     talk(f"calibration kept from {kept.session} of {kept.created[:10]}: {describe_check(check)}")
 
 
-def _middle_features(dataset: Dataset, cameras: Iterable[str]) -> dict[str, Features]:
-    """By camera, the features of its picture nearest to the middle of the session that can be read."""
+GLANCE = 320, 500
+"""Pixels of a picture's longer side and points in it that are enough where all is right."""
+
+
+def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> dict[str, Features]:
+    """By camera, the features of its picture in the middle of the session, if that can be read."""
     found = {}
     for name in cameras:
         there = dataset.instants(name)
         if there:
             with suppress(BadInputError):
                 grey = dataset.grey(name, there[len(there) // 2])
-                found[name] = detect_features(grey, np.zeros(grey.shape, bool))
+                found[name] = detect_features(grey, np.zeros(grey.shape, bool), *least)
     return found
 
 

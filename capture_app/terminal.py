@@ -207,6 +207,8 @@ def _stop_bar() -> None:
 def run_command_line(command: click.Command, name: str, arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code; a mistake is one line on stderr, never a traceback."""
     set_verbosity(Verbosity.NORMAL)
+    # NumPy's matrices are small here: its threads would spin for longer than they compute.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A terminal whose encoding lacks a character shows another one instead.

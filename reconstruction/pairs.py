@@ -54,7 +54,10 @@ def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
     """Indices (n,) of descriptors that are each other's best match, by Lowe's ratio test."""
     if len(a) < 2 or len(b) < 2:
         return np.zeros(0, int), np.zeros(0, int)
-    distance = (a**2).sum(1)[:, None] + (b**2).sum(1)[None, :] - 2 * (a @ b.T)
+    product = a @ b.T
+    product *= 2
+    distance = (a**2).sum(1)[:, None] + (b**2).sum(1)[None, :]
+    distance -= product
     best = distance.argmin(1)
     rows = np.arange(len(best))
     mutual = distance.argmin(0)[best] == rows

@@ -15,6 +15,7 @@ With --session, `reconstruct multiview` runs on every instant of a session, sync
 """
 
 import multiprocessing
+import os
 import pickle
 import tempfile
 import time
@@ -207,6 +208,8 @@ def _child(method: str, condition: str, path: str, seeds: int) -> Result:
 def run(rendered: Rendered, methods: Sequence[str], conditions: Sequence[str], seeds: int) -> list[Result]:
     """Every method on the conditions, one after the other, each in a new process."""
     spawn = multiprocessing.get_context("spawn")
+    # As in the commands.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.pickle"

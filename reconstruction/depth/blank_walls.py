@@ -16,7 +16,6 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import WORST_COST, combine_likeness, correlate_windows
-from reconstruction.depth.engine import aggregate_costs
 from reconstruction.depth.plane_fitting import surface_normals
 from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
 
@@ -237,7 +236,7 @@ def choose_planes(
         cost = cost + np.float32(ALIKE_PRICE) * np.any(alike, axis=0) if alike else cost
         cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
         np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
-    number = aggregate_costs(volume, part.shade, CHANGE, CHANGE).argmin(1)
+    number = CPU.aggregate(volume, part.shade, CHANGE, CHANGE).argmin(1)
     number[~there] = AS_FOUND
     likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
     evident = there & ((likeness > LIKE) | _evident_patches(number, likeness))

@@ -226,12 +226,14 @@ def read_fused_cloud(path: Path, views: int) -> FusedCloud:
     vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
     rows = np.frombuffer(data, vertex, offset=start)
     lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
+    # A point's list begins with its length, and ends where the next one's begins.
+    lengths, numbers, at = [], lists.tolist(), 0
+    for _ in rows:
+        lengths.append(numbers[at])
+        at += 1 + numbers[at]
+    heads = np.cumsum([0, *lengths[:-1]]) + np.arange(len(rows))
     seen = np.zeros((len(rows), views), bool)
-    at = 0
-    for row in seen:
-        count = int(lists[at])
-        row[lists[at + 1 : at + 1 + count]] = True
-        at += 1 + count
+    seen[np.repeat(np.arange(len(rows)), lengths), np.delete(lists[:at], heads)] = True
     return FusedCloud(np.array(rows["at"]), np.array(rows["normal"]), np.array(rows["colour"]), seen)
 
 

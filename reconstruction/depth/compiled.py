@@ -59,11 +59,19 @@ class CompiledEngine(SweepEngine):
 
     def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """As NumPy's, to the last bit."""
-        height, depths, width = volume.shape
-        place, own = (np.empty((height, width), np.float32) for _ in range(2))
-        total = np.empty(volume.size, np.int16)
-        self._call("cheapest", height, width, depths, volume, _floats(grey), small, large, total, place, own)
+        place, own = (np.empty(grey.shape, np.float32) for _ in range(2))
+        self._scan(volume, grey, small, large, place, own)
         return place, own
+
+    def aggregate(self, costs: Array, grey: Array, small: int, large: int) -> Array:
+        """As `aggregate_costs` of NumPy, to the last bit."""
+        return self._scan(costs, grey, small, large, None, None)
+
+    def _scan(self, volume: Array, grey: Array, small: int, large: int, *found: Array | None) -> Array:
+        height, depths, width = volume.shape
+        total = np.empty(volume.shape, np.int16)
+        self._call("cheapest", height, width, depths, volume, _floats(grey), small, large, total, *found)
+        return total
 
     def fit_planes(
         self,

@@ -149,6 +149,8 @@ class SweepEngine:
         """Costs as by `cost_volume`, in a form and a memory of the engine's own."""
         return cost_volume(source_views, base, offsets)
 
+    aggregate = staticmethod(aggregate_costs)
+
     def find_cheapest(self, volume: Any, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """Place and cost of each pixel's cheapest depth of such costs, after the semi-global scan."""
         return cheapest_depths(aggregate_costs(volume, grey, small, large), volume)

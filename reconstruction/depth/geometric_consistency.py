@@ -156,17 +156,17 @@ def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) 
     """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
     seen = source_view.warp_by_depth(inverse_depth)
     reference = source_view.reference.grey
-    gain, bias = _brightness_match(seen[same], reference[same])
+    gain, bias = _brightness_match(seen.reshape(-1), reference.reshape(-1), np.flatnonzero(same))
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))
     noise = float(np.sqrt(max(source_view.reference.noise, source_view.source.noise)))
     return np.asarray(np.abs(difference) < MAX_GREY_LEVELS + noise)
 
 
-def _brightness_match(seen: Array, reference: Array) -> tuple[float, float]:
-    """Gain and bias that make one brightness the other's, by its spread; exposures may differ."""
-    if seen.size < 100:
+def _brightness_match(seen: Array, reference: Array, pixels: Array) -> tuple[float, float]:
+    """Gain and bias that make one brightness the other's, by its spread at these; exposures may differ."""
+    if pixels.size < 100:
         return 1.0, 0.0
-    every = max(1, seen.size // 20_000)
-    a, b = (np.percentile(values[::every], [10, 50, 90]) for values in (seen, reference))
+    some = pixels[:: max(1, pixels.size // 20_000)]
+    a, b = (np.percentile(values[some], [10, 50, 90]) for values in (seen, reference))
     gain = float(np.clip((b[2] - b[0]) / max(a[2] - a[0], 1.0), 0.5, 2.0))
     return gain, float(b[1] - gain * a[1])

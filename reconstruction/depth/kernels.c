@@ -60,15 +60,25 @@ PART void warp_row(const Source *source, int width, int y, const float *restrict
   }
 }
 
-/* Adds `sign` times a row's grey levels, their squares and their products with `grey` to the columns' sums. */
-PART void add_row(int width, int wide, float sign, const float *restrict warped, const float *restrict grey,
+/* Adds a row's grey levels, their squares and their products with `grey` to the columns' sums. */
+PART void add_row(int width, int wide, const float *restrict warped, const float *restrict grey,
                   float *restrict sums) {
   float *restrict squares = sums + wide, *restrict products = squares + wide;
   for (int x = 0; x < width; x++) {
-    const float level = sign * warped[x];
-    sums[x] += level;
-    squares[x] += level * warped[x];
-    products[x] += level * grey[x];
+    sums[x] += warped[x];
+    squares[x] += warped[x] * warped[x];
+    products[x] += warped[x] * grey[x];
+  }
+}
+
+/* The same for the row that the windows reach next, and away with the one that they leave. */
+PART void move_down(int width, int wide, const float *warped, const float *grey, const float *left,
+                    const float *left_grey, float *restrict sums) {
+  float *restrict squares = sums + wide, *restrict products = squares + wide;
+  for (int x = 0; x < width; x++) {
+    sums[x] = sums[x] + warped[x] - left[x];
+    squares[x] = squares[x] + warped[x] * warped[x] - left[x] * left[x];
+    products[x] = products[x] + warped[x] * grey[x] - left[x] * left_grey[x];
   }
 }
 
@@ -121,14 +131,14 @@ FOR_ALL int costs(int height, int width, int depths, int half, int count, const 
           for (int q = y == top ? MAX(y - half, 0) : y + half; q <= MIN(y + half, height - 1); q++)
             warp_row(sources + s, width, q, base ? base + (size_t)q * width : flat, offsets[d],
                      rows + q % kept * width);
-          /* Of the row's windows' rows those that the row before has not, and away with what it alone has. */
-          for (int k = y == top ? -half : half; k <= half; k++) {
-            const int q = mirrored(y + k, height);
-            add_row(width, wide, 1.f, rows + q % kept * width, grey + (size_t)q * width, sums);
-          }
           if (y > top) {
-            const int q = mirrored(y - half - 1, height);
-            add_row(width, wide, -1.f, rows + q % kept * width, grey + (size_t)q * width, sums);
+            const int next = mirrored(y + half, height), left = mirrored(y - half - 1, height);
+            move_down(width, wide, rows + next % kept * width, grey + (size_t)next * width,
+                      rows + left % kept * width, grey + (size_t)left * width, sums);
+          }
+          for (int k = -half; y == top && k <= half; k++) {
+            const int q = mirrored(y + k, height);
+            add_row(width, wide, rows + q % kept * width, grey + (size_t)q * width, sums);
           }
           const float *own = mean + at, *spread = deviation + at, noise = sources[s].to[12];
           if (half == 2) add_likeness(width, wide, 2, noise, sums, own, spread, total, least);
@@ -267,7 +277,8 @@ PART void choose(int width, int depths, const int16_t *restrict total, const uin
   }
 }
 
-/* `small`: the price of a step by one depth, `large` of any other. `total`: memory of the volume's size. */
+/* `small`: the price of a step by one depth, `large` of any other. `total` gets the sums of
+ * all paths, of the volume's size; without `place` that is all. */
 FOR_ALL int cheapest(int height, int width, int depths, const uint8_t *costs, const float *grey, int small,
                      int large, int16_t *total, float *place, float *own) {
   const size_t row = (size_t)depths * width, each = paths_size(width, depths);
@@ -293,7 +304,8 @@ FOR_ALL int cheapest(int height, int width, int depths, const uint8_t *costs, co
       const size_t at = (size_t)y * width;
       const float *here = grey + at, *before = y < height - 1 ? here + width : here;
       walk_down(paths, width, depths, small, large, costs + y * row, here, before, spare, total + y * row);
-      choose(width, depths, total + y * row, costs + y * row, spare, spare + width, place + at, own + at);
+      if (place)
+        choose(width, depths, total + y * row, costs + y * row, spare, spare + width, place + at, own + at);
     }
   }
   free(memory);

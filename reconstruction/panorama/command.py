@@ -196,7 +196,7 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
     motion = SceneMotion(dataset, 1) if len(dataset.instants_ns) > 1 else None
     shown = {"synced": dict.fromkeys(cameras, instant)}
     late, offset_ms = [], 0.0
-    if motion is not None and options.offset_ms is not None:
+    if options.offset_ms is not None:
         offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
         later, late = dict(offset.pairs).get(instant), cameras[1::2]
         if later is None or not dataset.has_images((name, later) for name in late):

@@ -96,15 +96,15 @@ class SceneMotion:
         """`step`: an image is compared with those so many instants before and after it."""
         self.dataset = dataset
         self.step = step
-        self._packed_movers = ByteCache(self._detect_movers, int(MOVERS_SHARE * memory_budget().limit_bytes))
-        self.background = ByteCache(self._background, int(MOVERS_SHARE * memory_budget().limit_bytes))
+        kept = int(MOVERS_SHARE * memory_budget().limit_bytes)
+        self._packed_movers = ByteCache(self._detect_movers, kept)
+        self._packed_truth = ByteCache(self._read_truth, kept)
+        self.background = ByteCache(self._background, kept)
         """The camera's still background, grey uint8."""
 
     def detected_movers(self, camera: str, instant: int) -> Array:
         """What moves by the images alone; no computation uses other knowledge."""
-        width, height = self.dataset.size(camera)
-        packed = self._packed_movers(camera, instant)
-        return np.unpackbits(packed, count=width * height).reshape(height, width).view(bool)
+        return self._unpacked(camera, self._packed_movers(camera, instant))
 
     def widened_movers(self, camera: str, instant: int) -> Array:
         """What moves, and `MARGIN_PX` around it: what calibration and registration must leave out."""
@@ -112,12 +112,19 @@ class SceneMotion:
 
     def moving(self, camera: str, instant: int) -> Array:
         """What truly moves where the session knows it, else what is detected: for scores only."""
-        truth = self.dataset.ground_truth(camera, instant)
-        return truth[1] if truth is not None else self.detected_movers(camera, instant)
+        return self._unpacked(camera, self._packed_truth(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:
         """What moves or changes, such as a shadow: pixels that the still control must leave out."""
         return np.asarray(self.moving(camera, instant) | self.detected_movers(camera, instant))
+
+    def _unpacked(self, camera: str, packed: Array) -> Array:
+        width, height = self.dataset.size(camera)
+        return np.unpackbits(packed, count=width * height).reshape(height, width).view(bool)
+
+    def _read_truth(self, camera: str, instant: int) -> Array:
+        truth = self.dataset.ground_truth(camera, instant)
+        return np.packbits(truth[1]) if truth is not None else self._packed_movers(camera, instant)
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)

@@ -158,6 +158,14 @@ def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int], engine: 
     assert np.array_equal(own, expected[1])
 
 
+@pytest.mark.parametrize("depths", [1, 2, 13])
+def test_sums_of_the_scan_are_those_of_the_array_version(depths: int, engine: SweepEngine) -> None:
+    rng = np.random.default_rng(depths)
+    costs = rng.integers(0, 256, (41, depths, 35)).astype(np.uint8)
+    grey = (rng.random((41, 35)) * 255).astype(np.float32)
+    assert np.array_equal(engine.aggregate(costs, grey, 60, 60), aggregate_costs(costs, grey, 60, 60))
+
+
 @pytest.mark.slow
 def test_the_whole_sweep_finds_the_same_on_either_way(engine: SweepEngine) -> None:
     images = {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}

@@ -172,6 +172,15 @@ def test_a_session_of_one_camera_is_refused_in_one_line(
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
+def test_an_offset_of_a_single_instant_is_refused(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    session = write_session(tmp_path / "in", scene, VIEWS, instants=1)
+    done = reconstruct("panorama", session.folder, "--offset-ms", 66, "--out", tmp_path / "out")
+    assert done.code == 3
+    assert "one instant only" in done.complaint
+
+
 @pytest.mark.slow
 @pytest.mark.shared
 @pytest.mark.parametrize(

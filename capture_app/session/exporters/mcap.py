@@ -1,15 +1,25 @@
-"""MCAP: Foxglove's compressed images, calibrations and transforms; one chunk for each set of frames."""
+"""MCAP: compressed images, calibrations and transforms as Foxglove's messages, or as a bag of ROS 2.
 
+Foxglove's are protobuf, one chunk for each set of frames. The bag, written by `rosbags` as CDR, has the
+topics of ROS's image_transport: <camera>/image_raw/compressed beside <camera>/camera_info, and where cameras
+are in /tf_static; frames look along z, as REP 103 has it of optical frames.
+"""
+
+import re
+from collections.abc import Iterable
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from capture_app.optional_packages import load_optional
-from capture_app.session.exchange import descriptor_set, message_class, with_images_listed
+from capture_app.session.exchange import ROS_BAGS, foxglove_message, ros_messages, with_images_listed
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.lens import (
+    Array,
     centre_of,
     distortion_of,
     matrix_of,
@@ -17,39 +27,45 @@ from capture_app.session.exporters.common.lens import (
     rotation_of,
 )
 from capture_app.session.exporters.common.tables import unit_note
-from capture_app.session.exporters.rosbag import write_bag
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
+_IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
     log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
-    and PNG as PNG. The manifest and the calibration are attached.
+    and PNG as PNG. The manifest and the calibration are attached. With `ros` it is <session>/, a bag that
+    `ros2 bag play` takes.
     """
-    if burst.options.ros:
-        write_bag(burst, folder)
-        return
-    writer_module = load_optional("mcap.writer", "export", "MCAP")
     uncalibrated = "the session has no calibration: the file has images only"
     calibration = burst.calibration_or_note("MCAP", uncalibrated)
+    (_write_bag if burst.options.ros else _write_foxglove)(burst, folder, calibration)
+    if calibration is not None:
+        burst.notes += unit_note(calibration, "m")
+
+
+def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
+    mcap = load_optional("mcap.writer", "export", "MCAP")
     file = f"{burst.name}.mcap"
     with (folder / file).open("wb") as stream:
-        writer = writer_module.Writer(
-            stream, chunk_size=_CHUNK, compression=writer_module.CompressionType.NONE, enable_data_crcs=True
+        writer = mcap.Writer(
+            stream, chunk_size=_CHUNK, compression=mcap.CompressionType.NONE, enable_data_crcs=True
         )
         writer.start(library="simulshot")
-        recording = _Recording(writer, min(0, burst.origin_ns))
+        messages = _FoxgloveMessages(writer, min(0, burst.origin_ns))
         for instant in range(len(burst.instants_ns)):
             images = [i for c in burst.cameras for i in burst.images_of(c) if i.instant == instant]
             for image in sorted(images, key=lambda image: image.leader_ns):
                 if calibration is not None:
-                    recording.add_camera(image, calibration)
-                recording.add_image(burst, image)
+                    messages.add_camera(image, calibration)
+                data, kind = jpeg_or_png(burst, image)
+                about = {"frame_id": image.camera, "data": data, "format": kind}
+                messages.add(f"/{image.camera}/image", "CompressedImage", image, **about)
                 burst.put(image, file, len(burst.frames))
             writer.flush()
         for name in (MANIFEST, CALIBRATION) if calibration else (MANIFEST,):
@@ -57,72 +73,120 @@ def write(burst: ExportedBurst, folder: Path) -> None:
             if name == MANIFEST and burst.session.manifest.videos:
                 data = indented(msgspec.json.encode(with_images_listed(burst.session.manifest)))
             writer.add_attachment(0, 0, name, "application/json", data)
-        zero = {"session": burst.name, "log_time_zero_leader_ns": str(recording.zero_ns)}
+        zero = {"session": burst.name, "log_time_zero_leader_ns": str(messages.zero_ns)}
         writer.add_metadata("simulshot", zero)
         writer.finish()
-    if calibration is not None:
-        burst.notes += unit_note(calibration, "m")
 
 
-class _Recording:
+class _FoxgloveMessages:
     """Messages into an MCAP; `zero_ns` is the leader time that log_time, which has no sign, counts from."""
 
     def __init__(self, writer: Any, zero_ns: int) -> None:
         self._writer = writer
         self.zero_ns = zero_ns
-        self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-
-    def add_image(self, burst: ExportedBurst, image: ImageRecord) -> None:
-        data, kind = jpeg_or_png(burst, image)
-        message = message_class("CompressedImage")(
-            timestamp=_time(image.leader_ns), frame_id=image.camera, data=data, format=kind
-        )
-        self._add(f"/{image.camera}/image", "CompressedImage", message, image)
 
     def add_camera(self, image: ImageRecord, calibration: Calibration) -> None:
         camera = calibration.cameras[image.camera]
-        matrix = matrix_of(camera)
-        projection = [*matrix[0], 0.0, *matrix[1], 0.0, *matrix[2], 0.0]
-        message = message_class("CameraCalibration")(
-            timestamp=_time(image.leader_ns),
-            frame_id=image.camera,
-            width=camera.width,
-            height=camera.height,
-            distortion_model="plumb_bob",
-            D=distortion_of(camera).tolist(),
-            K=matrix.ravel().tolist(),
-            R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-            P=[float(value) for value in projection],
-        )
-        self._add(f"/{image.camera}/calibration", "CameraCalibration", message, image)
-        transform = _transform(image, camera, METRES.get(calibration.unit, 1.0))
-        self._add("/tf", "FrameTransform", transform, image)
+        about = {"frame_id": image.camera, "width": camera.width, "height": camera.height}
+        lens = {name.upper(): values.tolist() for name, values in _lens(camera).items()}
+        topic = f"/{image.camera}/calibration"
+        self.add(topic, "CameraCalibration", image, distortion_model="plumb_bob", **about, **lens)
+        place, turn = _pose(camera, calibration)
+        frames = {"parent_frame_id": "rig", "child_frame_id": image.camera}
+        self.add("/tf", "FrameTransform", image, translation=place, rotation=turn, **frames)
 
-    def _add(self, topic: str, name: str, message: Any, image: ImageRecord) -> None:
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(
-                f"foxglove.{name}", "protobuf", descriptor_set(name)
-            )
+    def add(self, topic: str, name: str, image: ImageRecord, **fields: Any) -> None:
+        """Add a message of an image's time and instant."""
+        kind = foxglove_message(name)
         if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(topic, "protobuf", self._schemas[name])
-        time_ns = image.leader_ns - self.zero_ns
-        data = message.SerializeToString(deterministic=True)
-        self._writer.add_message(self._channels[topic], time_ns, data, time_ns, sequence=image.instant)
+            register = load_optional("mcap_protobuf.schema", "export", "MCAP").register_schema
+            schema = register(self._writer, kind)
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema)
+        seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
+        message = kind(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
+        data, at_ns = message.SerializeToString(deterministic=True), image.leader_ns - self.zero_ns
+        self._writer.add_message(self._channels[topic], at_ns, data, at_ns, sequence=image.instant)
 
 
-def _transform(image: ImageRecord, camera: CameraCalibration, metres: float) -> Any:
-    w, x, y, z = quaternion(rotation_of(camera).T)
-    centre = [float(value) * metres for value in centre_of(camera)]
-    return message_class("FrameTransform")(
-        timestamp=_time(image.leader_ns),
-        parent_frame_id="rig",
-        child_frame_id=image.camera,
-        translation={"x": centre[0], "y": centre[1], "z": centre[2]},
-        rotation={"x": x, "y": y, "z": z, "w": w},
-    )
+def _write_bag(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
+    """Write <session>/; stamps, and when messages came, are leader_ns."""
+    rosbag2 = load_optional("rosbags.rosbag2", "ros", ROS_BAGS)
+    origin_ns, topics = min(0, burst.origin_ns), ros_topics(burst.cameras)
+    with rosbag2.Writer(folder / burst.name, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        messages = _RosMessages(writer, origin_ns)
+        images = sorted((i for c in burst.cameras for i in burst.images_of(c)), key=lambda one: one.leader_ns)
+        if calibration is not None and images:
+            places = [messages.place(images[0].leader_ns, name, calibration) for name in burst.cameras]
+            messages.add("/tf_static", _TF, images[0].leader_ns, transforms=places)
+        for number, image in enumerate(images):
+            topic, header = topics[image.camera], messages.header(image.leader_ns, image.camera)
+            if calibration is not None:
+                camera = calibration.cameras[image.camera]
+                about = {"header": header, "height": camera.height, "width": camera.width}
+                about |= {"distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0, **_lens(camera)}
+                whole = messages.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+                messages.add(f"{topic}/camera_info", _INFO, image.leader_ns, roi=whole, **about)
+            data, kind = jpeg_or_png(burst, image)
+            about = {"header": header, "format": kind, "data": np.frombuffer(data, np.uint8)}
+            messages.add(f"{topic}/image_raw/compressed", _IMAGE, image.leader_ns, **about)
+            burst.put(image, f"{burst.name}/{burst.name}.mcap", number)
+    if origin_ns:
+        burst.notes.append(f"stamps count from {origin_ns} ns of the leader's time: ROS's have no sign")
 
 
-def _time(leader_ns: int) -> dict[str, int]:
-    seconds, nanos = divmod(leader_ns, 1_000_000_000)
-    return {"seconds": seconds, "nanos": nanos}
+class _RosMessages:
+    """Messages into a bag; `origin_ns` is the leader time that its stamps count from."""
+
+    def __init__(self, writer: Any, origin_ns: int) -> None:
+        self._writer, self._store, self._origin_ns = writer, ros_messages(), origin_ns
+        self._connections: dict[str, Any] = {}
+
+    def place(self, leader_ns: int, camera: str, calibration: Calibration) -> Any:
+        """The transform from a camera to the rig."""
+        at, turn = _pose(calibration.cameras[camera], calibration)
+        vector, quarter = (f"geometry_msgs/msg/{name}" for name in ("Vector3", "Quaternion"))
+        pose = self.make("geometry_msgs/msg/Transform", self.make(vector, **at), self.make(quarter, **turn))
+        header = self.header(leader_ns, "rig")
+        return self.make("geometry_msgs/msg/TransformStamped", header, camera, pose)
+
+    def make(self, kind: str, *values: Any, **fields: Any) -> Any:
+        """A message, or a part of one."""
+        return self._store.types[kind](*values, **fields)
+
+    def header(self, leader_ns: int, frame_id: str) -> Any:
+        """The header of what was so at that time."""
+        stamp = self.make("builtin_interfaces/msg/Time", *divmod(leader_ns - self._origin_ns, 1_000_000_000))
+        return self.make("std_msgs/msg/Header", stamp, frame_id)
+
+    def add(self, topic: str, kind: str, leader_ns: int, **fields: Any) -> None:
+        """Add a message that came at that time."""
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
+        data = self._store.serialize_cdr(self.make(kind, **fields), kind)
+        self._writer.write(self._connections[topic], leader_ns - self._origin_ns, data)
+
+
+def ros_topics(cameras: Iterable[str]) -> dict[str, str]:
+    """Each camera's own topic as ROS takes it: letters, digits and _, no digit first."""
+    wished = {camera: re.sub(r"^(?=\d)", "cam", re.sub(r"\W", "_", camera)) for camera in cameras}
+    topics: dict[str, str] = {}
+    # A name that ROS takes as it is stays as it is.
+    for camera, own in sorted(wished.items(), key=lambda one: one[0] != one[1]):
+        numbered = chain((own,), (f"{own}_{number}" for number in count(2)))
+        topics[camera] = next(topic for name in numbered if (topic := f"/{name}") not in topics.values())
+    return topics
+
+
+def _lens(camera: CameraCalibration) -> dict[str, Array]:
+    """The numbers of a ROS camera_info; Foxglove has the same names in capital letters."""
+    matrix = matrix_of(camera)
+    projection = np.column_stack([matrix, np.zeros(3)]).ravel()
+    return {"d": distortion_of(camera), "k": matrix.ravel(), "r": np.eye(3).ravel(), "p": projection}
+
+
+def _pose(camera: CameraCalibration, calibration: Calibration) -> tuple[dict[str, float], dict[str, float]]:
+    """A camera's place in the rig, in metres, and how it is turned there."""
+    centre = centre_of(camera) * METRES.get(calibration.unit, 1.0)
+    turn = dict(zip("wxyz", quaternion(rotation_of(camera).T), strict=True))
+    return dict(zip("xyz", centre.tolist(), strict=True)), turn

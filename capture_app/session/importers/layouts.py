@@ -19,6 +19,7 @@ from capture_app.errors import BadInputError
 from capture_app.names import natural_order
 from capture_app.session.exchange import RECORD
 from capture_app.session.files.strangers import read_text
+from capture_app.session.importers.bags import is_bag
 from capture_app.session.importers.calibrations.motion_capture import EXTRINSICS, INTRINSICS, PARAMETERS
 from capture_app.session.importers.frame_matching import (
     Instant,
@@ -29,7 +30,7 @@ from capture_app.session.importers.frame_matching import (
     periods_of,
 )
 from capture_app.session.importers.open_sources import open_sources
-from capture_app.session.importers.rosbag import bag, is_bag
+from capture_app.session.importers.own_exports import exported, of_messages
 from capture_app.session.importers.sources import Layout, videos_in
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
@@ -187,27 +188,17 @@ def _opencap_cameras(folder: Path) -> list[Path]:
     return sorted(videos.glob(f"Cam*/{_MEDIA}"), key=lambda path: natural_order(path.parent.name))
 
 
-MCAP = ".mcap"
-
-
 def recognize_layout(path: Path, *, png: bool = False, recording: str | None = None) -> Layout | None:
     """The layout of a folder or an .mcap file, or None.
 
     `recording` names one of several in it; `png` as of `Video`. Raises BadInputError where it has several.
     """
-    if path.suffix.lower() == MCAP and path.is_file():
-        from capture_app.session.importers.own_exports import mcap
-
-        return mcap(path)
-    if is_bag(path):
-        return bag(path)
+    if is_bag(path) and path.exists():
+        return of_messages(path)
     if not path.is_dir():
         return None
     if (path / RECORD).is_file():
-        from capture_app.session.importers.own_exports import exported
-
         return exported(path, png=png)
-
     return (
         freemocap(path, png=png)
         or caliscope(path, png=png, recording=recording)

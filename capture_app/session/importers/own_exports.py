@@ -1,28 +1,24 @@
-"""Our own exports are the session again that they were made of; of another MCAP, each topic is a camera.
+"""Our own exports are the session again that they were made of; of other messages, each topic is a camera.
 
 An export has `frames.csv` and `simulshot.json`, an MCAP of ours the session's manifest and calibration
-attached. The messages are Foxglove's (docs.foxglove.dev, "Message schemas"): CompressedImage,
-CameraCalibration, and FrameTransform, which is where the child is in the parent's coordinates.
+attached.
 """
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.optional_packages import load_optional
-from capture_app.session.exchange import FRAMES, ExportRecord, message_class, read_record
+from capture_app.errors import BadInputError
+from capture_app.session.exchange import FRAMES, ExportRecord, read_record
 from capture_app.session.files.strangers import read_text
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, decode_struct, inside
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, SCHEMA_VERSION, ImageRecord, Manifest
-from capture_app.session.importers.calibrations.views import View, Views, view_at
+from capture_app.session.importers.bags import attachments, read_bag
 from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importers.rosbag import bag, camera_names
 from capture_app.session.importers.sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
-from capture_app.session.reading.decoding import image_size
 
 Place = tuple[str, int]
 """A camera and an instant of the session that was exported."""
@@ -41,12 +37,10 @@ def exported(folder: Path, *, png: bool) -> Layout:
     if record.format in _UNREADABLE:
         raise BadInputError(f"{folder} is an export for {record.format}, which cannot be read back")
     if record.format == "mcap":
-        files = sorted(folder.glob("*.mcap"))
-        if not files and (bags := sorted(path.parent for path in folder.glob("*/metadata.yaml"))):
-            return _of_bag(folder, bags[0], record)
-        if len(files) != 1:
-            raise BadInputError(f"{folder} does not have one .mcap but {len(files)}")
-        return mcap(files[0])
+        found = [*folder.glob("*.mcap"), *(path.parent for path in folder.glob("*/metadata.yaml"))]
+        if len(found) != 1:
+            raise BadInputError(f"{folder} does not have one .mcap but {len(found)}")
+        return layout_of_record(folder, record, read_bag(found[0]).sources, _in_order(_rows(folder)))
     rows = _rows(folder)
     sources: list[Source] = []
     places: dict[Place, int] = {}
@@ -68,13 +62,14 @@ def exported(folder: Path, *, png: bool) -> Layout:
     return layout_of_record(folder, record, sources, places)
 
 
-def _of_bag(folder: Path, path: Path, record: ExportRecord) -> Layout:
-    rows = sorted(_rows(folder).items(), key=lambda row: row[1][1])
-    cameras = {camera for (camera, _), _ in rows}
-    places = {
-        at: number for camera in cameras for number, at in enumerate(at for at, _ in rows if at[0] == camera)
-    }
-    return layout_of_record(folder, record, bag(path).sources, places)
+def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
+    """Which frame of its camera each place is, where the frames of all are numbered together."""
+    seen: Counter[str] = Counter()
+    places = {}
+    for at in sorted(rows, key=lambda at: rows[at][1]):
+        places[at] = seen[at[0]]
+        seen[at[0]] += 1
+    return places
 
 
 def layout_of_record(
@@ -143,103 +138,17 @@ def _timed(index: int, image: ImageRecord) -> TimedFrame:
     return TimedFrame(index, image.leader_ns, image.local_ns, further)
 
 
-_IMAGE, _LENS, _POSE = (
-    f"foxglove.{name}" for name in ("CompressedImage", "CameraCalibration", "FrameTransform")
-)
-_SUFFIXES = {"jpeg": ".jpg", "jpg": ".jpg", "png": ".png"}
-
-
-class _Message(NamedTuple):
-    """What is kept of an image's message: its number and its time in ns."""
-
-    frame_id: str
-    format: str
-    sequence: int
-    at_ns: int
-
-
-class McapImages(Source):
-    """The images of one topic, byte for byte, in the order of the file."""
-
-    kind = "MCAP"
-    numbered = False
-
-    def __init__(self, name: str, path: Path, topic: str, format_: str, count: int) -> None:
-        self.name, self.path, self._topic = name, path, topic
-        self.numbers = range(count)
-        if format_ not in _SUFFIXES:
-            raise BadInputError(f"{path}: {topic} has images of format {format_!r}; JPEG and PNG are read")
-        self.suffix = _SUFFIXES[format_]
-
-    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """See `Source.frames`."""
-        wanted = set(indices)
-        with _reader(self.path) as reader:
-            for index, (_, _, message) in enumerate(
-                reader.iter_messages(topics=[self._topic], log_time_order=False)
-            ):
-                if index in wanted:
-                    data = bytes(_decode(_IMAGE, message.data).data)
-                    size = image_size(data)
-                    if size is None:
-                        raise BadInputError(f"{self.path}: {self._topic} has an image that cannot be decoded")
-                    yield index, data, size
-
-
-def mcap(path: Path) -> Layout:
-    """The cameras of an .mcap. Raises BadInputError where it has no images that can be read."""
-    lenses: dict[str, Any] = {}
-    poses: dict[str, Any] = {}
-    topics: dict[str, list[_Message]] = {}
-    ros = False
-    with _reader(path) as reader:
-        attached = {one.name: one.data for one in reader.iter_attachments()}
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            ros = ros or channel.message_encoding == "cdr"
-            if schema is None or channel.message_encoding != "protobuf":
-                continue
-            if schema.name == _IMAGE:
-                one = _decode(_IMAGE, message.data)
-                at_ns = one.timestamp.seconds * 1_000_000_000 + one.timestamp.nanos or message.log_time
-                kept = _Message(one.frame_id, one.format.lower(), message.sequence, at_ns)
-                topics.setdefault(channel.topic, []).append(kept)
-            elif schema.name == _LENS:
-                lens = _decode(_LENS, message.data)
-                lenses[lens.frame_id] = lens
-            elif schema.name == _POSE:
-                pose = _decode(_POSE, message.data)
-                poses[pose.child_frame_id] = pose
-    if not topics and ros:
-        return bag(path)
-    if not topics:
-        raise BadInputError(
-            f"{path} has no {_IMAGE} in protobuf", hint="images of other schemas are not read"
-        )
-    names = camera_names({topic: messages[0].frame_id for topic, messages in topics.items()})
-    sources = [
-        McapImages(name, path, topic, topics[topic][0].format, len(topics[topic]))
-        for topic, name in names.items()
-    ]
+def of_messages(path: Path) -> Layout:
+    """The cameras of a recording of messages, by its own stamps or by the record that an MCAP of ours has."""
+    bag, attached = read_bag(path), attachments(path)
     if MANIFEST in attached:
-        places = {
-            (name, one.sequence): index
-            for topic, name in names.items()
-            for index, one in enumerate(topics[topic])
-        }
-        return layout_of_record(path, _record(path, attached), sources, places)
-    times = {
-        name: sorted(
-            (TimedFrame(n, one.at_ns) for n, one in enumerate(topics[topic])),
-            key=lambda frame: frame.leader_ns,
-        )
-        for topic, name in names.items()
-    }
+        return layout_of_record(path, _record(path, attached), bag.sources, bag.places)
     return Layout(
-        program="MCAP",
+        program=bag.sources[0].kind,
         path=path,
-        sources=tuple(sources),
-        timeline=timeline_by_times(str(path), times),
-        views=_views(path, {topics[topic][0].frame_id: name for topic, name in names.items()}, lenses, poses),
+        sources=tuple(bag.sources),
+        timeline=timeline_by_times(str(path), bag.times),
+        views=bag.views,
     )
 
 
@@ -249,43 +158,3 @@ def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
     data = attached.get(CALIBRATION)
     calibration = None if data is None else decode_struct(path / CALIBRATION, data, Calibration, 1)
     return ExportRecord(format="mcap", manifest=manifest, calibration=calibration)
-
-
-def _views(
-    path: Path, names: Mapping[str, str], lenses: Mapping[str, Any], poses: Mapping[str, Any]
-) -> Views | None:
-    """The calibration, where every camera has a lens and a place in the same coordinates."""
-    known = set(names) & set(lenses) & set(poses)
-    if known != set(names) or len({poses[one].parent_frame_id for one in known}) != 1:
-        return None
-    return Views({names[one]: _view(path, lenses[one], poses[one]) for one in names}, path.name, "m")
-
-
-def _view(path: Path, lens: Any, pose: Any) -> View:
-    where = f"{path}: {lens.frame_id}"
-    if len(lens.K) != 9:
-        raise BadInputError(f"{where} has a calibration without K")
-    q, at = pose.rotation, pose.translation
-    size = lens.width, lens.height
-    return view_at(where, lens.K, lens.D, (q.w, q.x, q.y, q.z), (at.x, at.y, at.z), size)
-
-
-@contextmanager
-def _reader(path: Path) -> Iterator[Any]:
-    try:
-        with path.open("rb") as stream:
-            yield load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
-    except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
-    except SimulshotError:
-        raise
-    except Exception as error:  # of a broken file its reader, struct and decompressors raise a dozen kinds
-        raise BadInputError(f"{path} is not an intact MCAP: {error}") from error
-
-
-def _decode(name: str, data: bytes) -> Any:
-    errors = load_optional("google.protobuf.message", "export", "MCAP")
-    try:
-        return message_class(name.partition(".")[2]).FromString(data)
-    except errors.DecodeError as error:
-        raise ValueError(f"a {name} that cannot be decoded: {error}") from error

@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
 from capture_app.session.exporters.common.exported_burst import ExportOptions
+from capture_app.session.exporters.mcap import ros_topics
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -86,6 +87,11 @@ def test_an_export_comes_back_as_the_session_it_was(make: Make, export: Export, 
             assert found.cameras[name].translation == pytest.approx(camera.translation, abs=1e-9)
         stamps = {(i.camera, i.leader_ns) for i in alone.manifest.images}
         assert stamps == {(i.camera, i.leader_ns) for i in session.manifest.images}
+
+
+def test_no_two_cameras_share_a_topic() -> None:
+    assert len(set(ros_topics(["a-b", "a_b", "a_b_2"]).values())) == 3
+    assert ros_topics(["a-b", "2nd", "a_b"]) == {"a_b": "/a_b", "a-b": "/a_b_2", "2nd": "/cam2nd"}
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])

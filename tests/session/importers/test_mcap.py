@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
 
 from capture_app.errors import BadInputError
-from capture_app.session.exchange import descriptor_set, message_class
+from capture_app.session.exchange import foxglove_message
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.verify import verify
 from tests.session.conftest import jpeg
@@ -31,11 +32,12 @@ class Recorder:
         self._channels: dict[str, int] = {}
 
     def add(self, topic: str, name: str, at_ns: int, **fields: Any) -> None:
+        kind = foxglove_message(name)
         if topic not in self._channels:
-            schema = self._writer.register_schema(f"foxglove.{name}", "protobuf", descriptor_set(name))
+            schema = register_schema(self._writer, kind)
             self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema)
         stamp = {"seconds": at_ns // 10**9, "nanos": at_ns % 10**9}
-        message = message_class(name)(timestamp=stamp, **fields)
+        message = kind(timestamp=stamp, **fields)
         self._writer.add_message(self._channels[topic], at_ns, message.SerializeToString(), at_ns)
 
     def close(self) -> None:

@@ -83,7 +83,12 @@ def view_at(
     centre: Sequence[float],
     size: tuple[int, int],
 ) -> View:
-    """The view of a camera by its matrix (9 numbers), distortion (or none), turn and place in the world."""
+    """The view of a camera by its matrix (9 numbers), distortion (or none), turn and place in the world.
+
+    Raises BadInputError, beginning with `where`, for anything else.
+    """
+    if len(k) != 9:
+        raise BadInputError(f"{where} has a calibration without K")
     rotation = from_quaternion(where, wxyz).T
     return View(
         matrix=np.array(k).reshape(3, 3),

@@ -11,9 +11,10 @@ from typing import Any
 
 from benchmarks.report import new_parser, print_report
 from benchmarks.simulated.wifi_laws import LINKS
+from benchmarks.simulated.wireless import PACE_NS, paper_link
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.links import PACE_NS, Link, paper_link
+from capture_app.simulation.links import Link
 
 STEPS = 9
 PANEL_TRIALS = 239

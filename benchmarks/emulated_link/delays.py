@@ -3,15 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from capture_app.simulation.links import (
-    LATE_NS,
-    LATE_SHARE,
-    PAPER_LINK,
-    QUICK_AFTER_NS,
-    QUICK_SHARE,
-    DelayLaw,
-    GammaDelay,
-)
+from benchmarks.simulated.wireless import LATE_NS, LATE_SHARE, PAPER_LINK, QUICK_AFTER_NS, QUICK_SHARE
+from capture_app.simulation.links import DelayLaw, GammaDelay
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +47,7 @@ def _rarely_quick(most: DelayLaw, quick: DelayLaw) -> Delays:
 assert PAPER_LINK.quick is not None
 TO_LEADER = _rarely_quick(PAPER_LINK.to_leader, PAPER_LINK.quick.to_leader)
 TO_CLIENT = _rarely_quick(PAPER_LINK.to_client, PAPER_LINK.quick.to_client)
-"""WiFi as the paper measured it; `capture_app/simulation/links.py` says what is assumed."""
+"""WiFi as the paper measured it; `benchmarks/simulated/wireless.py` says what is assumed."""
 IDLE_US = 200_000
 """A link that was idle for longer is as slow as at first: each trial of a benchmark finds it as a phone does
 that has just joined."""

@@ -15,8 +15,9 @@ from benchmarks.paper.trials import call_all
 from benchmarks.report import new_parser, print_table
 from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 from benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
+from benchmarks.simulated.wireless import PAPER_LINK, wireless
 from capture_app.measure.result import Table
-from capture_app.simulation.links import PAPER_LINK, DelayLaw, GammaDelay, Link
+from capture_app.simulation.links import DelayLaw, GammaDelay, Link
 from capture_app.terminal import print_json
 
 _S = 1_000_000_000
@@ -212,12 +213,13 @@ def _longer(link: Link, from_ns: int, extra_ns: int, *, to_leader: bool) -> Link
     def longer(law: DelayLaw) -> LongerFrom:
         return LongerFrom(law, from_ns, extra_ns)
 
-    quick = link.quick
+    same = wireless(link)
+    quick = same.quick
     if to_leader:
         quick = quick and replace(quick, to_leader=longer(quick.to_leader))
-        return replace(link, to_leader=longer(link.to_leader), quick=quick)
+        return replace(same, to_leader=longer(same.to_leader), quick=quick)
     quick = quick and replace(quick, to_client=longer(quick.to_client))
-    return replace(link, to_client=longer(link.to_client), quick=quick)
+    return replace(same, to_client=longer(same.to_client), quick=quick)
 
 
 def change_table(cases: list[ChangeFigures]) -> Table:

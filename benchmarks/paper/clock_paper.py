@@ -20,9 +20,9 @@ from benchmarks.paper.clock_trials import (
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_7, FIGURE_S1, FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_3
+from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK
 from capture_app.measure.result import error_figures, new_figure, save
 from capture_app.simulation.exchanges import START_TRUE_NS, TURNAROUND_NS
-from capture_app.simulation.links import LATE_NS, PACE_NS, PAPER_LINK, Channel
 from capture_app.terminal import talk
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Message:
 
 def run_of_messages(seed: str, count: int = MESSAGES) -> list[Message]:
     """A run on the paper's link: messages that the leader begins, at the paper's pace, but those lost."""
-    channel, rng, found = Channel(PAPER_LINK), random.Random(seed), []
+    channel, rng, found = PAPER_LINK.open(), random.Random(seed), []
     for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * PACE_NS, PACE_NS):
         for there_ns in channel.deliveries("to_client", sent_ns, rng)[:1]:
             answered_ns = sent_ns + there_ns + TURNAROUND_NS

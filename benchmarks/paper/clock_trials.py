@@ -6,11 +6,12 @@ from dataclasses import dataclass, field, replace
 
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, BimodalDelay
+from benchmarks.simulated.wireless import PACE_NS, PAPER_LINK, TroubleSpells, WirelessLink, wireless
 from capture_app.clock import SimulatedClock
 from capture_app.measure.clock_estimators import ClockEstimator, estimator_family
 from capture_app.measure.result import error_figures
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges_at
-from capture_app.simulation.links import PACE_NS, PAPER_LINK, DelayLaw, GammaDelay, Link, TroubleSpells
+from capture_app.simulation.links import DelayLaw, GammaDelay, Link
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
 from capture_app.sync.tree.member import WINDOW_NS
@@ -91,18 +92,19 @@ DrawLink = Callable[[random.Random], Link]
 
 def unequal(
     link: Link, rng: random.Random, *, half_ns: int = HALF_LEAST_NS, share: float = ASYMMETRY
-) -> Link:
+) -> WirelessLink:
     """Return a link with this half of the least round trip, whose least delays differ by chance."""
+    same = wireless(link)
     shift_ns = round(rng.gauss(0.0, share * half_ns))
-    floors = link if link.quick is None else link.quick
+    floors = same if same.quick is None else same.quick
     there_ns = half_ns + shift_ns - _minimum(floors.to_leader)
     back_ns = half_ns - shift_ns - _minimum(floors.to_client)
-    quick = link.quick
+    quick = same.quick
     if quick is not None:
         to_leader, to_client = _moved(quick.to_leader, there_ns), _moved(quick.to_client, back_ns)
         quick = replace(quick, to_leader=to_leader, to_client=to_client)
-    to_leader, to_client = _moved(link.to_leader, there_ns), _moved(link.to_client, back_ns)
-    return replace(link, to_leader=to_leader, to_client=to_client, quick=quick)
+    to_leader, to_client = _moved(same.to_leader, there_ns), _moved(same.to_client, back_ns)
+    return replace(same, to_leader=to_leader, to_client=to_client, quick=quick)
 
 
 def unequal_links(law: str) -> DrawLink:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.values import FIGURE_3, FIGURE_4
 from benchmarks.simulated.aligner_bench import Bench
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.measure.result import new_figure, save
 from capture_app.simulation.exchanges import TURNAROUND_NS
-from capture_app.simulation.links import PAPER_LINK, Channel
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.sensor import Sensor, SensorFrame
 
@@ -55,7 +55,7 @@ class Message:
 
 def exchange(asks: str, rng: random.Random) -> Message:
     """Send one message over the paper's link; `asks` is the leader or the client."""
-    channel = Channel(PAPER_LINK)
+    channel = PAPER_LINK.open()
     there_ns = min(channel.deliveries("to_client" if asks == "leader" else "to_leader", 0, rng))
     answered_ns = there_ns + TURNAROUND_NS
     back_ns = min(channel.deliveries("to_leader" if asks == "leader" else "to_client", answered_ns, rng))

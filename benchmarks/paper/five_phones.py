@@ -9,11 +9,11 @@ from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import BURST, START_UP, WORST_PAIR
 from benchmarks.simulated.wifi_laws import LOOPBACK
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.simulation.exchanges import TURNAROUND_NS
-from capture_app.simulation.links import PAPER_LINK, Channel
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.terminal import talk
@@ -123,7 +123,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
 
 def synchronize_in_turn(rng: random.Random) -> list[float]:
     """Seconds that each client takes where the leader asks one after the other, a message at a time."""
-    channel, now_ns, took_s = Channel(PAPER_LINK), 0, []
+    channel, now_ns, took_s = PAPER_LINK.open(), 0, []
     for _ in range(PHONES - 1):
         began_ns = now_ns
         for _ in range(MESSAGES):

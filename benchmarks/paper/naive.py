@@ -10,8 +10,8 @@ from benchmarks.paper.panel_trial import run_trial
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import TABLE_1, TABLE_2
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
-from capture_app.simulation.links import PAPER_LINK, Channel
 from capture_app.terminal import talk
 
 FRAME_MS = 33.0
@@ -46,7 +46,7 @@ def bluetooth_ms(rng: random.Random) -> float:
 
 def wifi_ms(rng: random.Random) -> float:
     """How much later the message is at the phone that joined the hotspot, asleep between beacons."""
-    return rng.uniform(0.0, BEACON_MS) + Channel(PAPER_LINK).deliveries("to_client", 0, rng)[0] / 1e6
+    return rng.uniform(0.0, BEACON_MS) + PAPER_LINK.open().deliveries("to_client", 0, rng)[0] / 1e6
 
 
 def nothing_ms(_: random.Random) -> float:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from benchmarks.simulated.panel_photographs import difference_ns, read_time
 from benchmarks.simulated.wifi_laws import LOOPBACK
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.panel.simulated import Image, render
-from capture_app.simulation.links import PAPER_LINK, Channel, DelayLaw, GammaDelay, Link
+from capture_app.simulation.links import DelayLaw, GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.simulation.sensor import SensorFrame
@@ -187,7 +188,7 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
         for node in rig.nodes.values():
             period_ns = node.spec.profile.period_ns
             node.sensor.inject(period_ns + rng.randrange(LEAST_STRETCH_NS, period_ns), rig.now_true_ns)
-            node.channel = Channel(node.spec.link)
+            node.channel = node.spec.link.open()
         rig.restart_leader()
         _wait(rig)
     ready_s = (rig.now_true_ns - began_ns) / 1e9

@@ -10,9 +10,10 @@ from typing import Any
 
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.measure.result import Outcome, Result, Table, new_figure, save
-from capture_app.simulation.links import PAPER_LINK, GammaDelay, Link
+from capture_app.simulation.links import GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import VirtualNode, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap
@@ -95,7 +96,7 @@ def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
 
 
 def _draw_spec(k: int, case: Case, rng: random.Random) -> HearingNode:
-    link = PAPER_LINK
+    link: Link = PAPER_LINK
     if case.drawn:
         to_leader_us, to_client_us = TAILS_US
         link = Link(_draw_delay(to_leader_us, rng), _draw_delay(to_client_us, rng))

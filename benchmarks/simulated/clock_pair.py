@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from capture_app.simulation.links import Channel, DelayLaw, Direction, Link
+from capture_app.simulation.links import DelayLaw, Direction, Link
 from capture_app.simulation.rig import Timer, VirtualTime
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
@@ -62,7 +62,7 @@ class ClockPair:
         self.events: list[TimeClientEvent] = []
         self._leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=33_333_333)), rng)
         self._clock, self._leader_clock = node, leader
-        self._rng, self._channel, self._silent_from_ns = rng, Channel(link), silent_from_true_ns
+        self._rng, self._channel, self._silent_from_ns = rng, link.open(), silent_from_true_ns
         self._time = VirtualTime()
         self._time.now_true_ns = START_TRUE_NS
         self._timer = Timer(self._time, self._pump)

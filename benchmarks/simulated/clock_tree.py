@@ -14,7 +14,8 @@ from time import perf_counter_ns, process_time
 from typing import Protocol
 
 from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_clock
-from capture_app.simulation.links import PAPER_LINK, Channel, Link
+from benchmarks.simulated.wireless import PAPER_LINK
+from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.rig import Timer, VirtualTime
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
@@ -110,7 +111,7 @@ class Tree:
         pace_s = spec.relay_pace_s if relays else spec.client_pace_s
         self.root = Leader(LeaderConfig(1, 0, RIG, exchanges_per_s=below / pace_s), self._rng("root"))
         rng, clock = self._rng("root's link"), WanderingClock(0, 0.0, ())
-        self._start(_Node(ROOT, self.root, clock, rng, Channel(spec.link)), 0)
+        self._start(_Node(ROOT, self.root, clock, rng, spec.link.open()), 0)
         for i in relays:
             self._add_relay(i, max(1.0, len(clients) / len(relays)))
         addresses = [(f"relay{i}", 0) for i in relays]
@@ -177,7 +178,7 @@ class Tree:
     ) -> WanderingClock:
         """Add a node below the parents; its clock and all its randomness are drawn from `rng`."""
         clock = draw_wandering_clock(rng, wander_ppm=self.spec.wander_ppm)
-        channel = Channel(self.spec.link)
+        channel = self.spec.link.open()
         node = _Node((name, 0), engine, clock, rng, channel, member, frozenset(parents))
         self._start(node, round(rng.uniform(0.0, self.spec.join_within_s) * _S))
         return clock

@@ -5,16 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log
 
-from capture_app.simulation.links import (
+from benchmarks.simulated.wireless import (
     LATE_NS,
     LATE_SHARE,
     MEAN_TO_CLIENT_NS,
     MEAN_TO_LEADER_NS,
     PAPER_LINK,
-    DelayLaw,
-    GammaDelay,
-    Link,
 )
+from capture_app.simulation.links import DelayLaw, GammaDelay, Link
 
 LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
 """From the leader's own camera to the leader: another process of the same machine."""

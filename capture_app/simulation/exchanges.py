@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from capture_app.errors import BadInputError
-from capture_app.simulation.links import Channel, Link, ReplayedDelay
+from capture_app.simulation.links import Link, ReplayedDelay
 from capture_app.sync.clock.clock_filter import ClockSample
 
 COLUMNS = ("t_s", "rtt_ms")
@@ -79,7 +79,7 @@ def exchanges_at(
     link: Link, clock: LocalClock, rng: random.Random, sent_true_ns: Iterable[int]
 ) -> list[Exchange]:
     """Send a request at each of these true times in ns; return what comes back as `exchanges` does."""
-    channel, found = Channel(link), []
+    channel, found = link.open(), []
     for sent_ns in sent_true_ns:
         there = channel.deliveries("to_leader", sent_ns, rng)
         if not there:

@@ -1,7 +1,6 @@
-"""Network links in virtual time: laws of one-way delays, loss, spells of trouble.
+"""Network links in virtual time: laws of one-way delays, and loss; true times are the simulation's.
 
-A `Link` is data; a `Channel` is one node's use of it, and remembers its spells. True times are those of the
-simulation, in ns.
+A link with a memory, as WiFi has it, gives each node that opens it a channel of its own.
 """
 
 import random
@@ -60,32 +59,14 @@ class ReplayedDelay:
         return self.delays_ns[(self.start + true_ns // self.every_ns) % len(self.delays_ns)]
 
 
-_S = 1_000_000_000
-_64_BITS = (1 << 64) - 1
 Direction = Literal["to_leader", "to_client"]
 
 
-@dataclass(frozen=True, slots=True)
-class TroubleSpells:
-    """Spells of trouble (Gilbert 1960): exponential of these means in ns, with more delay and loss."""
+class Channel(Protocol):
+    """A link in use by one node."""
 
-    calm_ns: int = 2 * _S
-    trouble_ns: int = 200_000_000
-    extra_ns: int = 8_000_000
-    """Mean of the exponential delay that trouble adds, each way."""
-    loss: float = 0.3
-
-
-@dataclass(frozen=True, slots=True)
-class QuickMoments:
-    """Moments at which datagrams of both ways pass quickly; time is in slots, each quick or not by chance."""
-
-    to_leader: DelayLaw
-    to_client: DelayLaw
-    share: float
-    after_ns: int
-    """There is none for so long after the first datagram."""
-    slot_ns: int = 4_000_000
+    def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
+        """Return the delays in ns at which copies of one datagram arrive: none, one or two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,123 +77,19 @@ class Link:
     to_client: DelayLaw
     loss: float = 0.0
     duplication: float = 0.0
-    quick: QuickMoments | None = None
-    spells: TroubleSpells | None = None
 
-
-class Channel:
-    """A link in use by one node."""
-
-    def __init__(self, link: Link) -> None:
-        self.link = link
-        self._trouble = False
-        self._turns_true_ns: float | None = None
-        self._first_true_ns: int | None = None
-        self._slots = 0
+    def open(self) -> Channel:
+        """Return the link as one node uses it from now on."""
+        return self
 
     def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
-        """Return the delays in ns at which copies of one datagram arrive: none, one or two."""
-        link = self.link
-        extra_ns = 0.0
-        if link.spells is not None and self._in_trouble(link.spells, true_ns, rng):
-            if rng.random() < link.spells.loss:
-                return []
-            extra_ns = rng.expovariate(1.0 / link.spells.extra_ns)
-        if rng.random() < link.loss:
+        """See `Channel.deliveries`."""
+        if rng.random() < self.loss:
             return []
-        copies = 2 if rng.random() < link.duplication else 1
-        by_way: Link | QuickMoments = link
-        if link.quick is not None and self._is_quick(link.quick, true_ns, rng):
-            by_way = link.quick
-        law = by_way.to_leader if direction == "to_leader" else by_way.to_client
-        return [law.draw(rng, true_ns) + round(extra_ns) for _ in range(copies)]
-
-    def _in_trouble(self, spells: TroubleSpells, true_ns: int, rng: random.Random) -> bool:
-        if self._turns_true_ns is None:
-            self._turns_true_ns = true_ns + rng.expovariate(1.0 / spells.calm_ns)
-        while self._turns_true_ns <= true_ns:
-            self._trouble = not self._trouble
-            mean_ns = spells.trouble_ns if self._trouble else spells.calm_ns
-            self._turns_true_ns += rng.expovariate(1.0 / mean_ns)
-        return self._trouble
-
-    def _is_quick(self, quick: QuickMoments, true_ns: int, rng: random.Random) -> bool:
-        """Whether the slot is a quick one: by its number, since datagrams of two ways are not in order."""
-        if self._first_true_ns is None:
-            self._first_true_ns, self._slots = true_ns, rng.getrandbits(64)
-        if true_ns - self._first_true_ns < quick.after_ns:
-            return False
-        return _mixed(self._slots + true_ns // quick.slot_ns) < quick.share * 2.0**64
+        copies = 2 if rng.random() < self.duplication else 1
+        law = self.to_leader if direction == "to_leader" else self.to_client
+        return [law.draw(rng, true_ns) for _ in range(copies)]
 
 
-def _mixed(number: int) -> int:
-    """Sixty-four bits that look random (SplitMix64, Steele, Lea and Flood 2014)."""
-    bits = (number * 0x9E3779B97F4A7C15) & _64_BITS
-    bits = ((bits ^ (bits >> 30)) * 0xBF58476D1CE4E5B9) & _64_BITS
-    bits = ((bits ^ (bits >> 27)) * 0x94D049BB133111EB) & _64_BITS
-    return bits ^ (bits >> 31)
-
-
-MEAN_TO_LEADER_NS, MEAN_TO_CLIENT_NS = 1_878_000, 1_133_000
-FLOOR_TO_LEADER_NS, FLOOR_TO_CLIENT_NS = 476_000, 514_000
-"""The quickest of 10,000 messages was that of 479 and 517 us; a floor lies a little lower."""
-WAIT_NS = 369_000
-"""What most messages wait at least, beyond the floor, each way."""
-QUICK_NS = 50_000
-"""What quick messages have on average beyond the floor, each way."""
-QUICK_SHARE, QUICK_AFTER_NS = 0.0125, 1_100_000_000
-LATE_NS = 10_000_000
-"""Messages over this are left out of all means."""
-LATE_SHARE = 0.0032
-"""Share of late ones each way: 64 round trips in 10,000."""
-PACE_NS = 3_430_000
-"""Between two of the paper's messages: 34.3 s for 10,000."""
-
-
-def paper_link(wait_ns: int = WAIT_NS, quick_ns: int = QUICK_NS) -> Link:
-    """Return the WiFi link of the paper, with other values for the two numbers that are fitted.
-
-    Table III and the supplement (10,000 messages, one each 3.43 ms): mean one-way times of 1133 us to
-    the client and 1878 to the leader; 64 round trips over 10 ms, left out; the quickest message of all
-    took 517 and 479 us; the least round trip on average 1.87 ms in 300 messages, 1.02 in 1,000, 0.996 in
-    10,000, "with low variance".
-
-    What follows from that:
-    - The paper gives one sample of how the least round trip divides, 517 to 479. How unequal the two
-      ways are at their quickest is thereby not known: no exchange can show it, only half the least round
-      trip bounds it. Here it divides as that one message.
-    - Messages that are quick independently of each other cannot do it. The average of the least of K is
-      an integral over S^K, S being the share of slower ones; whatever S is, 1.87 ms at 300 and a mean of
-      3.01 leave 1.12 ms or more at 1,000.
-    - No steady link can have 1.87 at 300 with low variance either: one that shows a quick message in
-      nearly every 1,000 shows one in a quarter of all 300.
-    - So the link gets quick only when it has been in use for longer than 300 messages take. The simplest
-      such law: nothing is quick for the first 1.1 s, then one moment in eighty is, in both ways (fewer
-      than one in 150, and 1,000 messages would often have none).
-
-    Assumed, since the paper says nothing: Gamma of shape 2 for most messages, exponential for the quick
-    ones, the same least wait of most messages in both ways (a difference d moves the filter of 300
-    messages by d / 2, which the panel's errors bound), and that a link once quick remains so. Two
-    numbers are fitted (`python -m benchmarks.clock.paper_link_fit`): that wait, to 1.87 ms, and the mean
-    of the quick ones beyond their floor, to 1.02 and 0.996. Not fitted, and so a test of the law: a
-    minimum filter of 300 messages is then off by 29 us on average and 120 at most in 239 trials; the
-    paper's panel found 32 and 121.
-    """
-    # The mean with the quick ones is that of the paper.
-    share = QUICK_SHARE * (1.0 - QUICK_AFTER_NS / (10_000 * PACE_NS))
-
-    def most(floor_ns: int, mean_ns: int) -> GammaDelay:
-        mean_ns = round((mean_ns - share * (floor_ns + quick_ns)) / (1.0 - share))
-        return GammaDelay(floor_ns + wait_ns, mean_ns, 2.0, LATE_SHARE, LATE_NS)
-
-    def quick(floor_ns: int) -> GammaDelay:
-        return GammaDelay(floor_ns, floor_ns + quick_ns, shape=1.0)
-
-    return Link(
-        to_leader=most(FLOOR_TO_LEADER_NS, MEAN_TO_LEADER_NS),
-        to_client=most(FLOOR_TO_CLIENT_NS, MEAN_TO_CLIENT_NS),
-        quick=QuickMoments(quick(FLOOR_TO_LEADER_NS), quick(FLOOR_TO_CLIENT_NS), QUICK_SHARE, QUICK_AFTER_NS),
-    )
-
-
-PAPER_LINK = paper_link()
+WIFI = Link(GammaDelay(845_000, 1_878_000), GammaDelay(883_000, 1_133_000))
+"""A WiFi link of the delays that most messages of the paper have (`benchmarks/simulated/wireless.py`)."""

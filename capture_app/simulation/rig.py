@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from capture_app.clock import NodeClock
-from capture_app.simulation.links import PAPER_LINK, Channel, Link
+from capture_app.simulation.links import WIFI, Channel, Link
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
@@ -90,7 +90,7 @@ class NodeSpec:
     name: str
     profile: SensorProfile
     clock: NodeClock
-    link: Link = PAPER_LINK
+    link: Link = WIFI
     tolerance_ns: int = 60_000
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
@@ -167,7 +167,7 @@ class VirtualRig:
         client: Client[SensorFrame] = Client(config, rng, spec.schedule(), samples=spec.samples)
         if spec.any_clock:
             client.time.timekeeper.target = AccuracyTarget()
-        node = VirtualNode(spec, Sensor(spec.profile, rng), client, Channel(spec.link))
+        node = VirtualNode(spec, Sensor(spec.profile, rng), client, spec.link.open())
         node.timer = Timer(self._time, self._pump, node)
         self.nodes[spec.name] = node
         self._start_stream(node)

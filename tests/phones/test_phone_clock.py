@@ -4,9 +4,9 @@ import random
 
 import pytest
 
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.phones.phone import LEAST_SAMPLES, PhoneClock
 from capture_app.phones.wire import Ping
-from capture_app.simulation.links import PAPER_LINK
 
 ZERO_NS = 77_000_000_000_000
 SKEW = 30e-6

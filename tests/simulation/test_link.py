@@ -7,16 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.simulated.wireless import PAPER_LINK, TroubleSpells, WirelessLink
 from capture_app.errors import BadInputError
 from capture_app.simulation.exchanges import read_trace
-from capture_app.simulation.links import (
-    PAPER_LINK,
-    Channel,
-    GammaDelay,
-    Link,
-    ReplayedDelay,
-    TroubleSpells,
-)
+from capture_app.simulation.links import GammaDelay, Link, ReplayedDelay
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)
@@ -24,7 +18,7 @@ STEADY = GammaDelay(500_000, 500_001, 1.0)
 
 def test_a_channel_without_memory_draws_as_its_link_does() -> None:
     link = Link(PAPER_LINK.to_leader, PAPER_LINK.to_client, loss=0.2, duplication=0.2)
-    one, other, channel = random.Random(3), random.Random(3), Channel(link)
+    one, other, channel = random.Random(3), random.Random(3), link.open()
 
     def expected() -> list[int]:
         if other.random() < link.loss:
@@ -38,7 +32,7 @@ def test_a_channel_without_memory_draws_as_its_link_does() -> None:
 
 def test_trouble_comes_in_bursts() -> None:
     spells = TroubleSpells(calm_ns=2 * S, trouble_ns=S, extra_ns=5 * MS, loss=0.0)
-    channel, rng = Channel(Link(STEADY, STEADY, spells=spells)), random.Random(2)
+    channel, rng = WirelessLink(STEADY, STEADY, spells=spells).open(), random.Random(2)
     late = [channel.deliveries("to_leader", t * 10 * MS, rng)[0] > 600_000 for t in range(60_000)]
     share = sum(late) / len(late)
     assert share == pytest.approx(1 / 3, abs=0.06)

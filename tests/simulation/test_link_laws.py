@@ -7,18 +7,10 @@ from statistics import mean, pstdev, stdev
 import pytest
 
 from benchmarks.simulated.wifi_laws import LINKS, LinkStatistics
+from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK, QuickMoments, WirelessLink
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.links import (
-    LATE_NS,
-    PACE_NS,
-    PAPER_LINK,
-    Channel,
-    Direction,
-    GammaDelay,
-    Link,
-    QuickMoments,
-)
+from capture_app.simulation.links import Channel, Direction, GammaDelay, Link
 
 TRIALS = {300: 30, 1000: 10, 10_000: 2}
 SIGMAS = 4.0
@@ -84,8 +76,8 @@ def test_the_papers_link_is_as_steady_as_the_paper_says() -> None:
 def test_quick_moments_are_of_both_ways_and_not_at_first() -> None:
     slow, quick = GammaDelay(2 * MS, 2 * MS + 1), GammaDelay(MS, MS + 1)
     moments = QuickMoments(quick, quick, share=0.1, after_ns=S)
-    link, rng = Link(slow, slow, quick=moments), random.Random(4)
-    channel, other = Channel(link), Channel(link)
+    link, rng = WirelessLink(slow, slow, quick=moments), random.Random(4)
+    channel, other = link.open(), link.open()
     ways: tuple[tuple[Channel, Direction], ...] = (
         (channel, "to_leader"),
         (channel, "to_client"),

@@ -19,7 +19,7 @@ from capture_app.cameras.specs import CameraRequest
 from capture_app.net.udp import Pump
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.news import Log
-from capture_app.simulation.links import Channel, Link
+from capture_app.simulation.links import Link
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
@@ -70,7 +70,7 @@ class Node:
     def __init__(self, rig: "Rig", number: int, spec: NodeSpec) -> None:
         self.rig, self.clock, self.name = rig, spec.clock, f"pi{number}"
         self.double: Camera = rig.library.cameras[number]
-        self.channel = Channel(rig.link)
+        self.channel = rig.link.open()
         options = NodeOptions(
             name=self.name,
             open_camera=lambda: open_double(rig.library, number).in_clock(spec.clock),

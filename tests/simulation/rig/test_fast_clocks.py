@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import pytest
 
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.node.leader.readiness import review_rates, rig_advice
-from capture_app.simulation.links import PAPER_LINK
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual

@@ -4,9 +4,10 @@ import re
 from dataclasses import replace
 
 from benchmarks.simulated.wifi_laws import LognormalDelay
+from benchmarks.simulated.wireless import TroubleSpells, WirelessLink
 from capture_app.camera_facts import PhaseControl
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.links import Link, TroubleSpells
+from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ClockSynced
@@ -14,7 +15,7 @@ from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES
 from capture_app.sync.wire.messages import NodeState, Report
 from tests.simulation.rig.rigs import LAN, MS, S
 
-BURSTY = Link(
+BURSTY = WirelessLink(
     LognormalDelay(MS // 5, 9 * MS, 0.7, outlier_share=0.05),
     LognormalDelay(MS // 5, 5 * MS, 0.7, outlier_share=0.05),
     spells=TroubleSpells(calm_ns=S, trouble_ns=S),

@@ -6,8 +6,9 @@ from functools import partial
 
 import pytest
 
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.links import PAPER_LINK, Channel, Direction, Link
+from capture_app.simulation.links import Channel, Direction, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.roster import van_der_corput
@@ -16,17 +17,17 @@ from capture_app.sync.timekeeping.poll_schedule import FIRST_PACE_NS, PACE_NS, S
 from tests.simulation.rig.rigs import LAN, MS, S, checked_error_ns
 
 
-class Recorder(Channel):
+class Recorder:
     """A link that notes when this node sends."""
 
     def __init__(self, link: Link) -> None:
-        super().__init__(link)
+        self._channel: Channel = link.open()
         self.sent_true_ns: list[int] = []
 
     def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
         if direction == "to_leader":
             self.sent_true_ns.append(true_ns)
-        return super().deliveries(direction, true_ns, rng)
+        return self._channel.deliveries(direction, true_ns, rng)
 
 
 def test_slots_are_far_from_each_other() -> None:

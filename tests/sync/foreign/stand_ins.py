@@ -5,10 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 from benchmarks.clock.app_phone_stand_in import StandInPhone
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
-from capture_app.simulation.links import PAPER_LINK, Channel, Direction, Link
+from capture_app.simulation.links import Channel, Direction, Link
 from capture_app.simulation.rig import Timer, VirtualTime
 
 S = 1_000_000_000
@@ -49,7 +50,7 @@ class PhoneRig:
         number = len(self.phones)
         self.phones.append(phone)
         self._clocks.append(clock)
-        self._channels[host] = Channel(link)
+        self._channels[host] = link.open()
         self._phone_timers.append(Timer(self.time, self._phone_turn, number))
         self._phone_timers[number].set(self.now_ns)
         return phone

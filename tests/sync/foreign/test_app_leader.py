@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.interop.app_leader import AppLeader, AppPhoneJoined, AppPhoneLost, AppPhoneSynced
 from capture_app.interop.app_protocol import (
     CALL_PORT,
@@ -13,7 +14,6 @@ from capture_app.interop.app_protocol import (
     decode_call,
     encode_call,
 )
-from capture_app.simulation.links import PAPER_LINK
 from tests.sync.foreign.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000

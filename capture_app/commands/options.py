@@ -189,6 +189,12 @@ def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamS
     return [RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000))]
 
 
+def keep_from_strangers() -> None:
+    """Make files for their owner and group from now on: other users of a machine need not see pictures."""
+    with contextlib.suppress(ValueError):
+        os.umask(int(os.environ.get("SIMULSHOT_UMASK", "027"), 8))
+
+
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:
     """Run until it is done, and return its result, or until SIGINT or SIGTERM, then close all in order.
 
@@ -206,9 +212,7 @@ def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) 
         return await task
 
     wait_for_no_reader()
-    with contextlib.suppress(ValueError):
-        # Pictures are for their owner and group: other users of a machine are strangers.
-        os.umask(int(os.environ.get("SIMULSHOT_UMASK", "027"), 8))
+    keep_from_strangers()
     try:
         return asyncio.run(stoppable())
     except asyncio.CancelledError:

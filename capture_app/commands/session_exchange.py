@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from capture_app.commands.options import ANY_PATH
+from capture_app.commands.options import ANY_PATH, keep_from_strangers
 from capture_app.commands.session_text import session_lines
 from capture_app.errors import BadInputError
 from capture_app.names import name_like
@@ -145,6 +145,7 @@ def import_command(
     from capture_app.session.importers.open_sources import split_name
     from capture_app.session.importers.recording import ImportOptions, import_found
 
+    keep_from_strangers()
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
@@ -282,6 +283,7 @@ def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, 
     from capture_app.session.exporters.common.exported_burst import ExportOptions
     from capture_app.session.exporters.export_session import export_session
 
+    keep_from_strangers()
     options = ExportOptions(link=hard_link, **chosen)
     report = export_session(Session.open(session), name, out, options, show_count("images"))
     answer(as_json, report, [report.folder])

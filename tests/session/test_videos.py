@@ -38,7 +38,9 @@ def test_a_recording_is_a_session_like_any_other(recording: Session) -> None:
     assert (image.residual_ns, image.local_ns) == (4_000, local_from_leader(image.leader_ns))
     assert (recording.folder / VIDEO).read_bytes() == b"".join(jpeg(n, 32, 24) for n in range(3))
     times = recording.true_times()
-    assert times is None or [time.true_ns for time in times.images] == [5, 6, 7, 5, 6]
+    assert times is not None
+    assert [time.true_ns for time in times.images] == [5, 6, 7, 5, 6]
+    assert not (recording.folder / "ground_truth").exists(), "its frames themselves tell"
     card = read_card(recording.folder)
     assert (card.images, card.missing, len(card.first_images)) == (5, 1, 2)
     sheet = TakeSheet.open(recording.folder)

@@ -179,15 +179,15 @@ class Session:
     def true_times(self) -> TrueTimes | None:
         """The true times of a simulated session, or None. Raises BadInputError where they are broken."""
         path = self.folder / TIMES
-        if not path.exists():
-            return None
-        times = read_struct(path, TrueTimes)
-        frames = (
+        times = read_struct(path, TrueTimes) if path.exists() else TrueTimes()
+        frames = [
             TrueTime(camera=video.camera, instant=frame.instant, true_ns=frame.true_ns)
             for video in self.stored_manifest.videos
             for frame in self.video_frames(video)
             if frame.instant is not None and frame.true_ns is not None
-        )
+        ]
+        if not frames and not path.exists():
+            return None
         return msgspec.structs.replace(times, images=(*times.images, *frames))
 
 

@@ -14,7 +14,8 @@ from typing import Any
 from benchmarks.report import new_parser, print_report, print_rows
 from capture_app.cli import run
 from capture_app.session.format.common_times import REFERENCE
-from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.library.listing import list_sessions
+from capture_app.session.reading.reader import Session
 from tests.session.importers.strangers import FOLDERS, MIDDLE_NS, Folder, true_offset_ms
 
 COLUMNS = {
@@ -46,7 +47,7 @@ def _import(name: str, folder: Folder) -> list[dict[str, Any]]:
         folder.make(root)
         with redirect_stdout(io.StringIO()), redirect_stderr(talk):
             code = run(["sessions", "import", str(root), "--out", str(out)])
-        sessions = [Session.open(Path(one.path)) for one in list_sessions(out)] if out.is_dir() else []
+        sessions = [Session.open(one.folder) for one in list_sessions(out)] if out.is_dir() else []
         said = _last(talk.getvalue().splitlines(), temporary)
         about = {"folder": name, "files": len(folder.clips) + len(folder.others), "said": f"{said}, {code}"}
         return [about | row for row in _offsets(folder, sessions)] or [about]

@@ -3,25 +3,43 @@
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from statistics import median
+from typing import Any
 
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.format.manifest import CameraRecord, Manifest
-from capture_app.session.reading.reader import Session, SessionSummary
+from capture_app.session.library.listing import SessionCard, SessionState
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels, skipped_text
 from capture_app.terminal import table
 from capture_app.text import count, duration
 
 
-def list_lines(found: Sequence[SessionSummary]) -> Iterator[str]:
+def list_entry(card: SessionCard) -> dict[str, Any]:
+    """A session in a list, as JSON has it; `problem` says why it cannot be used."""
+    return {
+        "path": str(card.folder),
+        "name": card.name,
+        "complete": card.state in (SessionState.COMPLETE, SessionState.UNREADABLE),
+        "created": card.created,
+        "origin": card.origin,
+        "cameras": len(card.cameras),
+        "instants": card.instants,
+        "images": card.images,
+        "missing": card.missing,
+        "problem": f"{card.problem} ({card.remedy})" if card.remedy else card.problem,
+    }
+
+
+def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
     """One line a session, and what is wrong with those that cannot be used."""
     rows = []
     for one in (one for one in found if not one.problem):
-        numbers = map(str, (one.cameras, one.instants, one.images, one.missing))
+        numbers = map(str, (len(one.cameras), one.instants, one.images, one.missing))
         rows.append((one.name, format_date(one.created), *numbers, one.origin))
     if rows:
         yield table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
-    yield from (f"unusable: {one.problem}" for one in found if one.problem)
+    yield from (f"unusable: {one.name}: {one.problem} ({one.remedy})" for one in found if one.problem)
 
 
 def session_lines(session: Session) -> Iterator[str]:

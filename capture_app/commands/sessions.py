@@ -19,11 +19,12 @@ from capture_app.commands.session_changes import (
     wiggle,
 )
 from capture_app.commands.session_exchange import export, import_command
-from capture_app.commands.session_text import list_lines, session_lines
+from capture_app.commands.session_text import list_entry, list_lines, session_lines
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.manifest import session_schema_text
-from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.library.listing import list_sessions
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.terminal import answer, json_option, print_json, print_line, show_count, talk
 from capture_app.usage import examples
@@ -56,7 +57,12 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
         return
     found = [] if nothing_yet else list_sessions(root)
     nothing = "" if found else f"no sessions in {root}"
-    answer(as_json, {"root": str(root), "sessions": found}, list_lines(found), said=nothing)
+    answer(
+        as_json,
+        {"root": str(root), "sessions": [list_entry(card) for card in found]},
+        list_lines(found),
+        said=nothing,
+    )
     for path in unfinished_outputs(root):
         talk(f"{path} is being written, or what a killed run left of it: capture-app sessions repair {root}")
 

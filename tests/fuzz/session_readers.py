@@ -11,8 +11,9 @@ from capture_app.node.camera.spool import SpooledBurst
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.ground_truth import TIMES, ground_truth_path
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
+from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.checksums import CHECKSUMS
-from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify

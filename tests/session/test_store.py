@@ -14,7 +14,8 @@ from capture_app.errors import BadInputError, ExitCode, IncompleteError, Simulsh
 from capture_app.names import is_name
 from capture_app.session.format.checks import inside
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
-from capture_app.session.reading.reader import Session, is_being_written, list_sessions
+from capture_app.session.library.listing import list_sessions
+from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.writing.session_writer import SessionWriter
 
 from .conftest import INSTANTS, calibration_of, camera_record, edit_manifest, fill, jpeg

@@ -161,6 +161,13 @@ def _card_without_manifest(folder: Path) -> SessionCard:
         problem = "its images are still coming in"
     else:
         state, remedy = SessionState.INTERRUPTED, f"capture-app sessions repair {folder}"
-        problem = "its capture ended before it was saved whole; the images that came are safe"
+        problem = "it is incomplete: its capture ended before it was saved; the images that came are safe"
     created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
     return SessionCard(folder=folder, created=created, state=state, problem=problem, remedy=remedy)
+
+
+def list_sessions(root: Path) -> list[SessionCard]:
+    """All sessions in a folder, oldest first. Raises BadInputError where the folder does not exist."""
+    if not root.is_dir():
+        raise BadInputError(f"no folder {root}", hint="sessions appear there once a burst is taken")
+    return sorted(SessionListing(root).read(), key=lambda card: (card.created, card.name))

@@ -33,21 +33,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-class SessionSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of a list of sessions; `problem` says why a session cannot be used."""
-
-    path: str
-    name: str
-    complete: bool
-    created: str = ""
-    origin: str = ""
-    cameras: int = 0
-    instants: int = 0
-    images: int = 0
-    missing: int = 0
-    problem: str = ""
-
-
 class Session:
     """A complete session: its manifest and its files. Made by `Session.open`."""
 
@@ -191,21 +176,6 @@ class Session:
         return msgspec.structs.replace(times, images=(*times.images, *frames))
 
 
-def list_sessions(root: Path) -> list[SessionSummary]:
-    """All sessions in a folder, oldest first; broken and unfinished ones say what is wrong with them.
-
-    Raises BadInputError where the folder does not exist.
-    """
-    if not root.is_dir():
-        raise BadInputError(f"no folder {root}", hint="sessions appear there once a burst is taken")
-    found = [
-        _summary(folder)
-        for folder in sorted(root.iterdir())
-        if folder.is_dir() and ((folder / MANIFEST).exists() or (folder / JOURNAL).exists())
-    ]
-    return sorted(found, key=lambda summary: (summary.created, summary.name))
-
-
 def is_being_written(folder: Path) -> bool:
     """Whether a writer holds the session's lock right now."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -226,23 +196,4 @@ def _without_manifest(folder: Path) -> BadInputError | IncompleteError:
     return IncompleteError(
         f"{folder} is incomplete: its capture ended before {MANIFEST} was written",
         hint=f"its images are safe; finish it with: capture-app sessions repair {folder}",
-    )
-
-
-def _summary(folder: Path) -> SessionSummary:
-    try:
-        manifest = Session.open(folder).manifest
-    except (BadInputError, IncompleteError) as error:
-        complete = isinstance(error, BadInputError)
-        return SessionSummary(path=str(folder), name=folder.name, complete=complete, problem=str(error))
-    return SessionSummary(
-        path=str(folder),
-        name=manifest.name,
-        complete=True,
-        created=manifest.created,
-        origin=manifest.origin,
-        cameras=len(manifest.cameras),
-        instants=len(manifest.burst.instants_ns),
-        images=len(manifest.images),
-        missing=len(manifest.missing),
     )

@@ -12,7 +12,8 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import PATIENCE_NS, STALL_NS
 from capture_app.node.leader.bursts import create_numbered
 from capture_app.session.format.manifest import MissingImage
-from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.library.listing import list_sessions
+from capture_app.session.reading.reader import Session
 from tests.node.bursts import IMAGE, INSTANTS_NS, burst_session, pieces, receive_image, report, upload
 
 

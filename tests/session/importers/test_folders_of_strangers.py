@@ -7,7 +7,8 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.library.listing import list_sessions
+from capture_app.session.reading.reader import Session
 from tests.session.importers.numbered_video import write_video
 from tests.session.importers.strangers import FOLDERS, MIDDLE_NS, true_offset_ms
 
@@ -22,7 +23,7 @@ def test_one_command_without_an_option(name: str, tmp_path: Path, capsys: pytest
     printed = capsys.readouterr()
     assert folder.said in printed.out + printed.err
     assert "next: " in printed.err
-    made = [Session.open(Path(one.path)) for one in list_sessions(out)]
+    made = [Session.open(one.folder) for one in list_sessions(out)]
     assert [len(session.manifest.cameras) for session in made] == list(folder.sessions)
     for session in made:
         times = session.manifest.burst.common_times

@@ -6,8 +6,9 @@ import pytest
 
 from capture_app.errors import BadInputError, TryAgainError
 from capture_app.session.library.changes import results_folder
+from capture_app.session.library.listing import list_sessions
 from capture_app.session.library.trash import empty_trash, restore_session, trash_session, trashed_sessions
-from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.session.conftest import fill, jpeg

@@ -8,8 +8,8 @@ from textual.pilot import Pilot
 from textual.widgets import Digits, Static
 
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.session.library.listing import list_sessions
 from capture_app.session.library.trash import trashed_sessions
-from capture_app.session.reading.reader import list_sessions
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.look import LookScreen, Motion

@@ -173,10 +173,6 @@ class Panel:
         }
         return SCAN_SHARE * (share[self.scan] - 0.5)
 
-    def light(self, tick: int) -> tuple[bool, ...]:
-        """Which lamps are lit in that tick, in the order of `lamps`; all that whoever draws it need know."""
-        return tuple(lamp.is_lit(tick) for lamp in self.lamps)
-
     def description(self) -> dict[str, Any]:
         """The whole panel as plain data, for pages and sketches that draw it."""
         return {

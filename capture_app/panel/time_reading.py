@@ -3,7 +3,9 @@
 A whole cycle of the panel is searched, then how likely each time near the best ones is.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import cv2
 import numpy as np
@@ -121,25 +123,6 @@ _RESPONSES_NS = (0.3e6, 1.5e6, 4e6)
 """Time constants of screens' cells, quick (OLED) to slow."""
 
 
-@dataclass(frozen=True, slots=True)
-class Freedom:
-    """What of the shutter is not known, and so is found with the time."""
-
-    exposure: bool
-    row_time: bool
-
-    def near(
-        self, shutter: Shutter, factors: "tuple[float, ...]", steps_ns: "tuple[float, ...]"
-    ) -> list[Shutter]:
-        """The shutter with what is free changed by each of the factors and steps."""
-        return [
-            Shutter(shutter.exposure_ns * factor, shutter.row_time_ns + step_ns)
-            for factor in (factors if self.exposure else (1.0,))
-            for step_ns in (steps_ns if self.row_time else (0.0,))
-            if shutter.row_time_ns + step_ns >= 0
-        ]
-
-
 class Posterior:
     """Chances of times, gathered from the neighbourhoods of candidates; `best` is the likeliest."""
 
@@ -192,23 +175,26 @@ class Posterior:
         return (low + high) / 2, (high - low) / 2
 
 
-def gather(model: LightModel, candidates: list[Candidate], free: Freedom) -> Posterior:
-    """How likely the times near the best candidates are."""
+def gather(
+    model: LightModel, candidates: list[Candidate], frees_exposure: bool, frees_row: bool
+) -> Posterior:
+    """How likely the times near the best candidates are, with exposure and row time where they are free."""
     tick_ns = model.panel.tick_ns
-    pool = [_refine(model, one, Freedom(False, False), tick_ns, 25) for one in _pool(candidates)]
+    pool = [_refine(model, one, tick_ns, 25) for one in _pool(candidates)]
     pool.sort(key=lambda one: -one.score)
     chosen: list[Candidate] = []
     for one in pool:
         near = [n for n in chosen if abs(n.middle_ns - one.middle_ns) < tick_ns]
         if len(near) < 2 and len(chosen) < _REFINED:
             chosen.append(one)
-    refined = [_refine_shutter(model, one, free) for one in chosen]
+    refined = [_refine_shutter(model, one, frees_exposure, frees_row) for one in chosen]
     refined.sort(key=lambda one: -one.score)
     posterior = Posterior(refined[0])
     for one in refined:
         if one.score > refined[0].score - _WORTH / TEMPER and not posterior.holds(one.middle_ns):
             # What the shutter is matters for the width of the best one only.
-            posterior.add(*_neighbourhood(model, one, free if one is refined[0] else Freedom(False, False)))
+            best = one is refined[0]
+            posterior.add(*_neighbourhood(model, one, best and frees_exposure, best and frees_row))
     return posterior
 
 
@@ -224,10 +210,12 @@ def _pool(candidates: list[Candidate]) -> list[Candidate]:
     return pool
 
 
-def _refine_shutter(model: LightModel, one: Candidate, free: Freedom) -> Candidate:
+def _refine_shutter(model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool) -> Candidate:
     reach_ns, factor, step_ns = model.panel.tick_ns, 1.25, 3_000.0
-    for turn in range(7 if free.exposure or free.row_time else 2):
-        one = _refine(model, one, free, reach_ns, 33, (1 / factor, 1.0, factor), (-step_ns, 0.0, step_ns))
+    for turn in range(7 if frees_exposure or frees_row else 2):
+        factors = (1 / factor, 1.0, factor) if frees_exposure else (1.0,)
+        steps_ns = (-step_ns, 0.0, step_ns) if frees_row else (0.0,)
+        one = _refine(model, one, reach_ns, 33, factors, steps_ns)
         reach_ns = max(reach_ns / 2, 0.1 * model.panel.tick_ns)
         if turn > 1:
             factor, step_ns = factor**0.6, step_ns * 0.6
@@ -237,7 +225,6 @@ def _refine_shutter(model: LightModel, one: Candidate, free: Freedom) -> Candida
 def _refine(
     model: LightModel,
     one: Candidate,
-    free: Freedom,
     reach_ns: float,
     count: int,
     factors: "tuple[float, ...]" = (1.0,),
@@ -248,7 +235,7 @@ def _refine(
     times = one.middle_ns + np.linspace(-reach_ns, reach_ns, count)
     response_ns = _RESPONSES_NS[1] if model.panel.is_screen else 0.0
     best: list[Candidate] = []
-    for shutter in free.near(one.shutter, factors, steps_ns):
+    for shutter in _near(one.shutter, factors, steps_ns):
         shares = model.shares(times, shutter, response_ns=response_ns)
         likelihood = model.fit(shares, on, _PLAIN).likelihood
         at = int(np.argmax(likelihood))
@@ -256,8 +243,15 @@ def _refine(
     return max(best, key=lambda each: each.score)
 
 
+def _near(shutter: Shutter, factors: "tuple[float, ...]", steps_ns: "tuple[float, ...]") -> Iterator[Shutter]:
+    """The shutter with its exposure changed by each of the factors, its row time by each of the steps."""
+    for factor, step_ns in product(factors, steps_ns):
+        if shutter.row_time_ns + step_ns >= 0:
+            yield Shutter(shutter.exposure_ns * factor, shutter.row_time_ns + step_ns)
+
+
 def _neighbourhood(
-    model: LightModel, one: Candidate, free: Freedom
+    model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool
 ) -> "tuple[Floats, dict[Shutter, Floats]]":
     """Times around a candidate and, by shutter that may be, the logarithms of their chances."""
     _, on = model.rough_fit
@@ -265,19 +259,19 @@ def _neighbourhood(
     if not model.panel.is_screen:
         # The longer the exposure, the less its ends show.
         reach_ns += 0.06 * one.shutter.exposure_ns
-    free_count = int(free.exposure) + int(free.row_time)
-    times = one.middle_ns + np.linspace(-reach_ns, reach_ns, _TIMES if not free_count else _TIMES // 2)
+    frees = frees_exposure or frees_row
+    times = one.middle_ns + np.linspace(-reach_ns, reach_ns, _TIMES // 2 if frees else _TIMES)
     steps = np.arange(-2.0, 3.0)
     factors, steps_ns = (1.0,), (0.0,)
-    if free.exposure:
-        spread = _spread(model, one, times, [(f, 0.0) for f in _SPREADS], Freedom(True, False))
+    if frees_exposure:
+        spread = _spread(model, one, times, [(f, 0.0) for f in _SPREADS])
         factors = tuple((1 + spread) ** steps)
-    if free.row_time:
-        spread = _spread(model, one, times, [(0.0, f) for f in _SPREADS], Freedom(False, True))
+    if frees_row:
+        spread = _spread(model, one, times, [(0.0, f) for f in _SPREADS])
         steps_ns = tuple(spread * _ROW_STEP_NS * steps)
-    tones = _PLAIN if free_count else TONES
+    tones = _PLAIN if frees else TONES
     found: dict[Shutter, Floats] = {}
-    for shutter in free.near(one.shutter, factors, steps_ns):
+    for shutter in _near(one.shutter, factors, steps_ns):
         of_responses = [
             TEMPER * model.fit(model.shares(times, shutter, response_ns=response_ns), on, tones).likelihood
             for response_ns in (_RESPONSES_NS if model.panel.is_screen else (0.0,))
@@ -286,16 +280,14 @@ def _neighbourhood(
     return times, found
 
 
-def _spread(
-    model: LightModel, one: Candidate, times: Floats, tried: "list[tuple[float, float]]", free: Freedom
-) -> float:
+def _spread(model: LightModel, one: Candidate, times: Floats, tried: "list[tuple[float, float]]") -> float:
     """About one sigma of exposure or row time, of the steps tried (largest first): where chances fall."""
     few = times[:: max(1, len(times) // 60)]
     reach_ns, count = float(few[-1] - few[0]) / 2, len(few)
-    centre = _refine(model, one, Freedom(False, False), reach_ns, count).score
+    centre = _refine(model, one, reach_ns, count).score
     for factor, step in tried:
         around = [
-            _refine(model, one, free, reach_ns, count, (f,), (s,)).score
+            _refine(model, one, reach_ns, count, (f,), (s,)).score
             for f, s in ((1 + factor, step * _ROW_STEP_NS), (1 / (1 + factor), -step * _ROW_STEP_NS))
             if one.shutter.row_time_ns + s >= 0
         ]
@@ -367,9 +359,8 @@ def read_panel(
         raise PanelNotFoundError(
             "its lamps do not stand out: too dark, too short an exposure, or switched off"
         )
-    free = Freedom(exposure_ns is None, row_time_ns is None)
     shutters = possible_shutters(found.panel, exposure_ns, row_time_ns)
-    posterior = gather(model, search(model, shutters), free)
+    posterior = gather(model, search(model, shutters), exposure_ns is None, row_time_ns is None)
     best = posterior.best
     shares = model.shares(np.array([best.middle_ns]), best.shutter)
     misfit = model.fit(shares, on).misfit[0]

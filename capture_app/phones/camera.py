@@ -211,11 +211,8 @@ async def _until_gone(phone: Phone) -> None:
 
 
 async def _tell_state(phone: Phone, node: CameraNode) -> None:
-    told = ""
     while True:
         await asyncio.sleep(TELL_EVERY_S)
         state, words = node.standing
-        message = wire.state_message(phone.name, str(state or "joining"), words, phone.clock_words)
-        if message != told or phone.take_wish_for_state():
-            told = message
-            await phone.tell(message)
+        # Changed or not: a page that has come anew knows nothing.
+        await phone.tell(wire.state_message(phone.name, str(state or "joining"), words, phone.clock_words))

@@ -34,20 +34,25 @@ MOST_GREETED = 64
 LOOK_EVERY_S = 0.5
 
 
+class _Connection(web.RequestHandler):
+    """Notes when bytes come, before the task that they are for is woken up."""
+
+    received_ns = 0
+    """When bytes came last, by the monotonic clock: perhaps late, never early."""
+
+    def data_received(self, data: bytes) -> None:
+        self.received_ns = time.monotonic_ns()
+        super().data_received(data)
+
+
 class Door:
     """Accepts connections for a web server, and closes those that stay without being trusted."""
 
     def __init__(self) -> None:
         self._since_s: dict[asyncio.BaseTransport, float] = {}
         self._trusted: set[asyncio.BaseTransport] = set()
-        self._stamped: dict[asyncio.BaseTransport, _StampedProtocol] = {}
         self._greeting: dict[asyncio.Task[None], None] = {}
         """Connections that have not shown yet that they speak TLS, the oldest first."""
-
-    def received_ns(self, transport: asyncio.BaseTransport | None) -> int:
-        """Return when bytes came last on a connection, by the monotonic clock: perhaps late, never early."""
-        stamped = self._stamped.get(transport) if transport is not None else None
-        return time.monotonic_ns() if stamped is None else stamped.received_ns
 
     @contextlib.asynccontextmanager
     async def opened(
@@ -80,9 +85,10 @@ class Door:
             task.add_done_callback(lambda done: self._greeting.pop(done, None))
 
     async def _greet(self, server: web.Server, connection: socket.socket, tls: ssl.SSLContext | None) -> None:
+        loop = asyncio.get_running_loop()
         try:
-            await asyncio.get_running_loop().connect_accepted_socket(
-                lambda: _StampedProtocol(server(), self._stamped),
+            await loop.connect_accepted_socket(
+                lambda: _Connection(server, loop=loop, logger=_server_log(), keepalive_timeout=5.0),
                 connection,
                 ssl=tls,
                 ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
@@ -111,40 +117,6 @@ class Door:
             for transport in (*late, *oldest_first[MOST_STRANGERS:]):
                 if isinstance(transport, asyncio.WriteTransport):
                     transport.abort()
-
-
-class _StampedProtocol(asyncio.Protocol):
-    """Notes when bytes come, before the task that they are for is woken up, and hands all on."""
-
-    def __init__(
-        self, handler: asyncio.Protocol, open_now: "dict[asyncio.BaseTransport, _StampedProtocol]"
-    ) -> None:
-        self.received_ns = 0
-        self._handler, self._open_now = handler, open_now
-        self._transport: asyncio.BaseTransport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = transport
-        self._open_now[transport] = self
-        self._handler.connection_made(transport)
-
-    def data_received(self, data: bytes) -> None:
-        self.received_ns = time.monotonic_ns()
-        self._handler.data_received(data)
-
-    def eof_received(self) -> bool | None:
-        return self._handler.eof_received()
-
-    def pause_writing(self) -> None:
-        self._handler.pause_writing()
-
-    def resume_writing(self) -> None:
-        self._handler.resume_writing()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        if self._transport is not None:
-            self._open_now.pop(self._transport, None)
-        self._handler.connection_lost(exc)
 
 
 PAGE = Path(__file__).parent / "page"
@@ -203,7 +175,7 @@ class PhoneGateway:
             app.router.add_get(f"/{part}", self._send_part)
         app.router.add_post("/join", self._join)
         app.router.add_get("/link/{ticket}", self._link)
-        runner = web.AppRunner(app, access_log=None, logger=_server_log(), keepalive_timeout=5.0)
+        runner = web.AppRunner(app)
         await runner.setup()
         assert runner.server is not None
         try:
@@ -243,7 +215,7 @@ class PhoneGateway:
         await socket_.prepare(request)
         self._links.add(socket_)
         try:
-            await self._serve(socket_, admitted, request.transport)
+            await self._serve(socket_, admitted, request.protocol)
         except (*UNREADABLE, ValueError, TimeoutError):
             await socket_.close(code=1003, message=b"This page is of another version: load it again.")
         finally:
@@ -251,10 +223,11 @@ class PhoneGateway:
         return socket_
 
     async def _serve(
-        self, link: web.WebSocketResponse, admitted: Admitted, transport: asyncio.BaseTransport | None
+        self, link: web.WebSocketResponse, admitted: Admitted, connection: web.RequestHandler
     ) -> None:
+        assert isinstance(connection, _Connection)
         hello = await _hello(link)
-        self._door.trust(transport)
+        self._door.trust(connection.transport)
         self._replace_link(admitted, link)
 
         async def send(message: str | bytes) -> None:
@@ -272,7 +245,7 @@ class PhoneGateway:
             self._on_phone(phone)
         try:
             async for message in link:
-                received_ns = self._door.received_ns(transport)
+                received_ns = connection.received_ns
                 if message.type is WSMsgType.BINARY:
                     told = wire.decode_binary(message.data)
                     if isinstance(told, wire.Ping):

@@ -134,7 +134,6 @@ class Phone:
         """Whether its user ended it."""
         self._now_ns = now_ns
         self._send: Send | None = None
-        self._needs_state = False
         self._hello, self.page = hello, hello.page
         """The load of its page, whose frames the phone keeps."""
         self.clock = PhoneClock(hello.resolution_us)
@@ -233,11 +232,6 @@ class Phone:
         if self._send is not None:
             await self._send(message)
 
-    def take_wish_for_state(self) -> bool:
-        """Whether a page has come that knows nothing yet; asked once for each."""
-        wished, self._needs_state = self._needs_state, False
-        return wished
-
     async def fetch(self, page: str, number: int, width: int | None = None) -> bytes:
         """Return a frame's JPEG, or with a width a small one, waiting for a link that is broken.
 
@@ -276,7 +270,6 @@ class Phone:
             self.page, self.clock = hello.page, PhoneClock(hello.resolution_us)
         self.gone.clear()
         self.back.set()
-        self._needs_state = True
 
     def link_closed(self, send: Send, *, by_user: bool) -> None:
         """The connection is closed; that of a page that another has replaced is nothing."""

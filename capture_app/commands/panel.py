@@ -109,6 +109,7 @@ def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
 
 
 def _lines(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
+    yield _verdict(errors)
     yield _about(times)
     yield table(("camera", *_SEEN), _seen(times))
     yield from _refused(times)

@@ -286,6 +286,6 @@ def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, 
     keep_from_strangers()
     options = ExportOptions(link=hard_link, **chosen)
     report = export_session(Session.open(session), name, out, options, show_count("images"))
-    answer(as_json, report, [report.folder])
+    answer(as_json, report, [report.folder], said="\n".join(report.notes))
     for note in report.notes:
         talk(note)

@@ -62,7 +62,7 @@ class HelpScreen(BoxDialog[bool]):
     """A page over the screen; Escape leads back. Gives whether a file for changed keys is wanted."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,question_mark", "dismiss(False)", "Back", id="help.back"),
+        Binding("q,question_mark", "dismiss", "Back", id="help.back"),
         Binding("w", "dismiss(True)", "Write keys.toml", id="help.write"),
     ]
 

@@ -4,14 +4,14 @@ from typing import ClassVar
 
 from textual import events
 from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
+from textual.containers import Vertical
 from textual.screen import Screen
 
 from capture_app.node.rig_link import LinkLost
 from capture_app.node.wire.status import RigStatus
 from capture_app.tui.rig_record import RigRecord, Told
 from capture_app.tui.widgets.footer import KeyFooter
-from capture_app.tui.widgets.header import RigLine, Tabs
+from capture_app.tui.widgets.header import Header
 
 
 class ModeView(Vertical, can_focus=True):
@@ -42,11 +42,11 @@ class ModeScreen(Screen[None]):
     def __init__(self, mode: str, view: ModeView, record: RigRecord) -> None:
         super().__init__(id=f"mode-{mode}")
         self.view = view
-        self._tabs, self._rig_line = Tabs(mode), RigLine(record)
+        self._header = Header(mode, record)
 
     def compose(self) -> ComposeResult:
         """Lay the screen out."""
-        yield Horizontal(self._tabs, self._rig_line, id="header")
+        yield self._header
         yield self.view
         yield KeyFooter()
 
@@ -61,4 +61,4 @@ class ModeScreen(Screen[None]):
     def on_told(self, message: Told) -> None:
         """Show the rig in the header."""
         if isinstance(message.what, RigStatus | LinkLost):
-            self._rig_line.draw()
+            self._header.draw()

@@ -42,10 +42,13 @@ class Dialog(Screen[Result]):
 
 
 class BoxDialog(Dialog[Result], ModalScreen[Result]):
-    """A box over the screen that was there."""
+    """A box over the screen that was there; Escape closes it without a result."""
 
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss", "Close", id="dialog.close", key_display="esc"),
+    ]
     DEFAULT_CSS = """
-    BoxDialog { align: center middle; background: $background 60%; }
+    BoxDialog { align: center middle; }
     BoxDialog > Vertical {
         width: 64; max-width: 90%; height: auto; max-height: 90%; padding: 1 2;
         background: $panel; border: round $primary;
@@ -80,7 +83,6 @@ class Question(BoxDialog[str | None]):
     """Asks and gives the value of the answer; None where it was closed by Escape."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss", "Cancel", id="question.cancel"),
         Binding("left,up", "app.focus_previous", "Answer before", show=False, id="question.left"),
         Binding("right,down", "app.focus_next", "Answer after", show=False, id="question.right"),
     ]
@@ -114,10 +116,6 @@ class Question(BoxDialog[str | None]):
 
 class TextQuestion(BoxDialog[str | None]):
     """Asks for a line of text; None where it was closed by Escape."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss", "Cancel", id="question.cancel-text"),
-    ]
 
     def __init__(
         self, text: str, value: str = "", *, check: Callable[[str], str] | None = None, title: str = ""

@@ -147,7 +147,10 @@ def multiview(
     result = run(session, out, MultiviewOptions(offsets_ms=offsets_ms, **chosen), Progress(1))
     for camera, why in result.left_out.items():
         talk(f"{camera} is left out: {why}")
-    lines = [f"{len(result.views)} depth maps, {result.fused_points} points in {result.seconds:.1f} s"]
+    measured = result.moving_measured
+    moving = "" if measured is None else f"; {100 * measured:.0f} % of what moves measured"
+    maps = f"{count(len(result.views), 'depth map')}, {result.fused_points:,} points"
+    lines = [f"{maps} in {result.seconds:.1f} s{moving}"]
     if (right := result.within_2pct) is not None:
         lines.append(f"{result.reference}: {100 * right:.1f} % of its pixels within 2 % of the true depth")
     answer(as_json, result, [*lines, f"result: {out}"])

@@ -56,6 +56,7 @@ def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) ->
 def _lines(result: "OffsetTolerance") -> Iterator[str]:
     from reconstruction.report.findings import late_or_early
 
+    yield result.verdict
     for instant in result.timing.instants if result.timing else ():
         late = late_or_early(instant.late_ms, 2 * instant.sd_ms)
         yield f"instant {instant.instant:3d}: {result.cameras[1]} is {late}"
@@ -65,4 +66,3 @@ def _lines(result: "OffsetTolerance") -> Iterator[str]:
         ends = () if found is None or found.low is None else found.ends
         around = f"  ({' to '.join(f'{100 * end:.1f}' for end in ends)})" if ends else ""
         yield f"{point.late_ms or 0.0:6.1f} ms  {value}{around}"
-    yield result.verdict

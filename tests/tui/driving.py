@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+from textual.app import App
 from textual.widgets._toast import Toast
 
 from capture_app.tui.app import SimulshotApp
@@ -51,7 +52,7 @@ async def until(pilot: Any, true: Callable[[], object], seconds: float = PATIENC
             await settle(pilot)
 
 
-def screen_of(app: SimulshotApp, kind: type[Shown]) -> Shown:
+def screen_of(app: App[None], kind: type[Shown]) -> Shown:
     """The present screen, which is of that kind."""
     screen: Any = app.screen
     assert isinstance(screen, kind)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.question import Question
 from capture_app.tui.rig_record import Mishap
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle, text, toasts
@@ -11,7 +12,7 @@ from tests.tui.fake_rig import FakeRig
 
 
 def header(app: SimulshotApp) -> str:
-    return text(app, "#tabs") + text(app, "#rig-line")
+    return text(app, "#header")
 
 
 async def test_the_header_says_which_rig_it_is_and_how_ready() -> None:
@@ -38,7 +39,7 @@ async def test_modes_are_a_key_and_a_click_away_and_hear_of_the_rig() -> None:
             await pilot.pause()
             assert app.current_mode == mode
             assert "● 1 of 1 ready" in header(app)
-        await pilot.click("#tabs", offset=(12, 0))
+        await pilot.click("#header", offset=(12, 0))
         await pilot.pause()
         assert app.current_mode == "shoot"
 
@@ -87,3 +88,15 @@ async def test_a_changed_key_holds_and_is_shown(tmp_path: Path) -> None:
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
         assert " x Quit " in text(app, "#footer")
+
+
+async def test_what_lies_below_a_dialog_is_still_seen() -> None:
+    app = make_app(FakeRig(2), started=True)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        await settle(pilot)
+        assert isinstance(app.screen, Question)
+        seen = app.export_screenshot()
+        assert "Quit?" in seen
+        assert "cam01" in seen

@@ -151,15 +151,12 @@ class JobsView(ModeView):
         elif at_end and not run.state.is_over:
             self._log.scroll_end(animate=False)
 
-    def on_row_list_chosen(self) -> None:
-        """Show what that run says."""
+    def on_row_list_chosen(self, message: RowList.Chosen) -> None:
+        """Show what that run says, or its results."""
         self._show_log()
         self.refresh_bindings()
-
-    def on_row_list_opened(self, message: RowList.Opened) -> None:
-        """Show the results."""
-        message.stop()
-        self.action_open()
+        if message.opens:
+            self.action_open()
 
     # Doing
 

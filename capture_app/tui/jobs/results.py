@@ -18,7 +18,6 @@ from capture_app.tui.jobs.run import (
     PANEL,
     PANORAMA,
     TOLERANCE,
-    Command,
     Run,
 )
 from capture_app.tui.widgets.lines import filled_cells
@@ -69,15 +68,6 @@ class StudyResult:
     """What was not measured, and why."""
 
 
-def outcome(command: Command, printed: bytes) -> str:
-    """What came of it, by what it printed; empty where that is not what was expected, which is no failure."""
-    try:
-        found = msgspec.json.decode(printed, type=dict[str, Any])
-        return _SENTENCES[command.words[-1]](found)
-    except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError):
-        return ""
-
-
 def percent(share: float | None) -> str:
     """A share of 1 in percent, a dash for None: 97 %; neither rounded up to all nor down to nothing."""
     if share is None:
@@ -87,66 +77,9 @@ def percent(share: float | None) -> str:
     return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
 
 
-def _of_multiview(found: Mapping[str, Any]) -> str:
-    if "clouds" in found:
-        score = found.get("mover_f_score_1cm")
-        truth = "" if score is None else f"; what moves has F {score:.2f} at 1 cm"
-        return f"{count(found['clouds'], 'cloud')} of {count(len(found['instants']), 'instant')}{truth}"
-    maps = count(len(found["views"]), "depth map")
-    right = found.get("within_2pct")
-    truth = (
-        "" if right is None else f"; {percent(right)} of {found['reference']} within 2 % of the true depth"
-    )
-    measured = found.get("moving_measured")
-    moving = "" if measured is None else f"; {percent(measured)} of what moves measured"
-    return f"{maps}, {found['fused_points']:,} points{moving}{truth}"
-
-
 def _moves(found: Mapping[str, Any]) -> bool:
     """Whether a panorama's misfit is known on what moves."""
     return ((found["synced"].get("mover_misfit") or {}).get("median_px")) is not None
-
-
-def _of_panorama(found: Mapping[str, Any]) -> str:
-    text = f"panorama of {count(len(found['used']), 'picture')}"
-    what, key = ("what moves fits", "mover_misfit") if _moves(found) else ("overlaps fit", "misfit")
-    one, late = (side and side[key]["median_px"] for side in (found["synced"], found.get("offset")))
-    if one is not None:
-        text += f"; {what} to {one:.1f} px"
-    if one is not None and late is not None:
-        text += f", {found['actual_offset_ms']:.0f} ms late to {late:.1f} px"
-    return text
-
-
-def _as_told(found: Mapping[str, Any]) -> str:
-    return str(found["verdict"])
-
-
-def _of_verify(found: Mapping[str, Any]) -> str:
-    return "every file and every number is as it was saved" if found["ok"] else ""
-
-
-def _of_repair(found: Mapping[str, Any]) -> str:
-    (one,) = found["sessions"]
-    lost = f", {one['missing']} missing" if one["missing"] else ""
-    return f"{'completed' if one['changed'] else 'complete already'}: {count(one['images'], 'image')}{lost}"
-
-
-def _of_export(found: Mapping[str, Any]) -> str:
-    notes = "".join(f"; {note}" for note in found.get("notes", ()))
-    return f"{count(found['images'], 'image')} in {found['folder']}{notes}"
-
-
-_SENTENCES = {
-    "compare": _as_told,
-    "multiview": _of_multiview,
-    "panorama": _of_panorama,
-    "tolerance": _as_told,
-    "read": lambda found: _as_told(found["words"]),
-    "verify": _of_verify,
-    "repair": _of_repair,
-    "export": _of_export,
-}
 
 
 def read_result(run: Run) -> StudyResult:
@@ -155,9 +88,8 @@ def read_result(run: Run) -> StudyResult:
     if path is None or run.out is None:
         raise BadInputError(f"{run.command.title} of {run.session.name} has no result", hint="run it again")
     try:
-        data = path.read_bytes()
-        found = msgspec.json.decode(data, type=dict[str, Any])
-        result = _READERS[run.kind](found, run.out, outcome(run.command, data))
+        found = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        result = _READERS[run.kind](found, run.out, run.message)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}", hint="run it again") from error
     except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:

@@ -50,13 +50,11 @@ class Command:
             if word.partition("=")[0] in ("--out", "--json"):
                 raise BadInputError(f"{word} is set by the job itself", hint="leave it out")
         target = () if out is None or not self.writes else ("--out", str(out))
-        return (*self.words, str(session), *self.fixed, *words, *target, "--json")
+        return (*self.words, str(session), *self.fixed, *words, *target)
 
     def line(self, session: Path, out: Path | None, options: str) -> str:
         """What one would type to do the same."""
-        return shlex.join(
-            (_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options)[:-1])
-        )
+        return shlex.join((_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options)))
 
 
 COMPARE = Command(
@@ -139,6 +137,13 @@ REPAIR = Command(
     "--wait-s 0",
     writes=False,
 )
+IMPORT = Command(
+    "import",
+    "Import",
+    "a folder of videos, or another program's recording, as a session",
+    CAPTURE,
+    ("sessions", "import"),
+)
 EXPORTS: Mapping[str, Command] = {
     name: Command(
         f"export-{name}",
@@ -152,7 +157,7 @@ EXPORTS: Mapping[str, Command] = {
 }
 STUDIES = (COMPARE, MULTIVIEW, PANORAMA, TOLERANCE, CLOUDS, PANEL)
 """The commands that are offered for their results."""
-COMMANDS = {one.name: one for one in (*STUDIES, MOMENT, VERIFY, REPAIR, *EXPORTS.values())}
+COMMANDS = {one.name: one for one in (*STUDIES, MOMENT, VERIFY, REPAIR, IMPORT, *EXPORTS.values())}
 
 
 class RunState(StrEnum):

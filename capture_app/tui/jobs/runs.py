@@ -23,8 +23,7 @@ from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.files.strangers import read_regular
 from capture_app.session.library.changes import RESULTS, results_folder
 from capture_app.text import UNREADABLE, ProgressStep, pretty_json, printable
-from capture_app.tui.jobs.results import outcome
-from capture_app.tui.jobs.run import COMMANDS, Command, Run, RunState
+from capture_app.tui.jobs.run import COMMANDS, IMPORT, Command, Run, RunState
 
 INTERRUPTED = "the screen was closed before it was done"
 LOG_LINES = 500
@@ -192,7 +191,7 @@ class Runs:
         self._tell(run)
 
     async def _run_child(self, run: Run) -> str:
-        """Run the process; what came of it, in a sentence. Raises SimulshotError where it failed."""
+        """Run the process; what came of it is what it prints first. Raises SimulshotError where it failed."""
 
         def hear(line: str) -> None:
             self._said[run.key].append(printable(line))
@@ -209,16 +208,20 @@ class Runs:
                 child.pause()
                 run.state = RunState.PAUSED
                 self._tell(run)
-            printed = await child.output()
+            first, *more = (await child.output()).decode(errors="replace").splitlines() or [""]
             await asyncio.wait((child.listening,), timeout=1.0)
-            return outcome(run.command, printed)
+            self._said[run.key] += map(printable, more)
+            return first
         except SimulshotError as failure:
             raise SimulshotError(failure.what.partition(": ")[2] or failure.what) from failure
         finally:
             self._child = None
             await child.stop()
             if run.out is not None and run.state is RunState.CANCELLED:
-                await asyncio.to_thread(clear_leftovers, run.out.parent)
+                # An import writes its sessions into its folder, all others write the folder itself.
+                await asyncio.to_thread(
+                    clear_leftovers, run.out if run.kind == IMPORT.name else run.out.parent
+                )
 
     async def _keep(self, run: Run) -> None:
         try:

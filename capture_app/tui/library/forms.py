@@ -1,15 +1,13 @@
 """The questions that the sessions ask: a name, a note, which command, which format and where to."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
 
-from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.widgets import Input, OptionList, Static
 
-from capture_app.errors import SimulshotError
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
 from capture_app.session.library.changes import MAX_NOTE
 from capture_app.session.library.listing import SessionCard, SessionState
@@ -35,18 +33,25 @@ class ChoiceForm(BoxDialog[Choice | None]):
     Enter takes it, Tab goes to its line of text and back; Escape gives None.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss", "Cancel", id="form.cancel"),
-    ]
+    def __init__(
+        self,
+        title: str,
+        choices: Sequence[Choice],
+        command: Callable[[Choice], str],
+        *,
+        label: str,
+        chosen: str = "",
+    ) -> None:
+        """`command`: what one would type for a choice; raises SimulshotError where its text is wrong.
 
-    def __init__(self, title: str, choices: Sequence[Choice], *, label: str, chosen: str = "") -> None:
-        """`label` names the line; `chosen` is the value to begin with."""
+        `label` names the line; `chosen` is the value to begin with.
+        """
         wide = max(len(choice.label) for choice in choices)
         rows = [
             Content.assemble((f"{one.label:<{wide}}", "bold"), (f"  {one.what}", "$foreground-muted"))
             for one in choices
         ]
-        self._choices = list(choices)
+        self._choices, self._command = list(choices), command
         self._first = next((at for at, one in enumerate(choices) if one.value == chosen), 0)
         self._options = OptionList(*rows)
         self._line = Input(select_on_focus=False)
@@ -61,14 +66,6 @@ class ChoiceForm(BoxDialog[Choice | None]):
             self._preview,
             subtitle=f"enter starts · tab edits the {label} · esc cancels",
         )
-
-    def preview(self, choice: Choice) -> str:
-        """What will be done."""
-        raise NotImplementedError
-
-    def check(self, choice: Choice) -> str:
-        """What is wrong with its text, if anything."""
-        raise NotImplementedError
 
     def on_mount(self) -> None:
         """Choose at once."""
@@ -87,23 +84,27 @@ class ChoiceForm(BoxDialog[Choice | None]):
         self._show()
 
     def _take(self) -> None:
-        choice = self._choices[self._options.highlighted or 0]
-        if self.check(choice):
+        if self._show():
+            self.dismiss(self._choices[self._options.highlighted or 0])
+        else:
             # Where nothing can be started the line is what has to change.
             self._wrong.add_class("-refused")
             self._line.focus()
-        else:
-            self.dismiss(choice)
 
     on_input_submitted = on_option_list_option_selected = _take
 
-    def _show(self) -> None:
-        choice = self._choices[self._options.highlighted or 0]
-        wrong = printable(self.check(choice))
-        self._wrong.update(Content(wrong))
+    def _show(self) -> bool:
+        """Show what will be done, or what is wrong; whether nothing is."""
+        wrong = command = ""
+        try:
+            command = f"$ {self._command(self._choices[self._options.highlighted or 0])}"
+        except SimulshotError as error:
+            wrong = str(error)
+        self._wrong.update(Content(printable(wrong)))
         self._wrong.remove_class("-refused")
         self._wrong.display = bool(wrong)
-        self._preview.update(Content("" if wrong else printable(self.preview(choice))))
+        self._preview.update(Content(printable(command)))
+        return not wrong
 
 
 def name_question(card: SessionCard) -> TextQuestion:
@@ -122,6 +123,21 @@ def name_question(card: SessionCard) -> TextQuestion:
     )
 
 
+def import_question(folder: str) -> TextQuestion:
+    """Ask which folder is imported; `folder` is proposed."""
+
+    def check(text: str) -> str:
+        return "" if typed_path(text).is_dir() and text.strip() else "there is no such folder"
+
+    return TextQuestion(
+        "A folder of videos, or of another program's recording. Clips that belong together are found and "
+        "aligned by all they have.",
+        folder,
+        check=check,
+        title="Import",
+    )
+
+
 def note_question(card: SessionCard) -> TextQuestion:
     """Ask for the note."""
 
@@ -133,55 +149,38 @@ def note_question(card: SessionCard) -> TextQuestion:
     )
 
 
-class CommandForm(ChoiceForm):
-    """Asks what is to be made of a session, and with which options."""
+def command_form(card: SessionCard, runs: Runs) -> ChoiceForm:
+    """Ask what is to be made of a session, and with which options."""
+    commands = (*STUDIES, VERIFY) if card.state is SessionState.COMPLETE else (REPAIR,)
 
-    def __init__(self, card: SessionCard, runs: Runs) -> None:
-        commands = (*STUDIES, VERIFY) if card.state is SessionState.COMPLETE else (REPAIR,)
-        choices = [Choice(one.name, one.title, one.what, one.quick) for one in commands]
-        super().__init__(f"What is to be made of {card.name}?", choices, label="options")
-        self._folder, self._runs = card.folder, runs
-
-    def preview(self, choice: Choice) -> str:
-        """The command that one would type."""
+    def line(choice: Choice) -> str:
         command = COMMANDS[choice.value]
-        return f"$ {command.line(self._folder, self._runs.out(command, self._folder), choice.text)}"
+        return command.line(card.folder, runs.out(command, card.folder), choice.text)
 
-    def check(self, choice: Choice) -> str:
-        """What is wrong with the options."""
-        try:
-            COMMANDS[choice.value].arguments(self._folder, None, choice.text)
-        except SimulshotError as error:
-            return str(error)
-        return ""
+    choices = [Choice(one.name, one.title, one.what, one.quick) for one in commands]
+    return ChoiceForm(f"What is to be made of {card.name}?", choices, line, label="options")
 
 
-class ExportForm(ChoiceForm):
-    """Asks for the format and the folder of an export."""
+def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm:
+    """Ask for the format and the folder of an export; `folder` is proposed to hold it."""
 
-    def __init__(self, card: SessionCard, folder: Path, format_name: str) -> None:
-        """`folder` is proposed to hold it."""
-        choices = [
-            Choice(name, name, one.what, str(_free_folder(folder / f"{card.name}-{name}")))
-            for name, one in EXPORTS.items()
-        ]
-        super().__init__(f"Export {card.name}", choices, label="folder", chosen=format_name)
-        self._folder = card.folder
-
-    def preview(self, choice: Choice) -> str:
-        """The command that one would type."""
-        return f"$ {EXPORTS[choice.value].line(self._folder, typed_path(choice.text), '')}"
-
-    def check(self, choice: Choice) -> str:
-        """What is wrong with the folder."""
+    def line(choice: Choice) -> str:
         target = typed_path(choice.text)
         if not choice.text.strip():
-            return "name a folder"
+            raise BadInputError("name a folder")
         try:
             taken = target.exists() and (not target.is_dir() or any(target.iterdir()))
         except OSError as error:
-            return f"{target}: {error.strerror}"
-        return f"{target} exists already: choose another folder" if taken else ""
+            raise BadInputError(f"{target}: {error.strerror}") from error
+        if taken:
+            raise BadInputError(f"{target} exists already: choose another folder")
+        return EXPORTS[choice.value].line(card.folder, target, "")
+
+    choices = [
+        Choice(name, name, one.what, str(_free_folder(folder / f"{card.name}-{name}")))
+        for name, one in EXPORTS.items()
+    ]
+    return ChoiceForm(f"Export {card.name}", choices, line, label="folder", chosen=format_name)
 
 
 def _free_folder(folder: Path) -> Path:

@@ -22,7 +22,7 @@ from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
 from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
-from capture_app.tui.widgets.lines import justified, strip_of_line
+from capture_app.tui.widgets.lines import fitting, justified, strip_of_line
 from capture_app.tui.widgets.picture import strip_of_middle
 from capture_app.tui.widgets.row_list import RowList
 
@@ -150,15 +150,8 @@ class SessionRows(RowList[Entry]):
             sign = STATES[card.state]
             return Content.styled(f"{sign}: {printable(card.problem)}", sign.style)
         spread = spread_of(card)
-        return justified(spread, self._tags(card, room - spread.cell_length - 2), room)
-
-    def _tags(self, card: SessionCard, room: int) -> Content:
-        """What was made of it, the newest first, as much as there is room for."""
-        tags = Content("")
-        for tag in map(run_tag, self._runs.of(card.folder)):
-            if tags.cell_length + tag.cell_length + 2 <= room:
-                tags = tags + ("  " if tags else "") + tag
-        return tags
+        tags = fitting(map(run_tag, self._runs.of(card.folder)), "  ", room - spread.cell_length - 2)
+        return justified(spread, Content("  ").join(tags), room)
 
     def _thumb_line(self, entry: Entry, line: int) -> Strip:
         images = entry.card.first_images[:1]

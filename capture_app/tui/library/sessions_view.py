@@ -21,15 +21,21 @@ from capture_app.session.library.trash import restore_session, trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
 from capture_app.tui.jobs.result_screen import show_result
-from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, VERIFY, Command, Run
+from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, IMPORT, VERIFY, Command, Run
 from capture_app.tui.jobs.runs import Runs
-from capture_app.tui.library.forms import CommandForm, ExportForm, name_question, note_question, typed_path
+from capture_app.tui.library.forms import (
+    command_form,
+    export_form,
+    import_question,
+    name_question,
+    note_question,
+    typed_path,
+)
 from capture_app.tui.library.session_rows import Entry, Order, SessionRows, arrange
 from capture_app.tui.library.take import TakePane, TakeScreen
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_record import Mishap, Told, telling
 from capture_app.tui.settings import Settings
-from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
 
 T = TypeVar("T")
@@ -59,6 +65,7 @@ class SessionsView(ModeView):
         Binding("s", "sort", "Sort", id="sessions.sort"),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
         Binding("v", "verify", "Verify", id="sessions.verify", tooltip="whether all files are whole"),
+        Binding("i", "import", "Import", id="sessions.import", tooltip="a folder of videos"),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
 
@@ -134,6 +141,13 @@ class SessionsView(ModeView):
     def _follow_runs(self) -> None:
         for run in self._runs.unfinished:
             self._rows.show_again(str(run.session.absolute()))
+        self._name_frame(str(self._frame.border_title or ""))
+
+    def _name_frame(self, title: str) -> None:
+        importing = [f"◔ {run}" for run in self._runs.unfinished if run.kind == IMPORT.name]
+        subtitle = " · ".join([*importing, str(self._order), "s sorts · / finds · i imports"])
+        if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
+            self._frame.border_title, self._frame.border_subtitle = title, subtitle
 
     @work(exclusive=True, group="listing")
     async def look_at_disk(self) -> None:
@@ -164,14 +178,12 @@ class SessionsView(ModeView):
         self._rows.display = bool(entries)
         self._empty.display = not entries and self._cards is not None
         where = printable(str(self._listing.root))
-        text = f"No session in {where} yet: in Shoot (key 2), space takes one."
+        text = f"No session in {where} yet: in Shoot (key 2), space takes one; i imports videos."
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
         samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
-        title, subtitle = f"{count(here, 'session')}{samples}", f"{self._order} · s sorts · / finds"
-        if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
-            self._frame.border_title, self._frame.border_subtitle = title, subtitle
-        self.on_row_list_chosen()
+        self._name_frame(f"{count(here, 'session')}{samples}")
+        self.on_row_list_chosen(SessionRows.Chosen())
 
     on_input_changed = _show
 
@@ -182,14 +194,12 @@ class SessionsView(ModeView):
             self._rows.choose(entry.key)
         return bool(entries)
 
-    def on_row_list_chosen(self) -> None:
-        """Show what is under the cursor, and offer what can be done with it."""
+    def on_row_list_chosen(self, message: SessionRows.Chosen) -> None:
+        """Show what is under the cursor, and offer what can be done with it; look at it."""
         self._settle()
         self.refresh_bindings()
-
-    def on_row_list_opened(self) -> None:
-        """Look at it."""
-        self.action_look()
+        if message.opens:
+            self.action_look()
 
     def on_input_submitted(self) -> None:
         """Back to what was found."""
@@ -257,14 +267,6 @@ class SessionsView(ModeView):
                 self.app.push_screen(TakeScreen(entry, sheet))
 
     @work
-    async def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
-        """Look at a picture of the sheet beside the list."""
-        if self.entry is not None:
-            screen = TakeScreen(self.entry, message.sheet)
-            await self.app.push_screen(screen)
-            screen.on_contact_sheet_chosen(message)
-
-    @work
     async def action_results(self) -> None:
         """Show what was found last about the session."""
         run = None if self.entry is None else self._latest_result(self.entry)
@@ -310,7 +312,7 @@ class SessionsView(ModeView):
         """Choose what is to be made of it, and how."""
         entry = self._saved_entry()
         if entry is not None:
-            chosen = await self.app.push_screen_wait(CommandForm(entry.card, self._runs))
+            chosen = await self.app.push_screen_wait(command_form(entry.card, self._runs))
             if chosen is not None:
                 self._start(COMMANDS[chosen.value], entry, chosen.text)
 
@@ -322,12 +324,29 @@ class SessionsView(ModeView):
             return
         folder = self._settings.recall("sessions.export-folder", str(self._listing.root.parent))
         name = self._settings.recall("sessions.export-format", "colmap")
-        chosen = await self.app.push_screen_wait(ExportForm(entry.card, Path(folder), name))
+        chosen = await self.app.push_screen_wait(export_form(entry.card, Path(folder), name))
         if chosen is not None:
             out = typed_path(chosen.text)
             self._settings.remember("sessions.export-folder", str(out.parent))
             self._settings.remember("sessions.export-format", chosen.value)
             self._start(EXPORTS[chosen.value], entry, out=out)
+
+    @work
+    async def action_import(self) -> None:
+        """Ask for a folder of videos, import it, and put the cursor on the first session made of it."""
+        proposed = self._settings.recall("sessions.import-folder", str(Path.cwd()))
+        typed = await self.app.push_screen_wait(import_question(proposed))
+        if typed is None:
+            return
+        folder = typed_path(typed).absolute()
+        self._settings.remember("sessions.import-folder", str(folder))
+        root, before = self._listing.root, set(self._rows.keys)
+        with telling(self):
+            run = self._runs.add(IMPORT, folder, out=root)
+            while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
+                await asyncio.sleep(FOLLOW_EVERY_S)
+            await self.look_at_disk().wait()
+            self._rows.choose(next((key for key in self._rows.keys if key not in before), ""))
 
     def _start(
         self, command: Command, entry: Entry | None, options: str | None = None, out: Path | None = None

@@ -14,7 +14,6 @@ from capture_app.tui.library.session_rows import STATES, Entry
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
-from capture_app.tui.widgets.look import LookScreen, Motion
 from capture_app.tui.widgets.whole_screen import WholeScreen
 
 LOW = 30
@@ -99,19 +98,6 @@ class TakeScreen(WholeScreen[None]):
             ]
         )
 
-    def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
-        """Look at one picture."""
-        self._look(message.camera, message.instant)
-
     def action_look(self, motion: str) -> None:
         """Look at the picture under the cursor, in motion."""
-        place = self._pane.sheet.place
-        if place is not None:
-            self._look(place.camera, place.instant, Motion[motion])
-
-    def _look(self, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
-        def come_back(seen: tuple[str, int] | None) -> None:
-            if seen is not None:
-                self._pane.sheet.go_to(*seen)
-
-        self.app.push_screen(LookScreen(self._sheet, camera, instant, motion), come_back)
+        self._pane.sheet.action_look(motion)

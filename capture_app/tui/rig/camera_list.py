@@ -1,7 +1,7 @@
 """The list of cameras, one of them chosen: some lines beside a tall strip where there is room, else one."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,12 +10,13 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
 from textual.geometry import Region
-from textual.message import Message
 
 from capture_app.node.leader.snapshots import in_tree_order
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 from capture_app.text import NO_VALUE, count, duration, printable
+from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig_record import RigRecord, phases_at
 from capture_app.tui.signs import SIGNS, cameras_of
 from capture_app.tui.widgets.lines import Lines, chosen_line
@@ -207,6 +208,19 @@ def _exposure(node: NodeStatus) -> str:
     return f"{ns / 1e9:.1f} s" if ns >= 300_000_000 else f"1/{1e9 / ns:.0f} s"
 
 
+def _settings(cameras: Sequence[NodeStatus]) -> str:
+    """Whether the cameras that are here are exposed alike, and how; nothing for a single one."""
+    here = [node for node in cameras if node.state is not NodeState.LOST and node.exposure_ns]
+    if len(here) < 2:
+        return ""
+    exposures = {_exposure(node) for node in here}
+    gains = {NO_VALUE if node.gain is None else f"{node.gain:.2g}" for node in here}
+    unlike = [what for what, found in (("exposure", exposures), ("gain", gains)) if len(found) > 1]
+    if unlike:
+        return f" · not alike: {' and '.join(unlike)}"
+    return f" · alike: {next(iter(exposures))}, gain {next(iter(gains))}"
+
+
 def _disk(node: NodeStatus) -> str:
     return NO_VALUE if node.disk_free_bytes is None else f"{node.disk_free_bytes / 1e9:.0f} GB"
 
@@ -229,14 +243,8 @@ class CameraList(Vertical, can_focus=True):
         Binding("enter", "open", "Look closely", id="rig.open", tooltip="its clock, phase and picture"),
     ]
 
-    @dataclass
-    class Opened(Message):
-        """The user wants to see a camera closely."""
-
-        name: str
-
-    def __init__(self, record: RigRecord) -> None:
-        self._record = record
+    def __init__(self, source: RigLink, record: RigRecord) -> None:
+        self._source, self._record = source, record
         self._head = Lines(id="cameras-head")
         self._rows = Lines(id="cameras-rows")
         self._scroll = VerticalScroll(self._rows, id="cameras-scroll", can_focus=False)
@@ -282,7 +290,7 @@ class CameraList(Vertical, can_focus=True):
             rows += [chosen_line(line, width) for line in lines] if node.name == self._chosen else lines
         self._head.show([compact_head(width)] if height == 1 else [])
         self._rows.show(rows)
-        title = count(len(cameras_of(status)), "camera")
+        title = f"{count(len(cameras_of(status)), 'camera')}{_settings(cameras_of(status))}"
         subtitle = f"phase error over the last {SPAN_S:.0f} s · {axis}"
         if (title, subtitle) != (self.border_title, self.border_subtitle):  # setting them redraws all
             self.border_title, self.border_subtitle = title, subtitle
@@ -295,9 +303,9 @@ class CameraList(Vertical, can_focus=True):
             self._choose(max(0, min(len(names) - 1, at)))
 
     def action_open(self) -> None:
-        """Ask to see the chosen camera closely."""
+        """Look at the chosen camera closely."""
         if self._chosen:
-            self.post_message(self.Opened(self._chosen))
+            self.app.push_screen(CameraScreen(self._chosen, self._source, self._record))
 
     def on_click(self, event: events.Click) -> None:
         """Choose the camera that was clicked; a second click opens it."""

@@ -21,7 +21,7 @@ from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import RigRecord, Told, telling
 from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.footer import KeyFooter
-from capture_app.tui.widgets.lines import Lines, news_lines
+from capture_app.tui.widgets.lines import Lines, fitting, news_lines
 from capture_app.tui.widgets.picture import Picture
 from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
 
@@ -200,20 +200,11 @@ class CameraScreen(Dialog[None]):
             third.append(f"{node.disk_free_bytes / 1e9:.0f} GB free")
         if detail.spool:
             third.append(f"spool {printable(detail.spool)}")
+        width = self._facts.size.width
         self._facts.show(
             [
                 Content.assemble(*first),
-                Content(_fitting(second, self._facts.size.width)),
-                Content.styled(_fitting(third, self._facts.size.width), "$foreground-muted"),
+                Content("   ").join(fitting(map(Content, second), "   ", width)),
+                Content("   ").join(fitting(map(Content, third), "   ", width)).stylize("$foreground-muted"),
             ]
         )
-
-
-def _fitting(parts: list[str], width: int) -> str:
-    """As many of the parts as fit in a line, the first of them first."""
-    line = ""
-    for part in parts:
-        longer = f"{line}   {part}" if line else part
-        if len(longer) <= width:
-            line = longer
-    return line

@@ -25,25 +25,10 @@ QUIET = 2
 _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
 
 
-NOT_INVITED = "A machine that is not known here yet asks for a number, once: press i."
-
-
-async def invitation(source: RigLink) -> tuple[str, str]:
-    """Let the leader make a code for a machine; return it, and what to say of it or why there is none."""
-    try:
-        invited = await source.invite()
-    except SimulshotError as error:
-        return "", printable(str(error)).capitalize()
-    return show_code(invited.code), (
-        f"A machine that is not known here yet asks for a number, once: {show_code(invited.code)}."
-        f" It is for one machine and {invited.good_for_s // 60} minutes; i shows another; both are good."
-    )
-
-
 def large(code: str) -> list[str]:
-    """A code in digits three lines high; nothing for none."""
+    """A code in digits three lines high."""
     places = [DIGITS.index(letter) * 3 for letter in code]
-    return ["".join(DIGITS3X3[place + row] for place in places) for row in range(3)] if code else []
+    return ["".join(DIGITS3X3[place + row] for place in places) for row in range(3)]
 
 
 def joining_line(leader: str) -> str:
@@ -95,7 +80,6 @@ class InviteScreen(GuideScreen):
     """Shows how another machine joins: the line to type there, as a QR code too, and the code it asks for."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss", "Close", id="invite.close", key_display="esc"),
         Binding("i", "another", "Another code", id="invite.another"),
     ]
 
@@ -110,18 +94,23 @@ class InviteScreen(GuideScreen):
     @work(exclusive=True, group="invite")
     async def action_another(self) -> None:
         """Show a further code."""
-        code, words = await invitation(self._source)
-        number = [(line, "bold $success") for line in large(code)]
         line = ("To join from another machine, type there:", ""), (self._line, "bold $secondary"), ("", "")
+        try:
+            invited = await self._source.invite()
+        except SimulshotError as error:
+            self.show(self._line, *line, (str(error).capitalize(), "$warning"))
+            return
+        code = show_code(invited.code)
+        words = (
+            f"A machine that is not known here yet asks for a number, once: {code}. It is for one machine "
+            f"and {invited.good_for_s // 60} minutes; i shows another; both are good."
+        )
+        number = [(line, "bold $success") for line in large(code)]
         self.show(self._line, *line, *number, (words, "$foreground-muted"))
 
 
 class PhonesScreen(GuideScreen):
     """Shows the code of the next phone, another one when a phone has come; their server goes on."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss", "Close", id="phones.close", key_display="esc"),
-    ]
 
     def __init__(self, source: RigLink) -> None:
         super().__init__("phones", "Phones as cameras", 38)

@@ -1,9 +1,6 @@
 """How to check a rig with a panel: its page, served while one looks here, and what to do then."""
 
 from contextlib import AsyncExitStack
-from typing import ClassVar
-
-from textual.binding import Binding, BindingType
 
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address, listen_tcp, reachable_host
@@ -19,10 +16,6 @@ _LIMITS = (
 
 class PanelScreen(GuideScreen):
     """Serves the panel's page to this machine and the network until it is closed; the page itself goes on."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss", "Close", id="panel.close", key_display="esc"),
-    ]
 
     def __init__(self) -> None:
         super().__init__("panel", "Check the rig with a panel", 40)

@@ -1,15 +1,15 @@
 """The choices of the start: what this machine has to offer, and what each of them means."""
 
+import asyncio
 import textwrap
 from collections.abc import Awaitable, Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from textual import events, work
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical
+from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import OptionList
 from textual.widgets.option_list import Option
@@ -22,12 +22,9 @@ from capture_app.node.leader.local_nodes import VIEWS
 from capture_app.node.rig_link import RigLink
 from capture_app.text import count, printable
 from capture_app.tui.rig.joining import (
-    NOT_INVITED,
+    InviteScreen,
     PhonesScreen,
-    invitation,
     joining_line,
-    large,
-    qr_lines,
 )
 from capture_app.tui.rig_record import SessionsRequested, telling
 from capture_app.tui.settings import Settings
@@ -41,27 +38,10 @@ TITLE_WIDTH = 26
 """Leaves room for the code beside the list in a narrow terminal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Offers:
-    """What was found."""
-
-    cameras: tuple[CameraListing, ...]
-    sessions: int
-    """How many sessions are in the folder."""
-
-
-def find_offers(sessions: Path, *, local: bool) -> Offers:
-    """Look around; opens camera devices, so it may take a second. `local`: cameras here can be the rig's."""
-    drivers = [driver for kind, driver in DRIVERS.items() if local and kind != SIMULATED]
-    cameras = [camera for driver in drivers for camera in driver.load().list_cameras()]
-    return Offers(tuple(cameras), _count(sessions))
-
-
-def _count(folder: Path) -> int:
-    try:
-        return sum((place / "session.json").is_file() for place in folder.iterdir())
-    except OSError:
-        return 0
+def find_cameras() -> list[CameraListing]:
+    """The cameras of this machine; opens devices, so it may take a second."""
+    drivers = [driver for kind, driver in DRIVERS.items() if kind != SIMULATED]
+    return [camera for driver in drivers for camera in driver.load().list_cameras()]
 
 
 class _Choice(NamedTuple):
@@ -75,7 +55,7 @@ class _Choice(NamedTuple):
     is_usable: bool = True
 
 
-CAMERA_KEYS = "cefglmpuvwxyz"
+CAMERA_KEYS = "cefgmpuvwxyz"
 """One for each camera that is found; the others are taken by what is always there."""
 MAX_WIDTH, MARGIN = 96, 8
 """Width of the panel in a wide terminal, in cells; what is left free beside its words."""
@@ -108,17 +88,16 @@ class StartPanel(Vertical):
         self._settings = settings
         self._sessions, self._samples = sessions, samples
         self._local = local
-        self._offers = Offers((), 0)
+        self._found: list[CameraListing] = []
+        self._kept = 0
+        """How many sessions are in the folder."""
         self._leader = ""
         self._busy = ""
-        self._number, self._invitation = "", NOT_INVITED
         self._title = Lines(id="start-title")
         self._list = OptionList(id="start-list")
         self._meaning = Lines(id="start-meaning")
-        self._code = Lines(id="start-code")
         self._line = Lines(id="start-line")
-        left = Vertical(self._title, self._list, self._meaning, id="start-left")
-        middle = Horizontal(left, self._code, id="start-middle")
+        middle = Vertical(self._title, self._list, self._meaning, id="start-middle")
         super().__init__(Vertical(middle, self._line, id="start-box"), id="start")
 
     def on_mount(self) -> None:
@@ -159,12 +138,12 @@ class StartPanel(Vertical):
         self._list.highlighted = next((at for at, one in enumerate(options) if one.id == kept), 0)
 
     def _choices(self) -> Iterator[_Choice]:
-        for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
+        for key, camera in zip(CAMERA_KEYS, self._found, strict=False):
             title = f"{camera.model or camera.kind} {Path(camera.spec).name}"
             what = f"{camera.spec}: {camera.detail}"
             start = partial(self._start_camera, camera)
             yield _Choice(camera.spec, key, title, what, start, is_usable=camera.usable)
-        what = f"The code beside holds the line below. {self._invitation}"
+        what = "The line below and a number, for cameras of another machine; a code for its phone."
         yield _Choice("invite", "i", "Invite other machines", what, self.action_invite)
         what = "Any phone with a browser is a camera: it scans a code, and keeps a page open."
         yield _Choice("phones", "h", "Phones by a QR code", what, self.action_phones)
@@ -174,8 +153,8 @@ class StartPanel(Vertical):
         )
         title = f"Simulate {count(self._cameras, 'camera')}"
         yield _Choice("simulated", "s", title, what, self.action_simulate)
-        if self._offers.sessions:
-            title = f"Look at {count(self._offers.sessions, 'session')}"
+        if self._kept:
+            title = f"Look at {count(self._kept, 'session')}"
             what = f"The takes in {self._sessions}: to look at, verify, compare and export."
             yield _Choice("sessions", "o", title, what, self.action_sessions)
         if self._samples:
@@ -199,10 +178,7 @@ class StartPanel(Vertical):
     def _explain(self) -> None:
         if not self.is_attached:
             return
-        inviting = self._chosen == "invite"
-        self._code.display = inviting and bool(self._leader)
         line = joining_line(self._leader) if self._leader else "…"
-        self._code.show(qr_lines(line) if self._code.display else [])
         self._title.show([Content.styled("What shall take pictures?", "bold $primary")])
         self._meaning.show([Content.styled(self._busy, "$warning")] if self._busy else self._meanings())
         join = "To join from another machine, type there:"
@@ -221,11 +197,8 @@ class StartPanel(Vertical):
 
     def _meanings(self) -> list[Content]:
         words = next((one.what for one in self._choices() if one.name == self._chosen), "")
-        code = max((len(line) for line in self._code.plain), default=0)
-        lines = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN - code, 20))
-        number = large(self._number) if self._chosen == "invite" else []
-        shown = [Content.styled(line, "bold $success") for line in number]
-        return shown + [Content.styled(line, "$foreground-muted") for line in lines]
+        lines = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN, 20))
+        return [Content.styled(line, "$foreground-muted") for line in lines]
 
     # Doing
 
@@ -237,7 +210,7 @@ class StartPanel(Vertical):
 
     def on_key(self, event: events.Key) -> None:
         """Start the camera of a key."""
-        for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
+        for key, camera in zip(CAMERA_KEYS, self._found, strict=False):
             if event.character == key and camera.usable:
                 event.stop()
                 self._start_camera(camera)
@@ -245,7 +218,7 @@ class StartPanel(Vertical):
     def action_invite(self) -> None:
         """Show how other machines join."""
         self._choose("invite")
-        self._invite()
+        self.app.push_screen(InviteScreen(self._source, self._leader))
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""
@@ -288,41 +261,32 @@ class StartPanel(Vertical):
     def _start_camera(self, camera: CameraListing) -> None:
         self._start(camera.spec, self._source.add_camera(camera.spec), f"Starting {camera.spec} …")
 
-    @work(thread=True, exclusive=True, group="offers")
-    def action_rescan(self) -> None:
+    @work(exclusive=True, group="offers")
+    async def action_rescan(self) -> None:
         """Look for cameras and sessions again."""
         with telling(self):
-            self.app.call_from_thread(self._take_offers, find_offers(self._sessions, local=self._local))
-
-    def _take_offers(self, offers: Offers) -> None:
-        if offers != self._offers:
-            self._offers = offers
-            self._offer()
+            found = await asyncio.to_thread(find_cameras) if self._local else []
+            kept = len(list(self._sessions.glob("*/session.json")))
+            if (found, kept) != (self._found, self._kept):
+                self._found, self._kept = found, kept
+                self._offer()
 
     def _highlight(self, choice: str) -> None:
         self._list.highlighted = self._list.get_option_index(choice)
         self._explain()
 
-    @work(exclusive=True, group="invite")
-    async def _invite(self) -> None:
-        self._number, self._invitation = await invitation(self._source)
-        self._explain()
-
     @work(group="start")
     async def _start(self, choice: str, order: Awaitable[None], words: str) -> None:
         self._settings.remember(CHOICE, choice)
-        self._say_busy(words)
+        self.say_busy(words)
         until_there = ""
         with telling(self):
             await order
             # Said until they are there: their list takes this panel's place then.
             until_there = f"{words} They join as soon as they are open, within half a minute."
-        self._say_busy(until_there)
+        self.say_busy(until_there)
 
-    def begin_anew(self) -> None:
-        """Offer all again: what was started before is there."""
-        self._say_busy("")
-
-    def _say_busy(self, words: str) -> None:
+    def say_busy(self, words: str) -> None:
+        """Say what was begun; with no words, offer all again."""
         self._busy = words
         self._explain()

@@ -11,15 +11,15 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 
 from capture_app.errors import SimulshotError
+from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
 from capture_app.node.rig_link import LinkLost, RigLink
 from capture_app.node.wire.status import NewsLine, NodeStatus, RigStatus
+from capture_app.rig_process import start_rig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import printable
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.camera_screen import CameraScreen
-from capture_app.tui.rig.joining import InviteScreen, PhonesScreen
 from capture_app.tui.rig.panel_screen import PanelScreen
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
@@ -74,6 +74,7 @@ class RigView(ModeView):
             "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
         ),
         Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
+        Binding("l", "start", "Start it again", id="rig.start", tooltip="the leader that is lost"),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
 
@@ -88,14 +89,16 @@ class RigView(ModeView):
         local: bool,
     ) -> None:
         """`local`: the leader is on this machine, and can run its cameras; `samples`: as in `StartPanel`."""
-        self._source = source
+        self._source, self._sessions, self._local = source, sessions, local
         self._record = record
         self._advice = Lines(id="advice")
-        self._cameras = CameraList(record)
+        self._cameras = CameraList(source, record)
         self._news = NewsPane(record)
         self._start = StartPanel(source, settings, sessions, samples, local=local)
         self._adding: int | None = None
         """How many cameras there were when the user asked for more; None when they did not."""
+        self._starting = ""
+        """The leader that is being started, in words."""
         self._drawn: tuple[object, ...] = ()
         self._next_draw_s = 0.0
         super().__init__(self._advice, self._start, self._cameras, self._news)
@@ -129,6 +132,7 @@ class RigView(ModeView):
             case LinkLost():
                 self._drawn = ()
                 self._draw()
+                self.refresh_bindings()
             case RigStatus() as status:
                 words = (status.advice, status.message, *(node.message for node in status.nodes))
                 seen = (
@@ -138,6 +142,7 @@ class RigView(ModeView):
                 if seen != self._drawn:
                     self._drawn = seen
                     self._draw()
+                    self.refresh_bindings()
 
     def _let_time_pass(self) -> None:
         """Draw what is worth watching; a rig that only trembles is drawn now and then."""
@@ -156,7 +161,7 @@ class RigView(ModeView):
             return
         self._choose_panel(status)
         self._start.show_leader(status.leader)
-        advice = [] if self._start.display else self._advise(status)
+        advice = [] if self._start.display and not self._record.lost else self._advise(status)
         self._advice.show(advice)
         # The news keep a few lines whatever comes, and more of them in a large window.
         small = self.size.height < SMALL
@@ -169,7 +174,9 @@ class RigView(ModeView):
 
     def _advise(self, status: RigStatus) -> list[Content]:
         if self._record.lost:
-            sign, words = NO_LEADER, self._record.lost
+            sign, words = NO_LEADER, self._starting or self._record.lost
+            if self._local and not self._starting:
+                words += "; l starts it again"
         else:
             sign = rig_sign(status)
             words = " ".join(filter(None, (status.message, status.advice))) or sign.word
@@ -196,29 +203,39 @@ class RigView(ModeView):
 
     # Doing
 
-    def on_camera_list_opened(self, message: CameraList.Opened) -> None:
-        """Look at a camera closely."""
-        self.app.push_screen(CameraScreen(message.name, self._source, self._record))
-
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What can be done with a list of cameras, and what while some are added."""
         if action == "remove":
             return self._cameras.has_focus
         if action in ("add", "news", "panel", "phones", "invite"):
             return self._cameras.display
+        if action == "start":
+            return bool(self._record.lost) and self._local
         return self._adding is not None if action == "back" else True
 
     def action_add(self) -> None:
         """Offer further cameras."""
         if self._record.status is not None:
             self._adding = len(self._record.status.nodes)
-            self._start.begin_anew()
+            self._start.say_busy("")
             self._draw()
 
     def action_back(self) -> None:
         """Show the cameras again."""
         self._adding = None
         self._draw()
+
+    @work(exclusive=True, group="start")
+    async def action_start(self) -> None:
+        """Start the leader of this machine again, where it was: cameras that go on find it there."""
+        leader, status = self._source.leader, self._record.status
+        alone = status is not None and parse_address(status.leader).host in LOOPBACK_HOSTS
+        self._starting = f"starting a leader at {leader}; its cameras are then added by a"
+        self._draw()
+        with telling(self):
+            host = LOOPBACK_HOSTS[1] if alone else ANY_HOST[1]
+            await start_rig(sessions=self._sessions, host=host, port=leader.port)
+        self._starting = ""
 
     def action_news(self) -> None:
         """Go to the news, to scroll in them; or back."""
@@ -230,12 +247,11 @@ class RigView(ModeView):
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""
-        self.app.push_screen(PhonesScreen(self._source))
+        self._start.action_phones()
 
     def action_invite(self) -> None:
         """Show how another machine joins."""
-        if self._record.status is not None:
-            self.app.push_screen(InviteScreen(self._source, self._record.status.leader))
+        self._start.action_invite()
 
     @work(group="orders")
     async def action_remove(self) -> None:

@@ -2,7 +2,9 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+from operator import itemgetter
 from typing import ClassVar
 
 from textual import work
@@ -36,32 +38,18 @@ KEPT = 12
 """Previews of each camera: some seconds."""
 
 
-class InstantPairs:
-    """Keeps the last previews of two cameras whose times are known."""
+def nearest_pair(first: Iterable[Preview], second: Iterable[Preview]) -> tuple[int, Preview, Preview] | None:
+    """Of the previews of two cameras those nearest in time, after how many ns they are apart.
 
-    def __init__(self, first: str, second: str) -> None:
-        self._previews: dict[str, deque[Preview]] = {camera: deque(maxlen=KEPT) for camera in (first, second)}
-
-    def add(self, preview: Preview) -> None:
-        """Keep a preview, if it is of one of them and its time is known."""
-        if preview.leader_ns is not None and preview.camera in self._previews:
-            self._previews[preview.camera].append(preview)
-
-    def nearest(self) -> tuple[Preview, Preview] | None:
-        """The two of least distance in time, the newest of equals; None where one has no preview yet."""
-        first, second = self._previews.values()
-        pairs = [(one, other) for one in first for other in second]
-        return min(pairs, key=lambda pair: (abs(distance_ns(*pair)), -_time(pair[0])), default=None)
-
-
-def distance_ns(first: Preview, second: Preview) -> int:
-    """By how much the second was taken after the first."""
-    return _time(second) - _time(first)
-
-
-def _time(preview: Preview) -> int:
-    assert preview.leader_ns is not None
-    return preview.leader_ns
+    The newest of equals, of those whose times are known; None where a camera has none.
+    """
+    pairs = (
+        (abs(one.leader_ns - other.leader_ns), -one.leader_ns, one, other)
+        for one, other in product(first, second)
+        if one.leader_ns is not None and other.leader_ns is not None
+    )
+    found = min(pairs, key=itemgetter(0, 1), default=None)
+    return None if found is None else (found[0], *found[2:])
 
 
 FULL_FPS, PAIR_FPS = 8.0, 4.0
@@ -95,7 +83,8 @@ class FullView(WholeScreen[str]):
         self.focus_meter = FocusMeter()
         self._exposure: Exposure | None = None
         self._blinks = False
-        self._pairs: InstantPairs | None = None
+        self._previews: dict[str, deque[Preview]] = {}
+        """The last of each of the two that are blinked."""
         self._shows_second = False
 
     def on_mount(self) -> None:
@@ -112,6 +101,10 @@ class FullView(WholeScreen[str]):
     def _partner(self) -> str:
         """The camera that it is blinked with."""
         return self._cameras[(self._at + 1) % len(self._cameras)]
+
+    @property
+    def _pair(self) -> tuple[int, Preview, Preview] | None:
+        return nearest_pair(*self._previews.values()) if self._blinks else None
 
     async def action_close(self) -> None:
         """Go back; whoever is seen then asks for the pictures that it needs."""
@@ -143,13 +136,14 @@ class FullView(WholeScreen[str]):
         """Show how the camera is, and what it sees."""
         if not isinstance(message.what, Preview):
             self._show_title()
-        elif self._pairs is not None:
-            self._pairs.add(message.what)
+        elif self._blinks:
+            if message.what.camera in self._previews:
+                self._previews[message.what.camera].append(message.what)
         elif message.what.camera == self.camera:
             self._measure(message.what)
 
     def _begin(self) -> None:
-        self._pairs = InstantPairs(self.camera, self._partner) if self._blinks else None
+        self._previews = {camera: deque(maxlen=KEPT) for camera in (self.camera, self._partner)}
         self._shows_second = False
         self.focus_meter, self._exposure = FocusMeter(), None
         self._picture.show(None)
@@ -159,10 +153,9 @@ class FullView(WholeScreen[str]):
         self.run_worker(asking, exclusive=True, group="previews")
 
     def _blink(self) -> None:
-        pair = None if self._pairs is None else self._pairs.nearest()
-        if pair is not None:
+        if (pair := self._pair) is not None:
             self._shows_second = not self._shows_second
-            self._picture.show(pair[self._shows_second].jpeg)
+            self._picture.show((pair[2] if self._shows_second else pair[1]).jpeg)
             self._show_title()
 
     @work(exclusive=True, group="measuring")
@@ -177,7 +170,7 @@ class FullView(WholeScreen[str]):
         self._show_meters()
 
     def _show_title(self) -> None:
-        shown = self._partner if self._pairs is not None and self._shows_second else self.camera
+        shown = self._partner if self._shows_second else self.camera
         cameras = () if self._record.status is None else cameras_of(self._record.status)
         node = next((node for node in cameras if node.name == shown), None)
         parts = [Content.styled(printable(shown), "bold $primary")]
@@ -185,16 +178,16 @@ class FullView(WholeScreen[str]):
             sign = SIGNS[node.state]
             parts.append(Content.styled(f"{sign.glyph} {sign.word}", sign.style))
             parts += [Content(text) for text in _about(node)]
-        pair = None if self._pairs is None else self._pairs.nearest()
-        if self._pairs is not None:
-            apart = "waiting for both" if pair is None else f"{duration(abs(distance_ns(*pair)))} apart"
+        if self._blinks:
+            pair = self._pair
+            apart = "waiting for both" if pair is None else f"{duration(pair[0])} apart"
             names = f"blinking {printable(self.camera)} ↔ {printable(self._partner)}"
             parts.insert(1, Content.styled(f"{names}, {apart}", "bold"))
         parts += [Content.styled(f"{aid} on", "$warning") for aid, on in self._aids.items() if on]
         self.title_line.show([Content(" · ").join(parts)])
 
     def _show_meters(self) -> None:
-        if self._pairs is not None:
+        if self._blinks:
             self._meters.show([])
             return
         lines = [focus_line(self.focus_meter)]

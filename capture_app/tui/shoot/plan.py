@@ -2,11 +2,11 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import count
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import msgspec
 from textual import events, work
@@ -14,12 +14,14 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 
 from capture_app.names import is_name
+from capture_app.node.motion_watch import WHOLE, Region
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.text import duration, printable
 from capture_app.tui.question import TextQuestion
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
+V = TypeVar("V")
 MOST_BEFORE = 60
 """Frames before the key: a node keeps those of 3 s, and the order takes its time to get there."""
 MOST_FRAMES = 300
@@ -29,6 +31,14 @@ INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 """Lengths of a recording; 0: until it is ended."""
 TAKES = (2, 3, 5, 10, 20, 50, 100)
+REGIONS: dict[str, Region] = {
+    "whole picture": WHOLE,
+    "left half": (0.0, 0.0, 0.5, 1.0),
+    "right half": (0.5, 0.0, 1.0, 1.0),
+    "upper half": (0.0, 0.0, 1.0, 0.5),
+    "lower half": (0.0, 0.5, 1.0, 1.0),
+    "middle": (0.25, 0.25, 0.75, 0.75),
+}
 
 
 class TakeMode(StrEnum):
@@ -40,6 +50,8 @@ class TakeMode(StrEnum):
     """A take every so many seconds, until it is stopped or all are there."""
     SEQUENCE = "sequence"
     """Take after take, each as soon as the one before is saved."""
+    MOTION = "motion"
+    """A take whenever something moves, until it is stopped or all are there."""
     RECORDING = "recording"
     """A video with every camera, until it is ended."""
 
@@ -54,6 +66,9 @@ class TakePlan:
     mode: TakeMode = TakeMode.SINGLE
     countdown_s: float = 0.0
     every_s: float = 5.0
+    """Between takes of an interval; of motion at least."""
+    region: str = next(iter(REGIONS))
+    """Where something has to move, by its name in REGIONS."""
     takes: int = 3
     """How many takes an interval or a sequence has."""
     seconds: float = 0.0
@@ -72,6 +87,7 @@ class TakePlan:
         """The plan as it was left."""
         kept = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._kept().items()}
         kept["mode"] = TakeMode(kept["mode"]) if kept["mode"] in set(TakeMode) else TakeMode.SINGLE
+        kept["region"] = kept["region"] if kept["region"] in REGIONS else cls().region
         kept["name"] = kept["name"] if is_name(kept["name"]) else ""
         return cls(**kept)
 
@@ -116,10 +132,14 @@ class Moment:
     total: int
     seconds: int = 0
     """Left until the take; 0 when it is to be taken."""
+    watches: bool = False
+    """It is taken when something moves."""
 
     def __str__(self) -> str:
         """Return it in words."""
         of = f"take {self.number} of {self.total}" if self.total > 1 else "the take"
+        if self.watches and not self.seconds:
+            return f"waiting for something to move: {of}"
         return f"{of} in {self.seconds} s" if self.seconds else f"{of} is being taken"
 
 
@@ -128,24 +148,25 @@ async def moments_of(plan: TakePlan, saved: asyncio.Event) -> AsyncIterator[Mome
 
     `saved` is set by them when a take is saved or has failed. An interval does not wait for that.
     """
-    total = plan.takes if plan.mode in _LATER else 1
+    total, watches = plan.takes if plan.mode in _LATER else 1, plan.mode is TakeMode.MOTION
     now = asyncio.get_running_loop().time
     due = now() + plan.countdown_s
     for number in count(1):
         while (left := due - now()) > 0:
             seconds = math.ceil(left)
-            yield Moment(number, total, seconds)
+            yield Moment(number, total, seconds, watches)
             # Until the next whole second, so that the number on the screen changes when it is told.
             await asyncio.sleep(max(left - (seconds - 1), 0.001))
         saved.clear()
-        yield Moment(number, total)
+        yield Moment(number, total, 0, watches)
         if number == total:
             return
+        begun = now()
         if plan.mode is TakeMode.INTERVAL:
             due += plan.every_s
         else:
             await saved.wait()
-            due = now() + plan.countdown_s
+            due = max(now(), begun + plan.every_s) if watches else now() + plan.countdown_s
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
@@ -170,13 +191,13 @@ def _frames(number: int, period_ns: int | None, sign: str) -> str:
     return f"{number:<2} {sign}{duration(number * period_ns)}" if period_ns and number else str(number)
 
 
-def _next_mode(plan: TakePlan, steps: int) -> TakePlan:
-    modes = list(TakeMode)
-    return replace(plan, mode=modes[(modes.index(plan.mode) + steps) % len(modes)])
+def _next(values: Sequence[V], value: V, steps: int) -> V:
+    """The value so many steps further among these, round and round."""
+    return values[(values.index(value) + steps) % len(values)]
 
 
-_PICTURES = (TakeMode.SINGLE, TakeMode.INTERVAL, TakeMode.SEQUENCE)
-_LATER = (TakeMode.INTERVAL, TakeMode.SEQUENCE)
+_LATER = (TakeMode.INTERVAL, TakeMode.SEQUENCE, TakeMode.MOTION)
+_PICTURES = (TakeMode.SINGLE, *_LATER)
 ROWS = (
     _Row(
         "before",
@@ -201,12 +222,18 @@ ROWS = (
         lambda p, _: f"{p.countdown_s:g} s" if p.countdown_s else "none",
         lambda p, by: replace(p, countdown_s=stepped(COUNTDOWNS_S, p.countdown_s, by)),
     ),
-    _Row("mode", lambda p, _: str(p.mode), _next_mode),
+    _Row("mode", lambda p, _: str(p.mode), lambda p, by: replace(p, mode=_next(list(TakeMode), p.mode, by))),
     _Row(
         "every",
         lambda p, _: f"{p.every_s:g} s",
         lambda p, by: replace(p, every_s=stepped(INTERVALS_S, p.every_s, by)),
-        (TakeMode.INTERVAL,),
+        (TakeMode.INTERVAL, TakeMode.MOTION),
+    ),
+    _Row(
+        "where",
+        lambda p, _: p.region,
+        lambda p, by: replace(p, region=_next(list(REGIONS), p.region, by)),
+        (TakeMode.MOTION,),
     ),
     _Row(
         "takes",

@@ -1,19 +1,20 @@
 """Previews of all cameras side by side, each as large as the room allows."""
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import events
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
-from textual.message import Message
 
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.status import NodeStatus, Preview, RigStatus
 from capture_app.text import printable
+from capture_app.tui.rig_record import RigRecord
+from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.signs import SIGNS, cameras_of
-from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.lines import Lines, fitting
 from capture_app.tui.widgets.picture import NOISE, Picture
 
 ASPECT = 0.75
@@ -71,11 +72,9 @@ class PreviewTile(Vertical):
             (printable(node.name), "bold"),
         )
         rate = "" if node.fps is None else f" {node.fps:.1f} fps"
-        for more in (Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")):
-            # What does not fit is left out rather than cut.
-            if title.cell_length + more.cell_length <= self.size.width:
-                title += more
-        self._title.show([title])
+        more = (Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted"))
+        # What does not fit is left out rather than cut.
+        self._title.show([Content("").join(fitting((title, *more), "", self.size.width))])
 
     on_resize = _show
 
@@ -91,14 +90,9 @@ class PreviewGrid(Container, can_focus=True):
         Binding("enter", "choose", "Full size", id="previews.open"),
     ]
 
-    @dataclass
-    class Chosen(Message):
-        """The user opened a camera."""
-
-        camera: str
-
-    def __init__(self, *, id: str | None = None) -> None:
+    def __init__(self, rig: RigLink, record: RigRecord, *, id: str | None = None) -> None:
         super().__init__(id=id)
+        self._rig, self._record = rig, record
         self._tiles: dict[str, PreviewTile] = {}
         self._columns = 1
         self._at = 0
@@ -116,15 +110,10 @@ class PreviewGrid(Container, can_focus=True):
         # In steps, so that nodes need not be asked anew for each column of a window being resized.
         return min(max(pixels + -pixels % 64, LEAST_PX), MOST_PX), fps
 
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """The cameras' names, in their order."""
-        return tuple(self._tiles)
-
     def go_to(self, camera: str) -> None:
         """Put the cursor on a camera."""
         if camera in self._tiles:
-            self._choose(self.cameras.index(camera))
+            self._choose(list(self._tiles).index(camera))
 
     def show_status(self, status: RigStatus) -> None:
         """Show these cameras."""
@@ -154,7 +143,8 @@ class PreviewGrid(Container, can_focus=True):
     def action_choose(self) -> None:
         """Open the camera under the cursor."""
         if self.tiles:
-            self.post_message(self.Chosen(self.tiles[self._at].camera))
+            full = FullView(self._rig, self._record, tuple(self._tiles), self.tiles[self._at].camera)
+            self.app.push_screen(full, lambda camera: None if camera is None else self.go_to(camera))
 
     def watch_has_focus(self, has_focus: bool) -> None:
         """Show the cursor, or hide it."""

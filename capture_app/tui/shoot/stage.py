@@ -2,33 +2,27 @@
 
 from textual.containers import Vertical
 from textual.content import Content
-from textual.message import Message
 from textual.widgets import ContentSwitcher, Digits
 
 from capture_app.node.rig_link import RigLink
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import printable
 from capture_app.tui.rig_record import RigRecord
-from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.plan import Moment
 from capture_app.tui.shoot.preview_grid import PreviewGrid
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
-from capture_app.tui.widgets.look import LookScreen, Motion
 
 LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
 
 
 class Stage(ContentSwitcher):
-    """Shows one of the three, and says when it shows another."""
-
-    class Changed(Message):
-        """It shows something else."""
+    """Shows one of the three, `current`."""
 
     def __init__(self, rig: RigLink, record: RigRecord) -> None:
-        self._rig, self._record = rig, record
+        self._rig = rig
         self._asked: tuple[int, float] = (0, 0.0)
-        self.grid = PreviewGrid(id=LIVE)
+        self.grid = PreviewGrid(rig, record, id=LIVE)
         self.sheet = ContactSheet(id=SHEET)
         self._digits = Digits("")
         self._words = Lines()
@@ -72,22 +66,6 @@ class Stage(ContentSwitcher):
         elif self.current == COUNTDOWN:
             self.show_live()
 
-    def wiggle(self) -> None:
-        """Wiggle through the cameras at the chosen instant of the last take."""
-        if (place := self.sheet.place) is not None:
-            self._look(place.camera, place.instant, Motion.WIGGLE)
-
-    def on_preview_grid_chosen(self, message: PreviewGrid.Chosen) -> None:
-        """Look through one camera."""
-        message.stop()
-        full = FullView(self._rig, self._record, self.grid.cameras, message.camera)
-        self.app.push_screen(full, lambda camera: self.grid.go_to(camera or message.camera))
-
-    def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
-        """Look at one picture."""
-        message.stop()
-        self._look(message.camera, message.instant, Motion.STILL)
-
     def want_previews(self, seen: bool) -> None:
         """Ask for the previews that are looked at, where that has changed."""
         looking = seen and self.current == LIVE and bool(self.grid.tiles)
@@ -97,13 +75,6 @@ class Stage(ContentSwitcher):
             asking = self._rig.want_previews(cameras=None, width=width, fps=fps)
             self.run_worker(asking, exclusive=True, group="previews")
 
-    def _look(self, camera: str, instant: int, motion: Motion) -> None:
-        if self.sheet.sheet is not None:
-            look = LookScreen(self.sheet.sheet, camera, instant, motion)
-            self.app.push_screen(look, lambda at: None if at is None else self.sheet.go_to(*at))
-
     def _go_to(self, stage: str, title: str) -> None:
         self.border_title = Content(printable(title))
-        if self.current != stage:
-            self.current = stage
-            self.post_message(self.Changed())
+        self.current = stage

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable
+from contextlib import aclosing
 from typing import Any, ClassVar
 
 from msgspec.structs import replace
@@ -13,6 +14,7 @@ from textual.widgets import Static
 from textual.worker import Worker, get_current_worker
 
 from capture_app.errors import SimulshotError
+from capture_app.node.motion_watch import MotionWatch, watch_motion
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, NodeStatus, Preview, RigStatus
@@ -26,7 +28,7 @@ from capture_app.tui.mode import ModeView
 from capture_app.tui.question import CANCEL, Answer, Question
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.plan import PlanPanel, moments_of
+from capture_app.tui.shoot.plan import REGIONS, PlanPanel, moments_of
 from capture_app.tui.shoot.stage import Stage
 from capture_app.tui.shoot.take_depth import TakeDepth
 from capture_app.tui.shoot.takes import Take, TakePanel, open_take, progress_words, verdict_line
@@ -95,6 +97,7 @@ class ShootView(ModeView):
     def on_mount(self) -> None:
         """Show that there is no take yet, and from then on how long one takes."""
         self.take_panel.show(())
+        self.watch(self.stage, "current", self._drive_stage, init=False)
         self.set_interval(1.0, self._show_course)
 
     def on_resize(self) -> None:
@@ -127,8 +130,8 @@ class ShootView(ModeView):
                 self._show_course()
                 self.call_after_refresh(self._want_previews)
 
-    def on_stage_changed(self) -> None:
-        """Drive what is shown now."""
+    def _drive_stage(self) -> None:
+        """Drive what the stage shows now."""
         self.set_class(self.stage.is_sheet, "sheet")
         self._show_course()
         if self.screen.is_active:
@@ -183,7 +186,7 @@ class ShootView(ModeView):
 
     def action_wiggle(self) -> None:
         """Wiggle through the cameras at the chosen instant of the last take."""
-        self.stage.wiggle()
+        self.stage.sheet.action_look("WIGGLE")
 
     def action_turn(self) -> None:
         """Open the page on which the depth of the newest take is turned by hand."""
@@ -237,18 +240,29 @@ class ShootView(ModeView):
 
     @work(exclusive=True, group="shooting")
     async def _shoot(self, request: BurstRequest, retake_of: str) -> None:
-        saved = asyncio.Event()
+        saved, plan = asyncio.Event(), self.plan_panel.plan
         try:
-            async for moment in moments_of(self.plan_panel.plan, saved):
+            async for moment in moments_of(plan, saved):
                 self.stage.show_moment(moment)
                 self._moment = str(moment)
                 self._show_course()
-                if not moment.seconds:
+                if moment.watches and not moment.seconds:
+                    at_ns = await self._motion_ns(MotionWatch(REGIONS[plan.region]))
+                    self._follow(replace(request, at_leader_ns=at_ns), retake_of, saved)
+                elif not moment.seconds:
                     self._follow(request, retake_of, saved)
         finally:
             self._moment = ""
             self.stage.show_moment(None)
             self._show_course()
+
+    async def _motion_ns(self, watch: MotionWatch) -> int | None:
+        """When something moves next, in leader time; on a link of its own, whose pictures are small."""
+        async with aclosing(watch_motion(RigLink(self._rig.leader), watch)) as moving:
+            async for seen in moving:
+                self.notify(f"something moves before {printable(seen.camera)}", markup=False)
+                return seen.leader_ns
+        return None
 
     @work(group="bursts")
     async def _follow(self, request: BurstRequest, retake_of: str, saved: asyncio.Event) -> None:

@@ -1,7 +1,6 @@
 """The contact sheet of a take: cameras across, instants down, as large as the room allows."""
 
 import asyncio
-from dataclasses import dataclass
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -9,13 +8,13 @@ from rich.style import Style
 from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.geometry import Offset, Region, Size
-from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
 from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
 from capture_app.text import duration, printable
 from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
+from capture_app.tui.widgets.look import LookScreen, Motion
 from capture_app.tui.widgets.picture import strip_of_middle
 
 GUTTER = 9
@@ -25,7 +24,7 @@ LEAST, MOST = 10, 60
 
 
 class ContactSheet(ScrollView, can_focus=True):
-    """Shows all pictures of a take; the cursor chooses one, Enter opens it."""
+    """Shows all pictures of a take; the cursor chooses one, Enter looks at it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "move(-1,0)", "Camera before", id="sheet.left", show=False),
@@ -34,7 +33,7 @@ class ContactSheet(ScrollView, can_focus=True):
         Binding("down", "move(0,1)", "Instant after", id="sheet.down", show=False),
         Binding("pageup", "move(0,-4)", "Four instants before", id="sheet.page-up", show=False),
         Binding("pagedown", "move(0,4)", "Four instants after", id="sheet.page-down", show=False),
-        Binding("enter", "choose", "Open picture", id="sheet.open"),
+        Binding("enter", "look", "Open picture", id="sheet.open"),
         Binding("plus,equals_sign", "zoom(1.3)", "Larger", id="sheet.larger", show=False, key_display="+"),
         Binding("minus", "zoom(0.77)", "Smaller", id="sheet.smaller", show=False, key_display="-"),
     ]
@@ -55,14 +54,6 @@ class ContactSheet(ScrollView, can_focus=True):
         & > .sheet--empty { color: $text-muted; background: $surface; }
     }
     """
-
-    @dataclass
-    class Chosen(Message):
-        """The user opened a picture."""
-
-        sheet: TakeSheet
-        camera: str
-        instant: int
 
     def __init__(self, sheet: TakeSheet | None = None, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -110,10 +101,11 @@ class ContactSheet(ScrollView, can_focus=True):
         """Move the cursor."""
         self._put_cursor(self.cursor.x + cameras, self.cursor.y + instants)
 
-    def action_choose(self) -> None:
-        """Open the picture under the cursor."""
-        if self.sheet is not None and self.place is not None:
-            self.post_message(self.Chosen(self.sheet, self.place.camera, self.place.instant))
+    def action_look(self, motion: str = "STILL") -> None:
+        """Look at the picture under the cursor, in motion or still; the cursor goes to what was seen last."""
+        if self.sheet is not None and (place := self.place) is not None:
+            look = LookScreen(self.sheet, place.camera, place.instant, Motion[motion])
+            self.app.push_screen(look, lambda seen: None if seen is None else self.go_to(*seen))
 
     def action_zoom(self, factor: float) -> None:
         """Show larger or smaller pictures."""
@@ -134,7 +126,7 @@ class ContactSheet(ScrollView, can_focus=True):
             opens = at == self.cursor
             self._put_cursor(at.x, at.y)
             if opens:
-                self.action_choose()
+                self.action_look()
 
     def render_line(self, y: int) -> Strip:
         """One line: the cameras' names, then pictures and what is said below each."""

@@ -8,17 +8,20 @@ from textual.content import Content
 from capture_app.text import count, printable
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.signs import NO_LEADER, WAITING, rig_sign
-from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.lines import Lines, fitting, justified
 
 MODES = {"rig": "Rig", "shoot": "Shoot", "sessions": "Sessions", "jobs": "Jobs"}
 """By name, in the order of their keys 1 to 4."""
 
 
-class Tabs(Lines):
-    """The modes with their keys; a click goes to one."""
+class Header(Lines):
+    """The modes, to which a click goes, and how the rig is, in as many words as there is room for."""
 
-    def __init__(self, mode: str) -> None:
-        super().__init__(id="tabs")
+    DEFAULT_CSS = "Header { dock: top; height: 1; background: $panel; color: $foreground; }"
+
+    def __init__(self, mode: str, record: RigRecord) -> None:
+        super().__init__(id="header")
+        self._record = record
         tabs = [
             Content.assemble(
                 (f" {number} ", "bold $primary" if name != mode else "reverse bold $primary"),
@@ -26,7 +29,7 @@ class Tabs(Lines):
             )
             for number, (name, title) in enumerate(MODES.items(), 1)
         ]
-        self.show([Content("").join(tabs)])
+        self._tabs = Content("").join(tabs)
 
     def on_click(self, event: events.Click) -> None:
         """Go to the mode that was clicked."""
@@ -37,24 +40,10 @@ class Tabs(Lines):
                 self.app.switch_mode(mode)
                 return
 
-
-class RigLine(Lines):
-    """How the rig is, in as many words as there is room for."""
-
-    def __init__(self, record: RigRecord) -> None:
-        super().__init__(id="rig-line")
-        self._record = record
-
     def draw(self) -> None:
-        """Show the rig as it is now, or that its leader is lost."""
-        room = self.size.width - 1
-        parts: list[Content] = []
-        for part in self._parts():  # the most important first; what does not fit is left out
-            if part.cell_length + 3 <= room:
-                room -= part.cell_length + 3
-                parts.append(part)
-        line = Content(" · ").join(parts[::-1])
-        self.show([Content(" " * max(self.size.width - line.cell_length - 1, 0)) + line])
+        """Show the rig as it is now, or that its leader is lost; the most important first."""
+        parts = fitting(self._parts(), " · ", self.size.width - self._tabs.cell_length - 4)
+        self.show([justified(self._tabs, Content(" · ").join(parts[::-1]) + " ", self.size.width)])
 
     on_resize = draw
 

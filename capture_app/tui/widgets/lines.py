@@ -34,6 +34,15 @@ def justified(left: Content, right: Content, width: int) -> Content:
     return Content.assemble(left, " " * max(0, width - left.cell_length - right.cell_length), right)
 
 
+def fitting(parts: Iterable[Content], gap: str, width: int) -> list[Content]:
+    """Those of the parts that fit beside each other in a line, the first of them first."""
+    fit: list[Content] = []
+    for part in parts:
+        if sum(one.cell_length + len(gap) for one in fit) + part.cell_length <= width:
+            fit.append(part)
+    return fit
+
+
 def chosen_line(line: Content, width: int) -> Content:
     """A line of what is under the cursor: its first cell is the mark, and all of the width has its colour."""
     line = Content.assemble(("▌", "$primary"), line[1:])

@@ -1,6 +1,7 @@
 """A list of rows, one of them chosen; a row is drawn when it comes into sight, and again when it changes."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Generic, TypeVar
 
 from textual import events
@@ -31,11 +32,12 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
     RowList { height: 1fr; width: 1fr; overflow-x: hidden; scrollbar-size-vertical: 1; }
     """
 
+    @dataclass
     class Chosen(Message):
         """Another row is under the cursor, or none."""
 
-    class Opened(Message):
-        """A row was clicked twice; what keys open it is the view's to say."""
+        opens: bool = False
+        """It was clicked twice; what keys open it is the view's to say."""
 
     def __init__(self, row_height: int, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -119,7 +121,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         if 0 <= at < len(self.keys):
             self._go(at)
             if event.chain == 2:
-                self.post_message(self.Opened())
+                self.post_message(self.Chosen(opens=True))
 
     # Drawing
 

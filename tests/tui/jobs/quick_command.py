@@ -32,7 +32,7 @@ def main() -> None:
                 sys.exit("quick: error: the burst has one instant only")
         metrics = {"verdict": "It is [bold]much[/bold] better. So it is."}
         (output.folder / "metrics.json").write_text(json.dumps(metrics))
-    print(json.dumps(metrics))
+    print(metrics["verdict"])
 
 
 if __name__ == "__main__":

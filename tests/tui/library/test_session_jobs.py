@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from textual.widgets import Input, OptionList, Static
 
+from capture_app.session.exporters.common.exported_burst import ExportOptions
+from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
@@ -18,7 +20,7 @@ from capture_app.tui.jobs.run import COMMANDS, COMPARE, RunState
 from capture_app.tui.widgets.picture import Picture
 from tests.session.conftest import camera_record, jpeg
 from tests.tui.driving import settle, toasts, until
-from tests.tui.library.screen import choose, library, names, rows, text, type_text
+from tests.tui.library.screen import choose, library, names, rows, text, type_text, view
 
 
 def jobs(pilot: Any) -> list[Any]:
@@ -143,7 +145,7 @@ async def test_an_interrupted_session_is_repaired_by_a_job(sessions: Path) -> No
         await settle(pilot)
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
-        assert jobs(pilot)[0].message == "completed: 1 image, 1 missing"
+        assert "completed, 1 image saved, 1 missing" in jobs(pilot)[0].message
         await until(pilot, lambda: "! 1 image missing" in text(pilot.app))
     assert len(Session.open(sessions / "cut").manifest.images) == 1
 
@@ -177,3 +179,25 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         assert screen.shows_offset
         assert screen.picture.offset.name == "stereo_depth_offset.png"
         await pilot.press("escape")
+
+
+async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path: Path) -> None:
+    films = tmp_path / "walk"
+    export_session(Session.open(sessions / "one"), "mp4", films, ExportOptions())
+    async with library(sessions) as pilot:
+        await pilot.press("i")
+        await settle(pilot)
+        await type_text(pilot, str(tmp_path / "nowhere"))
+        await pilot.press("enter")
+        await settle(pilot)
+        assert not jobs(pilot), "no folder is there: nothing begins"
+        await type_text(pilot, str(films))
+        await pilot.press("enter")
+        await until(pilot, lambda: jobs(pilot))
+        frame = view(pilot.app).query_one("#sessions-frame")
+        await until(pilot, lambda: "Import of walk" in str(frame.border_subtitle))
+        await until(pilot, lambda: jobs(pilot)[0].state.is_over, seconds=60)
+        assert jobs(pilot)[0].message.startswith("walk: imported")
+        assert any("3 cameras, 9 images" in line for line in pilot.app.runs.log(jobs(pilot)[0]))
+        await until(pilot, lambda: Path(rows(pilot.app).chosen) == sessions / "walk")
+    assert len(Session.open(sessions / "walk").manifest.images) == 9

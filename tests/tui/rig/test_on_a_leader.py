@@ -21,7 +21,7 @@ async def test_from_the_first_screen_to_a_camera_and_its_end(tmp_path: Path) -> 
             RigLink(leader.own_address), settings=settings, sessions=tmp_path / "sessions", local=False
         )
         async with app.run_test(size=(80, 24)) as pilot:
-            await until(lambda: "○ no camera" in text(app, "#rig-line"))
+            await until(lambda: "○ no camera" in text(app, "#header"))
             await pilot.press("s")
             await until(lambda: "cam00" in text(app, "#cameras-rows"))
             await until(lambda: "cam00 joined" in text(app, "#news Lines"))

@@ -1,5 +1,8 @@
 """The mode Rig as a user drives it, on rigs of 1, 5 and 20 cameras."""
 
+import asyncio
+from pathlib import Path
+
 import pytest
 
 from capture_app.errors import BadInputError
@@ -192,3 +195,57 @@ async def test_of_a_leader_that_is_gone_one_thing_is_said() -> None:
         await settle(pilot)
         assert "no leader at" in text(app, "#advice")
         assert "ready" not in text(app, "#cameras-rows") + text(app, "#advice")
+
+
+@pytest.mark.parametrize("cameras", [0, 2])
+async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
+    cameras: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started: list[dict[str, object]] = []
+    answers = asyncio.Event()
+
+    async def start(**how: object) -> None:
+        started.append(how)
+        await answers.wait()
+
+    monkeypatch.setattr("capture_app.tui.rig.view.start_rig", start)
+    rig = FakeRig(cameras)
+    app = make_app(rig, sessions=tmp_path)
+    async with app.run_test(size=(150, 30)) as pilot:
+        await settle(pilot)
+        await pilot.press("l")
+        await settle(pilot)
+        assert not started, "nothing is lost"
+        rig.lose_link("no leader at 127.0.0.1:47010")
+        await settle(pilot)
+        assert "l starts it again" in text(app, "#advice")
+        assert "Start it again" in text(app, "#footer")
+        await pilot.press("l")
+        await settle(pilot)
+        assert started == [{"sessions": tmp_path, "host": "0.0.0.0", "port": 47010}]
+        assert "starting a leader at 127.0.0.1:47010" in text(app, "#advice")
+        answers.set()
+        rig.tell()
+        await settle(pilot)
+        assert "Start it again" not in text(app, "#footer")
+
+
+async def test_the_list_says_whether_cameras_are_exposed_alike() -> None:
+    rig = FakeRig(0)
+    rig.nodes = (*map(make_node, ("cam0", "cam1", "cam2")), make_node("gone", NodeState.LOST, gain=9.0))
+    app = make_app(rig)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await settle(pilot)
+        assert str(app.screen.query_one(CameraList).border_title) == "4 cameras · alike: 1/100 s, gain 1.5"
+        rig.change("cam1", gain=4.0, message="x")
+        await settle(pilot)
+        assert str(app.screen.query_one(CameraList).border_title) == "4 cameras · not alike: gain"
+
+
+async def test_a_leader_elsewhere_is_not_started_from_here() -> None:
+    rig = FakeRig(2)
+    app = make_app(rig, local=False)
+    async with app.run_test(size=(150, 30)) as pilot:
+        rig.lose_link("no leader at 192.168.1.5:47010")
+        await settle(pilot)
+        assert "Start it again" not in text(app, "#footer")

@@ -16,6 +16,7 @@ from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.look import LookScreen, Motion, ping_pong
 from capture_app.tui.widgets.picture import Picture
 from tests.facts import make_facts
+from tests.tui.driving import screen_of
 from tests.tui.takes import make_take, picture_of
 
 SAMPLE = Path(__file__).parents[3] / "sample_sessions" / "jumper"
@@ -25,13 +26,13 @@ class SheetApp(App[None]):
     def __init__(self, sheet: TakeSheet) -> None:
         super().__init__()
         self.contact = ContactSheet(sheet)
-        self.chosen: list[tuple[str, int]] = []
 
     def compose(self) -> ComposeResult:
         yield self.contact
 
-    def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
-        self.chosen.append((message.camera, message.instant))
+
+def looked_at(app: App[None]) -> tuple[str, int]:
+    return screen_of(app, LookScreen).shown
 
 
 async def settle(app: App[None], pilot: Pilot[None]) -> None:
@@ -61,14 +62,18 @@ async def test_a_picture_is_chosen_with_arrows_and_enter_or_two_clicks() -> None
         app.contact.focus()
         await pilot.press("right", "right", "left", "down", "enter")
         await pilot.pause()
-        assert app.chosen == [("cam01", 1)]
-        await pilot.press(*["up"] * 9, *["right"] * 9, "enter")
+        assert looked_at(app) == ("cam01", 1)
+        await pilot.press("escape", *["up"] * 9, *["right"] * 9, "enter")
         await pilot.pause()
-        assert app.chosen[-1] == ("cam05", 0)
+        assert looked_at(app) == ("cam05", 0)
+        await pilot.press("left", "escape")
+        await pilot.pause()
+        assert app.contact.cursor == (3, 0), "it comes back to what was seen last"
         await pilot.click(ContactSheet, offset=(60, 14))
-        assert len(app.chosen) == 2
+        assert not isinstance(app.screen, LookScreen)
         await pilot.click(ContactSheet, offset=(60, 14))
-        assert app.chosen[-1] == ("cam06", 1)
+        await pilot.pause()
+        assert looked_at(app) == ("cam06", 1)
 
 
 async def test_what_is_missing_late_or_beside_is_said_in_its_place(tmp_path: Path) -> None:

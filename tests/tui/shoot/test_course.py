@@ -1,6 +1,7 @@
 """What Space does while the rig is not ready, or cannot save; and what the line below says of a take."""
 
 import asyncio
+from collections.abc import AsyncGenerator
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,13 +10,15 @@ from textual.widgets import Button, Static
 from textual.widgets._toast import Toast
 
 from capture_app.errors import BadInputError, DiskFullError, IncompleteError
+from capture_app.node.motion_watch import MotionWatch
+from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import BurstAhead, BurstStatus
+from capture_app.node.wire.status import BurstAhead, BurstStatus, Preview
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
 from capture_app.tui.shoot.plan import TakeMode
 from capture_app.tui.widgets.lines import Lines
-from tests.tui.driving import screen_of
+from tests.tui.driving import screen_of, until
 from tests.tui.fake_rig import FakeRig, make_node
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 
@@ -295,3 +298,39 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         await studio.settle(pilot)
         assert ("end_burst", 4) in rig.asked
         assert sum(asked[0] == "burst" for asked in rig.asked) == 1
+
+
+async def test_a_take_is_taken_when_something_moves_with_what_was_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moves: asyncio.Queue[Preview] = asyncio.Queue()
+    watched: list[object] = []
+
+    async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Preview, None]:
+        watched.append((str(link.leader), watch.region))
+        while True:
+            yield await moves.get()
+
+    monkeypatch.setattr("capture_app.tui.shoot.view.watch_motion", watch_motion)
+    rig = ready_rig(2)
+    rig.take = saves_into(tmp_path, cameras=2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(140, 40)) as pilot:
+        await studio.enter(pilot)
+        plan = replace(studio.view.plan_panel.plan, mode=TakeMode.MOTION, takes=2, every_s=0.0)
+        studio.view.plan_panel.set_plan(replace(plan, region="left half"))
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert watched == [("127.0.0.1:47010", (0.0, 0.0, 0.5, 1.0))]
+        assert "waiting for something to move: take 1 of 2" in line_of(studio)
+        assert studio.requests == [], "nothing moves: nothing is taken"
+        moves.put_nowait(Preview(camera="cam01", leader_ns=7 * 10**9, width=1, height=1, jpeg=b""))
+        await until(pilot, lambda: len(watched) == 2)
+        (request,) = studio.requests
+        assert (request.at_leader_ns, request.before, request.frames) == (7 * 10**9, 3, 8)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert "waiting" not in line_of(studio)
+        moves.put_nowait(Preview(camera="cam01", leader_ns=9 * 10**9, width=1, height=1, jpeg=b""))
+        await studio.settle(pilot)
+        assert len(studio.requests) == 1, "the key has ended it"

@@ -1,7 +1,7 @@
 """Numbers about what a camera sees, and which two pictures are blinked."""
 
 from capture_app.node.wire.status import Preview
-from capture_app.tui.shoot.full_view import InstantPairs, distance_ns
+from capture_app.tui.shoot.full_view import nearest_pair
 from capture_app.tui.shoot.preview_grid import grid_columns
 from capture_app.tui.widgets.focus_aids import (
     Exposure,
@@ -40,23 +40,12 @@ def preview(camera: str, leader_ns: int | None) -> Preview:
 
 
 def test_the_pair_is_the_nearest_in_time_and_the_newest_of_equals() -> None:
-    pairs = InstantPairs("a", "b")
-    pairs.add(preview("a", 0))
-    assert pairs.nearest() is None
-    for camera, leader_ns in (
-        ("b", 30),
-        ("a", 100),
-        ("b", 104),
-        ("c", 101),
-        ("a", None),
-        ("a", 200),
-        ("b", 204),
-    ):
-        pairs.add(preview(camera, leader_ns))
-    pair = pairs.nearest()
+    first = [preview("a", leader_ns) for leader_ns in (0, 100, None, 200)]
+    second = [preview("b", leader_ns) for leader_ns in (30, 104, None, 204)]
+    assert nearest_pair(first, []) is None
+    pair = nearest_pair(first, second)
     assert pair is not None
-    assert (pair[0].leader_ns, pair[1].leader_ns) == (200, 204)
-    assert distance_ns(*pair) == 4
+    assert (pair[0], pair[1].leader_ns, pair[2].leader_ns) == (4, 200, 204)
 
 
 def test_pictures_are_laid_out_as_large_as_they_can_be() -> None:

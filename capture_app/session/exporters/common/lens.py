@@ -3,8 +3,6 @@
 A calibrated camera's numbers in the conventions of other programs.
 """
 
-import math
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -59,10 +57,10 @@ def quaternion(rotation: Array) -> tuple[float, float, float, float]:
 
 def rodrigues(rotation: Array) -> tuple[float, float, float]:
     """Rotation vector in radians of a rotation matrix."""
-    w, x, y, z = quaternion(rotation)
-    sine = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 if sine < 1e-12 else 2 * math.atan2(sine, w) / sine
-    return x * scale, y * scale, z * scale
+    import cv2
+
+    x, y, z = cv2.Rodrigues(rotation)[0].ravel().tolist()
+    return x, y, z
 
 
 _STEPS = 30
@@ -72,30 +70,28 @@ _GRID = 60
 
 def project_rays(camera: CameraCalibration, rays: Array) -> Array:
     """Pixels (n, 2) of rays (n, 2), which are x/z and y/z in the camera; OpenCV's k1, k2, p1, p2, k3."""
-    x, y = _distorted(camera, rays)
-    return np.stack([camera.fx * x + camera.cx, camera.fy * y + camera.cy], axis=1)
+    return _project(camera, rays)[0]
 
 
 def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
     """Rays (n, 2) of pixels (n, 2), by Newton's method; NaN where the lens has none there."""
-    wanted = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    rays = wanted.copy()
+    focal = np.array([camera.fx, camera.fy])
+    rays = (pixels - [camera.cx, camera.cy]) / focal
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
-            error = np.stack(_distorted(camera, rays), axis=1) - wanted
-            if not np.nanmax(np.abs(error)) > 1e-13:
+            seen, slopes, _ = _project(camera, rays)
+            error = seen - pixels
+            if not np.nanmax(np.abs(error / focal)) > 1e-13:
                 break
-            a, b, d = _slopes(camera, rays)
-            across = a * d - b * b
-            rays -= (
-                np.stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - b * error[:, 0]], axis=1)
-                / (across[:, None])
-            )
-        far = np.abs(project_rays(camera, rays) - pixels).max(axis=1)
+            (a, b), (c, d) = slopes.transpose(1, 2, 0)
+            step = np.stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - c * error[:, 0]], axis=1)
+            rays = rays - step / (a * d - b * c)[:, None]
+        seen, slopes, _ = _project(camera, rays)
+        far = np.abs(seen - pixels).max(axis=1)
         # Past its turning point a polynomial shows the same pixel again, seen from outside the picture.
-        turned = np.minimum(_slopes(camera, rays)[0], _slopes(camera, rays)[2]) <= 0
+        turned = np.minimum(slopes[:, 0, 0], slopes[:, 1, 1]) <= 0
     rays[~(far < _FOUND_PX) | turned] = np.nan
-    return rays
+    return np.asarray(rays)
 
 
 def picture_rays(camera: CameraCalibration) -> Array:
@@ -128,7 +124,7 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
     seen = project_rays(camera, rays)
     fitted = msgspec.structs.replace(camera, distortion=(*map(float, distortion_of(camera)[:4]), 0.0))
     for _ in range(_STEPS):
-        slopes = _fit_slopes(fitted, rays)
+        _, _, slopes = _project(fitted, rays)
         scale = np.linalg.norm(slopes, axis=0)
         step = np.linalg.lstsq(slopes / scale, (seen - project_rays(fitted, rays)).ravel())[0] / scale
         fx, fy, cx, cy, *given = np.array(_parameters(fitted)) + step
@@ -195,53 +191,12 @@ def _parameters(camera: CameraCalibration) -> tuple[float, ...]:
     return (camera.fx, camera.fy, camera.cx, camera.cy, *map(float, given if given[4] else given[:4]))
 
 
-def _distorted(camera: CameraCalibration, rays: Array) -> tuple[Array, Array]:
-    _, _, p1, p2, _ = distortion_of(camera)
-    x, y, square, radial, _ = _polynomial(camera, rays)
-    return (
-        x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
-        y * radial + 2 * p2 * x * y + p1 * (square + 2 * y * y),
-    )
+def _project(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array]:
+    """Pixels (n, 2) of rays, their derivatives (n, 2, 2) by x and y of the ray, and those of all pixels,
+    flattened, by fx, fy, cx, cy, k1, k2, p1 and p2 (2n, 8)."""
+    import cv2
 
-
-def _slopes(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array]:
-    """Derivatives dx/dx, dx/dy (which is dy/dx) and dy/dy of the distorted ray."""
-    _, _, p1, p2, _ = distortion_of(camera)
-    x, y, _, radial, outward = _polynomial(camera, rays)
-    return (
-        radial + x * x * outward + 2 * p1 * y + 6 * p2 * x,
-        x * y * outward + 2 * p1 * x + 2 * p2 * y,
-        radial + y * y * outward + 2 * p2 * x + 6 * p1 * y,
-    )
-
-
-def _polynomial(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Rays' x and y, the square of their length, and how far that stretches them, with its derivative."""
-    k1, k2, _, _, k3 = distortion_of(camera)
-    x, y = rays[:, 0], rays[:, 1]
-    square = x * x + y * y
-    radial = 1 + square * (k1 + square * (k2 + square * k3))
-    return x, y, square, radial, 2 * (k1 + square * (2 * k2 + square * 3 * k3))
-
-
-def _fit_slopes(camera: CameraCalibration, rays: Array) -> Array:
-    """Derivatives of the pixels, flattened, by fx, fy, cx, cy, k1, k2, p1 and p2, (2n, 8)."""
-    x, y = rays[:, 0], rays[:, 1]
-    square = x * x + y * y
-    seen_x, seen_y = _distorted(camera, rays)
-    nothing, one = np.zeros_like(x), np.ones_like(x)
-    across = [
-        seen_x,
-        nothing,
-        one,
-        nothing,
-        *(camera.fx * part for part in (x * square, x * square**2, 2 * x * y, square + 2 * x * x)),
-    ]
-    down = [
-        nothing,
-        seen_y,
-        nothing,
-        one,
-        *(camera.fy * part for part in (y * square, y * square**2, square + 2 * y * y, 2 * x * y)),
-    ]
-    return np.stack([np.stack(across, axis=1), np.stack(down, axis=1)], axis=1).reshape(-1, 8)
+    points, none = np.column_stack([rays, np.ones(len(rays))]), np.zeros(3)
+    found = cv2.projectPoints(points, none, none, matrix_of(camera), distortion_of(camera))
+    pixels, slopes = (np.asarray(one, np.float64) for one in found)
+    return pixels.reshape(-1, 2), slopes[:, 3:5].reshape(-1, 2, 2), slopes[:, 6:14]

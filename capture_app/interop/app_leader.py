@@ -5,7 +5,7 @@ second, as it will be half a second later.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from capture_app.interop.app_protocol import (
@@ -35,42 +35,13 @@ EXCHANGES_PER_S = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
-class AppPhoneJoined(FollowerNews):
-    """A phone with the app is here."""
+class _Port:
+    """The engine of one of the two ports, as `net.udp.Pump` runs it."""
 
-    host: str
-
-    @property
-    def line(self) -> str:
-        """One line for a person."""
-        return f"phone {self.name} at {self.host} is here with the Android app, which nobody has let in"
-
-
-@dataclass(frozen=True, slots=True)
-class AppPhoneSynced(FollowerNews):
-    """A phone has been told the time, known to this 95 % uncertainty in ns."""
-
-    uncertainty_ns: float
-
-    @property
-    def line(self) -> str:
-        """One line for a person."""
-        return f"phone {self.name} has the time to {duration(self.uncertainty_ns)}"
-
-
-@dataclass(frozen=True, slots=True)
-class AppPhoneLost(FollowerNews):
-    """A phone is not heard any more."""
-
-    @property
-    def line(self) -> str:
-        """One line for a person."""
-        return f"lost phone {self.name}: it has gone silent"
-
-    @property
-    def is_warning(self) -> bool:
-        """Whether a person should look: its pictures will be missing."""
-        return True
+    receive_datagram: Callable[[bytes, Address, int], None]
+    datagrams_to_send: Callable[[int], list[tuple[bytes, Address]]]
+    next_timer: Callable[[], int | None]
+    handle_timer: Callable[[int], None]
 
 
 class AppLeader:
@@ -78,8 +49,8 @@ class AppLeader:
 
     def __init__(self, *, aligns: bool) -> None:
         """With `aligns` phones are told to move their phase to the app's own goal, now and then."""
-        self.calls = _CallPort(self)
-        self.times = _TimePort(self)
+        self.calls = _Port(self._receive_call, self._calls_to_send, self._next_timer, self._handle_timer)
+        self.times = _Port(self._receive_answer, self._ask, self._next_request, self._prepare_requests)
         self.orders = AppOrders()
         self._aligns = aligns
         self._phones: dict[str, AppPhone] = {}
@@ -118,8 +89,9 @@ class AppLeader:
 
     # The parts, for the two ports
 
-    def receive_call(self, data: bytes, host: str, now_ns: int) -> None:
+    def _receive_call(self, data: bytes, address: Address, now_ns: int) -> None:
         """Take in a call; all but heartbeats are a leader's to make."""
+        host = address[0]
         call = decode_call(data)
         beat = read_heartbeat(call[1]) if call is not None and call[0] == Method.HEARTBEAT else None
         if call is None or beat is None:
@@ -128,31 +100,41 @@ class AppLeader:
         if phone is None or phone.lost:
             if phone is None and len(self._phones) >= MOST_PHONES:
                 return
-            phone = self._phones[host] = AppPhone(self._free_name(beat.name, host), host, now_ns)
-            self._events.append(AppPhoneJoined(phone.name, host))
+            phone = self._phones[host] = AppPhone(self._free_name(beat[0], host), host, now_ns)
+            what = f"phone {phone.name} at {host} is here with the Android app, which nobody has let in"
+            self._events.append(FollowerNews(phone.name, what))
             self._set_pace()
-        phone.last_heard_ns, phone.says_synced = now_ns, beat.is_synced
+        phone.last_heard_ns, phone.says_synced = now_ns, beat[1]
         # To where it came from: the address that it tells may be one of its other networks.
         self._out.append((encode_call(Method.HEARTBEAT_ACK, call[1]), (host, CALL_PORT)))
 
-    def receive_answer(self, data: bytes, host: str, now_ns: int) -> None:
+    def _receive_answer(self, data: bytes, address: Address, now_ns: int) -> None:
         """Take in a time answer that arrived at `now_ns`."""
-        phone = self._phones.get(host)
+        phone = self._phones.get(address[0])
         if phone is not None and not phone.lost and len(data) == TIME_ANSWER.size:
             t0_ns, t1_ns, t2_ns = TIME_ANSWER.unpack(data)
             phone.take_answer(t0_ns, t1_ns, t2_ns, now_ns)
 
-    def ask(self, now_ns: int) -> list[tuple[bytes, Address]]:
+    def _ask(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return the time requests that are due, stamped with `now_ns`."""
         due = [phone for phone in self.present() if phone.take_request(now_ns)]
         return [(TIME_REQUEST.pack(now_ns), (phone.host, TIME_PORT)) for phone in due]
 
-    def calls_to_send(self) -> list[tuple[bytes, Address]]:
+    def _next_request(self) -> int | None:
+        """Leader time in ns at which a phone is to be asked, None for never."""
+        return min((phone.next_timer() for phone in self.present()), default=None)
+
+    def _prepare_requests(self, now_ns: int) -> None:
+        """Prepare the requests that are due."""
+        for phone in self.present():
+            phone.handle_timer(now_ns)
+
+    def _calls_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return the calls that are due."""
         out, self._out = self._out, []
         return out
 
-    def handle_timer(self, now_ns: int) -> None:
+    def _handle_timer(self, now_ns: int) -> None:
         """Tell each phone its offset, let it align, repeat triggers, and notice who is gone."""
         for phone in list(self._phones.values()):
             silent_ns = now_ns - phone.last_heard_ns
@@ -160,15 +142,16 @@ class AppLeader:
                 del self._phones[phone.host]
             elif silent_ns >= SILENT_NS and not phone.lost:
                 phone.lost = True
-                self._events.append(AppPhoneLost(phone.name))
+                what = f"lost phone {phone.name}: it has gone silent"
+                self._events.append(FollowerNews(phone.name, what, is_warning=True))
                 self._set_pace()
             elif not phone.lost and phone.synced and now_ns >= (phone.tell_due_ns or now_ns):
                 self._tell(phone, now_ns)
         for trigger_ns in self.orders.triggers_due(now_ns):
             self._call_all(Method.SET_TRIGGER_TIME, str(trigger_ns))
 
-    def next_timer(self) -> int | None:
-        """Leader time in ns at which `handle_timer` wants to be called, None for never."""
+    def _next_timer(self) -> int | None:
+        """Leader time in ns at which `_handle_timer` wants to be called, None for never."""
         due = [
             phone.last_heard_ns + (FORGOTTEN_NS if phone.lost else SILENT_NS)
             for phone in self._phones.values()
@@ -184,7 +167,8 @@ class AppLeader:
         offset_ns = phone.time_map.leader_from_local(middle_ns) - middle_ns
         self._call(phone, Method.OFFSET_UPDATE, str(offset_ns))
         if phone.tell_due_ns is None:
-            self._events.append(AppPhoneSynced(phone.name, _uncertainty_ns(phone, now_ns) or 0.0))
+            known = duration(_uncertainty_ns(phone, now_ns) or 0.0)
+            self._events.append(FollowerNews(phone.name, f"phone {phone.name} has the time to {known}"))
             phone.align_due_ns = now_ns + TELL_EVERY_NS
         phone.tell_due_ns = now_ns + TELL_EVERY_NS
         if self._aligns and now_ns >= phone.align_due_ns and self.orders.may_align(now_ns):
@@ -206,47 +190,6 @@ class AppLeader:
         name = name_like(name, "phone")
         others = {phone.name for phone in self._phones.values() if phone.host != host}
         return name if name not in others else name_like(f"{name}-{host}", "phone")
-
-
-class _CallPort:
-    """The engine of the calls' port."""
-
-    def __init__(self, leader: AppLeader) -> None:
-        self._leader = leader
-        self.next_timer = leader.next_timer
-        self.handle_timer = leader.handle_timer
-
-    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram."""
-        self._leader.receive_call(data, address[0], now_ns)
-
-    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return what is due."""
-        return self._leader.calls_to_send()
-
-
-class _TimePort:
-    """The engine of the time's port."""
-
-    def __init__(self, leader: AppLeader) -> None:
-        self._leader = leader
-
-    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram."""
-        self._leader.receive_answer(data, address[0], now_ns)
-
-    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return what is due, stamped with `now_ns`."""
-        return self._leader.ask(now_ns)
-
-    def next_timer(self) -> int | None:
-        """Leader time in ns at which a phone is to be asked, None for never."""
-        return min((phone.next_timer() for phone in self._leader.present()), default=None)
-
-    def handle_timer(self, now_ns: int) -> None:
-        """Prepare the requests that are due."""
-        for phone in self._leader.present():
-            phone.handle_timer(now_ns)
 
 
 def _uncertainty_ns(phone: AppPhone, now_ns: int) -> float | None:

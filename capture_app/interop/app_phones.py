@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError, NetworkError
@@ -22,18 +21,6 @@ LOOK_EVERY_S = 0.1
 LEAD_NS = 500_000_000
 """Phones are told so long before: their own leader does so, too."""
 RECORD = "record, if they have RecSync"
-
-
-@dataclass(frozen=True, slots=True)
-class AppPhonesTold(FollowerNews):
-    """Phones were told to take pictures, or a video."""
-
-    text: str
-
-    @property
-    def line(self) -> str:
-        """One line for a person."""
-        return self.text
 
 
 class _Alone:
@@ -133,7 +120,7 @@ class AppPhones(RigFollower):
         self._turn()
         text = f"{count(phones, 'phone')} with the app told to {what}"
         text += "; what they take stays on them (capture-app sessions import)"
-        self._note(AppPhonesTold(None, text))
+        self._note(FollowerNews(None, text))
         return text
 
     def expose(self, exposure_ns: int, iso: int) -> None:

@@ -43,14 +43,6 @@ class Method(IntEnum):
     STOP_RECORDING = 200_004
 
 
-@dataclass(frozen=True, slots=True)
-class AppHeartbeat:
-    """A phone says that it is here."""
-
-    name: str
-    is_synced: bool
-
-
 def encode_call(method: Method, text: str = "") -> bytes:
     """Return the datagram of a call."""
     return _METHOD.pack(method) + text.encode()
@@ -63,12 +55,15 @@ def decode_call(data: bytes) -> tuple[int, str] | None:
     return _METHOD.unpack_from(data)[0], data[_METHOD.size :].decode("utf-8", "replace")
 
 
-def read_heartbeat(text: str) -> AppHeartbeat | None:
-    """Read a heartbeat's text; None where it is none. The address in it may be another network's."""
+def read_heartbeat(text: str) -> tuple[str, bool] | None:
+    """Read a heartbeat's text: the phone's name, and whether it says that it has the time; else None.
+
+    The address in it may be another network's.
+    """
     parts = text.rsplit(",", 2)
     if len(parts) != 3 or parts[2] not in ("true", "false"):
         return None
-    return AppHeartbeat(parts[0], parts[2] == "true")
+    return parts[0], parts[2] == "true"
 
 
 KNOCK_EVERY_NS = 100_000_000

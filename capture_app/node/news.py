@@ -33,19 +33,12 @@ class TrustNews:
 
 @dataclass(frozen=True, slots=True)
 class FollowerNews:
-    """What happened to a follower; each kind has a line of its own for a person."""
+    """What happened to a follower, or to all of them, in a line for a person."""
 
     name: str | None
-
-    @property
-    def line(self) -> str:
-        """One line for a person."""
-        raise NotImplementedError
-
-    @property
-    def is_warning(self) -> bool:
-        """Whether a person should look."""
-        return False
+    line: str
+    is_warning: bool = False
+    """Whether a person should look."""
 
 
 News = (

@@ -1,9 +1,10 @@
+import re
 from dataclasses import replace
 
 import pytest
 
 from benchmarks.simulated.wireless import PAPER_LINK
-from capture_app.interop.app_leader import AppLeader, AppPhoneJoined, AppPhoneLost, AppPhoneSynced
+from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import (
     CALL_PORT,
     GOAL_PHASE_NS,
@@ -14,6 +15,7 @@ from capture_app.interop.app_protocol import (
     decode_call,
     encode_call,
 )
+from capture_app.node.news import FollowerNews
 from tests.sync.foreign.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000
@@ -69,12 +71,16 @@ def test_what_happens_to_a_phone_is_told() -> None:
     rig = rig_of(5.0)
     wait_until_synced(rig)
     joined, synced = rig.leader.next_event(), rig.leader.next_event()
-    assert joined == AppPhoneJoined("phone0", "10.0.0.2")
-    assert isinstance(synced, AppPhoneSynced)
-    assert 0 < synced.uncertainty_ns < TARGET_NS
+    assert joined is not None
+    assert (joined.name, joined.is_warning) == ("phone0", False)
+    assert "phone0 at 10.0.0.2 is here" in joined.line
+    assert synced is not None
+    known = re.fullmatch(r"phone phone0 has the time to (\d+) µs", synced.line)
+    assert known is not None
+    assert 0 < int(known[1]) * 1000 < TARGET_NS
     rig.take_away(rig.phones[0])
     rig.run(8.0)
-    assert rig.leader.next_event() == AppPhoneLost("phone0")
+    assert rig.leader.next_event() == FollowerNews("phone0", "lost phone phone0: it has gone silent", True)
     (lost,) = rig.leader.statuses(rig.now_ns)
     assert (lost.state, lost.name) == ("lost", "phone0")
     assert not rig.says_synced(rig.phones[0])

@@ -1,6 +1,7 @@
 """How bright each lamp of a panel is in a picture, and how well that fits when it should have shone."""
 
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -168,12 +169,7 @@ class LightModel:
 
     def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> "Fit":
         """How well each row of `shares` (times, lamps) fits, at the tone curve that fits best."""
-        best: Fit | None = None
-        for tone in tones:
-            fit = self._fit_tone(shares, lamp_light, float(tone))
-            best = fit if best is None else best.better(fit)
-        assert best is not None, "there are tones"
-        return best
+        return reduce(Fit.better, (self._fit_tone(shares, lamp_light, float(tone)) for tone in tones))
 
     def _fit_tone(self, shares: Floats, lamp_light: float, tone: float) -> "Fit":
         ground = np.maximum(self.seen.ground, 1e-4)

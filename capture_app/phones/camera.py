@@ -16,7 +16,6 @@ from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.news import Log
-from capture_app.phones import wire
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import PATIENCE_S, Phone
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -191,7 +190,7 @@ class PhoneNodes:
                 if not isinstance(ended[0], SimulshotError):
                     raise ended[0]
                 self._talk(f"{phone.name}: {ended[0]}")
-                await phone.tell(wire.state_message(phone.name, "failed", str(ended[0]), phone.clock_words))
+                await phone.tell_state("failed", str(ended[0]))
                 await asyncio.sleep(RETRY_S)
             else:
                 self._talk(f"{phone.name}: it has left")
@@ -215,4 +214,4 @@ async def _tell_state(phone: Phone, node: CameraNode) -> None:
         await asyncio.sleep(TELL_EVERY_S)
         state, words = node.standing
         # Changed or not: a page that has come anew knows nothing.
-        await phone.tell(wire.state_message(phone.name, str(state or "joining"), words, phone.clock_words))
+        await phone.tell_state(str(state or "joining"), words)

@@ -15,31 +15,6 @@ USUAL_RATE = 30.0
 LEAST_RATE, MOST_RATE = 1.0, 1000.0
 
 
-class ArrivalAnchor:
-    """Where media times stand on the page's clock: the least delay of the last half minute, in us.
-
-    That is the moment of a frame's arrival in the browser where all went quickly; how long the camera and the
-    phone took until then is not known here, and is part of the bias of the camera's stamps.
-    """
-
-    def __init__(self) -> None:
-        self._blocks: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
-        """Begin of a block and the least offset of it."""
-
-    def add(self, media_us: float, seen_us: float) -> None:
-        """Take in a frame that was seen at a time of the page's clock."""
-        offset_us = seen_us - media_us
-        if not self._blocks or seen_us - self._blocks[-1][0] >= BLOCK_US:
-            self._blocks.append((seen_us, offset_us))
-        elif offset_us < self._blocks[-1][1]:
-            self._blocks[-1] = self._blocks[-1][0], offset_us
-
-    @property
-    def offset_us(self) -> float:
-        """The page's time minus the media time of one and the same frame."""
-        return min(offset_us for _, offset_us in self._blocks)
-
-
 @dataclass(frozen=True, slots=True)
 class TimedFrame:
     """A frame with its number in its stream, gaps counted, and its time by the page's clock in us."""
@@ -57,7 +32,8 @@ class FrameTimes:
         """`rate` in frames a second is as the browser sets it; 0 where it does not say."""
         self._rate = rate
         self._stream: int | None = None
-        self._anchor = ArrivalAnchor()
+        self._arrivals: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
+        """Begin of a block of time and the least offset in it of the page's clock from the media's, in us."""
         self._held: list[FrameTold] = []
         self._holding = True
         self._sequence, self._last_us = 0, 0.0
@@ -69,9 +45,10 @@ class FrameTimes:
         """Take in a frame; return those that can be told now, none while a stream begins."""
         begins = told.stream != self._stream
         if begins:
-            self._stream, self._anchor = told.stream, ArrivalAnchor()
+            self._stream = told.stream
+            self._arrivals.clear()
             self._held, self._holding, self._sequence = [], True, 0
-        self._anchor.add(told.media_us, told.capture_us or told.arrived_us)
+        self._note_arrival(told.media_us, told.capture_us or told.arrived_us)
         if self.period_ns is None:
             self._measure_rate(told, begins)
         if not self._holding:
@@ -81,6 +58,13 @@ class FrameTimes:
             return []
         self._holding = False
         return [self._timed(frame, first=n == 0) for n, frame in enumerate(self._held)]
+
+    def _note_arrival(self, media_us: float, seen_us: float) -> None:
+        offset_us = seen_us - media_us
+        if not self._arrivals or seen_us - self._arrivals[-1][0] >= BLOCK_US:
+            self._arrivals.append((seen_us, offset_us))
+        elif offset_us < self._arrivals[-1][1]:
+            self._arrivals[-1] = self._arrivals[-1][0], offset_us
 
     def _measure_rate(self, told: FrameTold, begins: bool) -> None:
         if not begins:
@@ -97,4 +81,7 @@ class FrameTimes:
         if not first:
             self._sequence += max(1, round((told.media_us - self._last_us) * 1000 / self.period_ns))
         self._last_us = told.media_us
-        return TimedFrame(told.id, told.stream, self._sequence, told.media_us + self._anchor.offset_us)
+        # The least delay of the last half minute, when all went quickly, tells where media times begin; how
+        # long camera and phone took until then is not known here, and is part of the bias of the stamps.
+        offset_us = min(offset_us for _, offset_us in self._arrivals)
+        return TimedFrame(told.id, told.stream, self._sequence, told.media_us + offset_us)

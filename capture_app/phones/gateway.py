@@ -25,6 +25,15 @@ from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
 from capture_app.text import UNREADABLE
 
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, HttpProcessingError | web.RequestPayloadError)
+
+
+_faults = logging.getLogger(f"{__name__}.http")
+"""Where the web server tells of faults; those of what strangers send are none."""
+_faults.addFilter(_is_ours)
 MOST_STRANGERS = 128
 """Connections open at a time that are no phone's link; the newest beyond are closed."""
 STRANGER_S = 20.0
@@ -88,7 +97,7 @@ class Door:
         loop = asyncio.get_running_loop()
         try:
             await loop.connect_accepted_socket(
-                lambda: _Connection(server, loop=loop, logger=_server_log(), keepalive_timeout=5.0),
+                lambda: _Connection(server, loop=loop, logger=_faults, keepalive_timeout=5.0),
                 connection,
                 ssl=tls,
                 ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
@@ -275,18 +284,6 @@ async def _hello(link: web.WebSocketResponse) -> wire.Hello:
     if not isinstance(hello, wire.Hello):
         raise ValueError("a page begins with its hello")
     return hello
-
-
-def _server_log() -> logging.Logger:
-    """Return where the web server tells of faults; those of what strangers send are none."""
-    log = logging.getLogger(f"{__name__}.http")
-    log.addFilter(_is_ours)
-    return log
-
-
-def _is_ours(record: logging.LogRecord) -> bool:
-    error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, HttpProcessingError | web.RequestPayloadError)
 
 
 @web.middleware

@@ -150,12 +150,6 @@ class Phone:
         self._on_away: Callable[[str], None] | None = None
 
     @property
-    def clock_words(self) -> str:
-        """How well its clock is known, for its user."""
-        accuracy = self.clock.accuracy
-        return "being measured" if accuracy is None else f"known to ±{accuracy.uncertainty_ns / 1e6:.2f} ms"
-
-    @property
     def facts(self) -> CameraFacts:
         """What its camera is. Raises CameraError while it does not stream."""
         opened, period_ns = self._opened, self._times.period_ns
@@ -193,7 +187,7 @@ class Phone:
         at_us = self.clock.page_us(self._now_ns() + delay_ns)
         if self._send is None or self._opened is None:
             raise CameraError(f"{self.name}: {self._why_away}")
-        await self._send(wire.restart_request(at_us))
+        await self._send(wire.order("restart", at_us=at_us))
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, None: let the camera choose it. Raises CameraError where that was not done."""
@@ -203,7 +197,7 @@ class Phone:
         number = self._last_order
         answered = self._orders[number] = asyncio.get_running_loop().create_future()
         try:
-            await self._send(wire.control_order(number, control, value))
+            await self._send(wire.order("control", number=number, control=control, value=value))
             async with asyncio.timeout(ORDER_S):
                 problem = await answered
         except TimeoutError:
@@ -227,10 +221,14 @@ class Phone:
     def _value(self, control: Control) -> float | None:
         return next((state.value for state in self.controls if state.control is control), None)
 
-    async def tell(self, message: str) -> None:
-        """Let its page show something; nothing where none is connected."""
+    async def tell_state(self, state: str, words: str) -> None:
+        """Let its page show how its camera is; nothing where none is connected."""
         if self._send is not None:
-            await self._send(message)
+            accuracy = self.clock.accuracy
+            known = (
+                "being measured" if accuracy is None else f"known to ±{accuracy.uncertainty_ns / 1e6:.2f} ms"
+            )
+            await self._send(wire.order("state", name=self.name, state=state, words=words, clock=known))
 
     async def fetch(self, page: str, number: int, width: int | None = None) -> bytes:
         """Return a frame's JPEG, or with a width a small one, waiting for a link that is broken.
@@ -238,6 +236,8 @@ class Phone:
         Raises CameraError where the phone has it no more, or does not bring it.
         """
         key = page, number, width is not None
+        small = {} if width is None else {"width": width}
+        request = wire.order("preview" if small else "picture", id=number, **small)
         picture = self._pictures.get(key)
         if picture is None:
             picture = self._pictures[key] = asyncio.get_running_loop().create_future()
@@ -248,7 +248,7 @@ class Phone:
                     if page != self.page:
                         raise CameraError(f"{self.name} has it no more: its page was loaded again")
                     if self._send is not None:
-                        await self._send(wire.picture_request(number, width))
+                        await self._send(request)
                     closed = asyncio.ensure_future(self.gone.wait())
                     await asyncio.wait((picture, closed), return_when=asyncio.FIRST_COMPLETED)
                     closed.cancel()

@@ -145,30 +145,15 @@ def pong(number: int) -> bytes:
     return _PONG.pack(PING, number)
 
 
-def picture_request(number: int, width: int | None = None) -> str:
-    """Return the request for a frame's picture, or with a width in pixels for a small one."""
-    if width is None:
-        return msgspec.json.encode({"type": "picture", "id": number}).decode()
-    return msgspec.json.encode({"type": "preview", "id": number, "width": width}).decode()
+def order(kind: str, **fields: object) -> str:
+    """Return what the page is told in JSON.
 
-
-def control_order(number: int, control: Control, value: float | None) -> str:
-    """Return the order to set a control and hold it; None lets the camera choose it."""
-    return msgspec.json.encode(
-        {"type": "control", "number": number, "control": control, "value": value}
-    ).decode()
-
-
-def restart_request(at_us: float) -> str:
-    """Return the request to stop the camera and start it at that time of the link worker's clock."""
-    return msgspec.json.encode({"type": "restart", "at_us": at_us}).decode()
-
-
-def state_message(name: str, state: str, words: str, clock: str) -> str:
-    """Return what the page shows of its camera."""
-    return msgspec.json.encode(
-        {"type": "state", "name": name, "state": state, "words": words, "clock": clock}
-    ).decode()
+    picture    id: a frame's picture is wanted; preview: id, width in pixels of a small one
+    control    number, control, value: set it and hold it; null lets the camera choose it
+    restart    at_us: stop the camera, and start it at that time of the link worker's clock
+    state      name, state, words, clock: what the page shows of its camera
+    """
+    return msgspec.json.encode({"type": kind, **fields}).decode()
 
 
 def _check_times(*times_us: float) -> None:

@@ -195,6 +195,8 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
     ended: Annotated[datetime, Meta(tz=True)] | None = None
     seconds: float = 0.0
     """How long it has run, without the time for which it was paused."""
+    processor_s: float = 0.0
+    """How long processors have worked for it, all of them together."""
     step: ProgressStep | None = None
 
     @property

@@ -7,6 +7,7 @@ A run is kept beside its results, so that the next start of the screen knows of 
 """
 
 import asyncio
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -176,7 +177,7 @@ class Runs:
                 self._going = None
 
     async def _run(self, run: Run) -> None:
-        run.state, self._since = RunState.RUNNING, time.monotonic()
+        run.state, self._since, worked_s = RunState.RUNNING, time.monotonic(), _processor_s()
         self._tell(run)
         await self._keep(run)
         try:
@@ -184,6 +185,7 @@ class Runs:
         except (SimulshotError, OSError) as failure:
             state, message = RunState.FAILED, str(failure)
         self.count_time()
+        run.processor_s = _processor_s() - worked_s
         if run.state is RunState.CANCELLED:
             state, message = run.state, "cancelled"
         run.state, run.message, run.ended, run.step = state, printable(message), datetime.now(UTC), None
@@ -244,6 +246,12 @@ class Runs:
             write_atomic(path.with_suffix(".log"), log.encode(errors="replace"))
         else:
             path.with_suffix(".log").unlink(missing_ok=True)
+
+
+def _processor_s() -> float:
+    """How long processors have worked for children of this process that have ended."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def _read_all(root: Path) -> list[Run]:

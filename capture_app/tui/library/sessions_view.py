@@ -32,7 +32,7 @@ from capture_app.tui.library.forms import (
     typed_path,
 )
 from capture_app.tui.library.session_rows import Entry, Order, SessionRows, arrange
-from capture_app.tui.library.take import TakePane, TakeScreen
+from capture_app.tui.library.take import TakePane
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_record import Mishap, Told, telling
 from capture_app.tui.settings import Settings
@@ -105,8 +105,8 @@ class SessionsView(ModeView):
         self._settle()
 
     def focus_first(self) -> None:
-        """The list is what is driven here."""
-        self._rows.focus()
+        """The list is what is driven here, or the session that is looked at."""
+        (self._pane.sheet if self.has_class("-whole") else self._rows).focus()
 
     def on_told(self, message: Told) -> None:
         """Show what runs on the sessions."""
@@ -235,7 +235,7 @@ class SessionsView(ModeView):
         """Offer only what can be done with the session under the cursor."""
         entry = self.entry
         if action == "show_all":
-            return bool(self._find.display)
+            return bool(self._find.display) or self.has_class("-whole")
         if action not in _OF_ONE:
             return True
         if entry is None:
@@ -264,7 +264,14 @@ class SessionsView(ModeView):
         if entry is not None and entry.card.state is SessionState.COMPLETE:
             sheet = await self._try(TakeSheet.open, entry.card.folder)
             if sheet is not None:
-                self.app.push_screen(TakeScreen(entry, sheet))
+                self._pane.show(entry, sheet)
+                self._look_whole(True)
+
+    def _look_whole(self, whole: bool) -> None:
+        """Show the session in all of the mode, or the list again."""
+        self.set_class(whole, "-whole")
+        self.focus_first()
+        self.refresh_bindings()
 
     @work
     async def action_results(self) -> None:
@@ -292,6 +299,9 @@ class SessionsView(ModeView):
 
     def action_show_all(self) -> None:
         """Show all sessions again."""
+        if self.has_class("-whole"):
+            self._look_whole(False)
+            return
         self._find.value = ""
         self._find.display = False
         self._rows.focus()

@@ -1,9 +1,7 @@
-"""One session: what it is good for in words, its contact sheet, and each picture full size."""
+"""One session: what it is good for in words, and its contact sheet."""
 
 from collections.abc import Iterator
-from typing import ClassVar
 
-from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 
@@ -14,7 +12,6 @@ from capture_app.tui.library.session_rows import STATES, Entry
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
-from capture_app.tui.widgets.whole_screen import WholeScreen
 
 LOW = 30
 """Below this height pictures need the room more than words."""
@@ -33,6 +30,8 @@ class TakePane(Vertical):
     def show(self, entry: Entry | None, sheet: TakeSheet | None) -> None:
         """Show a session; None: its sheet is not there, or not yet."""
         self.entry = entry
+        facts = () if entry is None else (count(len(entry.card.cameras), "camera"), str(entry.card.folder))
+        self.border_subtitle = Content(printable(" · ".join(facts)))
         if sheet is not self.sheet.sheet:
             self.sheet.show(sheet)
         self._show_words()
@@ -61,43 +60,3 @@ class TakePane(Vertical):
             yield from [note.truncate(width, ellipsis=True)] if low else note.wrap(width)
 
     on_resize = _show_words
-
-
-class TakeScreen(WholeScreen[None]):
-    """Shows a session; Escape closes it."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(
-            "b", "look('CAMERAS')", "Blink cameras", id="take.blink", tooltip="one camera after the other"
-        ),
-        Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
-        Binding("escape,backspace", "dismiss", "Back", id="take.back", key_display="esc"),
-    ]
-
-    def __init__(self, entry: Entry, sheet: TakeSheet) -> None:
-        self._pane = TakePane()
-        super().__init__(self._pane)
-        self._entry, self._sheet = entry, sheet
-
-    def on_mount(self) -> None:
-        """Show it."""
-        self._pane.show(self._entry, self._sheet)
-        self._pane.sheet.focus()
-
-    def on_resize(self) -> None:
-        """Show as much of the title as fits."""
-        card = self._entry.card
-        what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
-        self.title_line.show(
-            [
-                Content.assemble(
-                    (f" {printable(card.name)} ", "reverse bold $primary"),
-                    (f"  {what}", "$foreground"),
-                    (f"   {printable(str(card.folder))}", "$foreground-muted"),
-                ).truncate(self.size.width, ellipsis=True)
-            ]
-        )
-
-    def action_look(self, motion: str) -> None:
-        """Look at the picture under the cursor, in motion."""
-        self._pane.sheet.action_look(motion)

@@ -21,7 +21,6 @@ from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.focus_aids import (
     Aid,
     Exposure,
-    FocusMeter,
     exposure_line,
     exposure_of,
     focus_line,
@@ -34,6 +33,8 @@ from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import NOISE, Picture
 from capture_app.tui.widgets.whole_screen import WholeScreen
 
+NUMBERS = 200
+"""Focus numbers that are kept: more than come in the time over which they are compared."""
 KEPT = 12
 """Previews of each camera: some seconds."""
 
@@ -80,7 +81,8 @@ class FullView(WholeScreen[str]):
         self._cameras = tuple(cameras)
         self._at = self._cameras.index(camera)
         self._aids: dict[str, bool] = {"focus": False, "zebra": False}
-        self.focus_meter = FocusMeter()
+        self.focus_numbers: deque[tuple[float, float]] = deque(maxlen=NUMBERS)
+        """When each was measured, in seconds, and how sharp the picture was."""
         self._exposure: Exposure | None = None
         self._blinks = False
         self._previews: dict[str, deque[Preview]] = {}
@@ -145,7 +147,8 @@ class FullView(WholeScreen[str]):
     def _begin(self) -> None:
         self._previews = {camera: deque(maxlen=KEPT) for camera in (self.camera, self._partner)}
         self._shows_second = False
-        self.focus_meter, self._exposure = FocusMeter(), None
+        self._exposure = None
+        self.focus_numbers.clear()
         self._picture.show(None)
         self._show_title()
         self._show_meters()
@@ -165,7 +168,7 @@ class FullView(WholeScreen[str]):
         if measured is None or preview.camera != self.camera:
             return
         image, focus, self._exposure = measured
-        self.focus_meter.add(self._record.clock(), focus)
+        self.focus_numbers.append((self._record.clock(), focus))
         self._picture.show(image)
         self._show_meters()
 
@@ -190,7 +193,7 @@ class FullView(WholeScreen[str]):
         if self._blinks:
             self._meters.show([])
             return
-        lines = [focus_line(self.focus_meter)]
+        lines = [focus_line(self.focus_numbers)]
         if self._exposure is not None:
             width = max(min(self.size.width - 2, len(self._exposure.histogram)), 1)
             lines += [exposure_line(self._exposure), *histogram_lines(self._exposure, width, HISTOGRAM_ROWS)]

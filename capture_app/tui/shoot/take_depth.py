@@ -1,5 +1,6 @@
 """The depth of each take, made at once at the lowest priority: one that went wrong is seen on the spot."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.widgets.picture import Source
 
 SLOW_S = 60.0
-"""Depth that takes longer on this machine is not made by itself again."""
+"""Depth that keeps all processors of this machine busy for longer is not made by itself again."""
 
 
 class TakeDepth:
@@ -24,7 +25,6 @@ class TakeDepth:
     def __init__(self, runs: Runs | None) -> None:
         """`runs`: None where nothing is to be made."""
         self._runs = runs
-        self._was_slow = False
         self._picture: tuple[Path, bytes] | None = None
 
     async def begin(self, sheet: TakeSheet) -> None:
@@ -34,9 +34,15 @@ class TakeDepth:
         for run in [run for run in self._runs.unfinished if run.kind == MOMENT.name]:
             if run.state is RunState.WAITING:
                 await self._runs.cancel(run)
-        self._was_slow |= any(run.seconds > SLOW_S for run in self._runs.all if run.kind == MOMENT.name)
-        if not self._was_slow:
+        if not self._is_slow:
             self._runs.add(MOMENT, sheet.session.folder, f"--instant {sheet.instants // 2}")
+
+    @property
+    def _is_slow(self) -> bool:
+        # What it waited for others says nothing of the machine.
+        most_s = SLOW_S * (os.cpu_count() or 1)
+        runs = [] if self._runs is None else self._runs.all
+        return any(run.processor_s > most_s for run in runs if run.kind == MOMENT.name)
 
     def of(self, sheet: TakeSheet | None) -> Run | None:
         """The run of a take."""
@@ -47,8 +53,8 @@ class TakeDepth:
         """What came of it, or how far it is."""
         run = self.of(sheet)
         if run is None:
-            if self._was_slow and sheet is not None:
-                slow = f"no depth by itself: the last took over {SLOW_S:.0f} s here"
+            if sheet is not None and self._is_slow:
+                slow = f"no depth by itself: it takes over {SLOW_S:.0f} s here"
                 yield Content.styled(slow, "$foreground-muted")
         elif not run.state.is_over:
             yield Content.styled(f"◔ depth {progress_words(run) or run.state}", "$primary")

@@ -1,6 +1,5 @@
 """Focus and exposure as marks on a picture, and as numbers: against the recent best, light, histogram."""
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -119,40 +118,17 @@ CLIPPED = 0.01
 """Share of the pixels from which on clipping is worth a warning."""
 
 
-class FocusMeter:
-    """Focus numbers over time."""
-
-    def __init__(self) -> None:
-        self._values: deque[tuple[float, float]] = deque()
-
-    def add(self, now: float, value: float) -> None:
-        """Note a focus number, at a time in seconds."""
-        self._values.append((now, value))
-        while self._values[0][0] < now - BEST_OVER_S:
-            self._values.popleft()
-
-    @property
-    def value(self) -> float | None:
-        """The newest number."""
-        return self._values[-1][1] if self._values else None
-
-    @property
-    def share(self) -> float | None:
-        """The newest number over the best one lately."""
-        best = max((value for _, value in self._values), default=0.0)
-        return self._values[-1][1] / best if best > 0 else None
-
-
-def focus_line(meter: FocusMeter, width: int = 24) -> Content:
-    """The focus number, and how near it is to its best lately."""
-    share = meter.share
-    if share is None:
+def focus_line(numbers: Sequence[tuple[float, float]], width: int = 24) -> Content:
+    """The newest focus number, and how near it is to the best lately; `numbers` are (time in s, number)."""
+    lately = [number for when_s, number in numbers if when_s >= numbers[-1][0] - BEST_OVER_S]
+    if not lately or max(lately) <= 0:
         return Content.styled("focus   no picture yet", "$foreground-muted")
+    share = lately[-1] / max(lately)
     filled = round(share * width)
     style = "$success" if share >= IN_FOCUS else "$warning"
     return Content.assemble(
         ("focus   ", "$foreground-muted"),
-        (f"{meter.value:7.3f}  ", "bold"),
+        (f"{lately[-1]:7.3f}  ", "bold"),
         ("█" * filled, style),
         ("░" * (width - filled), "$foreground-muted"),
         (f" {share:4.0%} of the best in {BEST_OVER_S:g} s", style),

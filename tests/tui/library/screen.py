@@ -29,6 +29,11 @@ def view(app: SimulshotApp) -> SessionsView:
     return app.screen_stack[0].query_one(SessionsView)
 
 
+def looks(app: SimulshotApp) -> bool:
+    """Whether a session is looked at in all of the mode, or one of its pictures."""
+    return view(app).has_class("-whole")
+
+
 def rows(app: SimulshotApp) -> SessionRows:
     return view(app).query_one(SessionRows)
 

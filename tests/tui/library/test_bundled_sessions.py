@@ -6,11 +6,10 @@ import pytest
 
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.jobs.run import RunState
-from capture_app.tui.library.take import TakeScreen
 from capture_app.tui.widgets.look import LookScreen
 from capture_app.tui.widgets.picture import Picture
 from tests.tui.driving import settle, until
-from tests.tui.library.screen import library, rows, view
+from tests.tui.library.screen import library, looks, rows, view
 
 SAMPLES = Path(__file__).parents[3] / "sample_sessions"
 NAMES = sorted(path.parent.name for path in SAMPLES.glob("*/session.json"))
@@ -26,13 +25,13 @@ async def test_each_opens(sessions: Path) -> None:
             await settle(pilot)
             assert view(pilot.app).entry.card.name == name
             await pilot.press("enter")
-            await until(pilot, lambda: isinstance(pilot.app.screen, TakeScreen))
+            await until(pilot, lambda: looks(pilot.app))
             await pilot.press("enter")
             await until(pilot, lambda: isinstance(pilot.app.screen, LookScreen))
             assert pilot.app.screen.shown[1] == 0
             await until(pilot, lambda: pilot.app.screen.query_one(Picture).cells is not None)
             await pilot.press("escape", "escape")
-            await until(pilot, lambda: not isinstance(pilot.app.screen, TakeScreen | LookScreen))
+            await until(pilot, lambda: not looks(pilot.app))
 
 
 @pytest.mark.slow

@@ -15,13 +15,12 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.library.take import TakeScreen
 from capture_app.tui.rig_record import SessionsRequested
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.look import LookScreen
 from tests.tui.driving import settle, toasts, until
-from tests.tui.library.screen import choose, library, names, rows, text, type_text, view
+from tests.tui.library.screen import choose, library, looks, names, rows, text, type_text, view
 from tests.tui.takes import make_take
 
 
@@ -118,7 +117,7 @@ async def test_look_at_a_take_and_a_picture(sessions: Path) -> None:
     async with library(sessions, (80, 24)) as pilot:
         await choose(pilot, "one")
         await pilot.press("enter")
-        await until(pilot, lambda: isinstance(pilot.app.screen, TakeScreen))
+        await until(pilot, lambda: looks(pilot.app))
         await pilot.press("right", "down", "enter")
         await until(pilot, lambda: isinstance(pilot.app.screen, LookScreen))
         assert pilot.app.screen.shown == ("cam01", 1)
@@ -127,7 +126,7 @@ async def test_look_at_a_take_and_a_picture(sessions: Path) -> None:
         await pilot.press("b")
         await until(pilot, lambda: isinstance(pilot.app.screen, LookScreen))
         await pilot.press("escape", "escape")
-        await until(pilot, lambda: not isinstance(pilot.app.screen, TakeScreen | LookScreen))
+        await until(pilot, lambda: not looks(pilot.app))
 
 
 @pytest.mark.slow
@@ -204,7 +203,7 @@ async def test_names_from_elsewhere_are_text(sessions: Path, name: str) -> None:
             await pilot.press("escape")
             await settle(pilot)
         await pilot.press("enter")
-        await until(pilot, lambda: isinstance(pilot.app.screen, TakeScreen))
+        await until(pilot, lambda: looks(pilot.app))
         await pilot.press("escape")
 
 
@@ -240,7 +239,7 @@ async def test_any_size_is_drawn(sessions: Path) -> None:
             await pilot.press("down", "a", "escape", "e", "escape", "slash", "escape")
             await settle(pilot)
         await pilot.press("enter")
-        await until(pilot, lambda: isinstance(pilot.app.screen, TakeScreen))
+        await until(pilot, lambda: looks(pilot.app))
         for size in ((20, 8), (3, 2), (80, 24)):
             await pilot.resize_terminal(*size)
             await pilot.press("right", "down")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.tui.jobs import run
-from capture_app.tui.jobs.run import MOMENT, RunState
+from capture_app.tui.jobs.run import MOMENT, Run, RunState
 from capture_app.tui.shoot import take_depth
 from tests.tui.driving import make_app, toasts, until
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
@@ -29,7 +29,7 @@ views = [{"camera": "cam01", "picture": "depth/cam01.png", "coverage": 0.9}]
 found = {"views": views, "reference": "cam01", "fused_points": 12345, "moving_measured": 0.94}
 (out / "multiview.json").write_text(json.dumps(found))
 (out / "report.html").write_text("to be turned")
-print(json.dumps(found))
+print("1 depth map, 12,345 points in 0.1 s; 94 % of what moves measured")
 """
 
 
@@ -107,3 +107,20 @@ async def test_depth_is_not_made_where_it_is_not_wanted(tmp_path: Path) -> None:
         await until(pilot, lambda: studio.view.takes and studio.view.takes[-1].sheet is not None)
         await studio.settle(pilot)
         assert studio.app.runs.all == []
+
+
+@pytest.mark.parametrize(("waited_s", "worked_s", "made"), [(900.0, 20.0, True), (70.0, 10_000.0, False)])
+async def test_a_machine_that_has_not_the_power_makes_none_by_itself_and_says_so(
+    studio: Studio, tmp_path: Path, waited_s: float, worked_s: float, made: bool
+) -> None:
+    """One that others keep busy has it: what counts is how long its own processors would work."""
+    before = Run(kind=MOMENT.name, session=tmp_path / "before", state=RunState.DONE)
+    before.seconds, before.processor_s = waited_s, worked_s
+    async with studio.app.run_test(size=(120, 50)) as pilot:
+        await studio.enter(pilot)
+        await until(pilot, lambda: not any(one.group == "jobs" for one in studio.app.workers))
+        studio.app.runs.all.append(before)
+        await pilot.press("space")
+        said = "of what moves measured" if made else "no depth by itself"
+        await until(pilot, lambda: said in studio.view.take_panel.plain)
+        assert len(studio.app.runs.all) == 1 + made

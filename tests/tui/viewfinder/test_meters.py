@@ -5,7 +5,6 @@ from capture_app.tui.shoot.full_view import nearest_pair
 from capture_app.tui.shoot.preview_grid import grid_columns
 from capture_app.tui.widgets.focus_aids import (
     Exposure,
-    FocusMeter,
     exposure_line,
     focus_line,
     histogram_lines,
@@ -13,14 +12,11 @@ from capture_app.tui.widgets.focus_aids import (
 
 
 def test_focus_is_held_against_its_best_of_late() -> None:
-    meter = FocusMeter()
-    assert "no picture yet" in focus_line(meter).plain
-    for now, value in enumerate((0.5, 2.0, 1.0)):
-        meter.add(float(now), value)
-    assert meter.share == 0.5
-    assert "1.000  ████████████░░░░░░░░░░░░  50% of the best in 10 s" in focus_line(meter).plain
-    meter.add(11.5, 1.0)
-    assert meter.share == 1.0, "the best is forgotten after ten seconds"
+    assert "no picture yet" in focus_line([]).plain
+    numbers = [(0.0, 0.5), (1.0, 2.0), (2.0, 1.0)]
+    assert "1.000  ████████████░░░░░░░░░░░░  50% of the best in 10 s" in focus_line(numbers).plain
+    forgotten = focus_line([*numbers, (11.5, 1.0)]).plain
+    assert "100% of the best" in forgotten, "the best is forgotten after ten seconds"
 
 
 def test_clipping_is_told_where_it_is_worth_it() -> None:

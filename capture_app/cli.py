@@ -12,6 +12,7 @@ import click
 from click.core import ParameterSource
 
 from capture_app import __version__
+from capture_app.cameras.rtsp.passwords import hide_password
 from capture_app.commands.options import (
     ADDRESS,
     attached_sessions_option,
@@ -168,7 +169,10 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def main() -> None:
-    """Run the command line of this process."""
+    """Run the command line of this process; where it has a password, as one that does not show it."""
+    shown = [hide_password(word) for word in sys.orig_argv]
+    if shown != sys.orig_argv:
+        os.execv(sys.executable, shown)  # noqa: S606 - this program once more
     sys.exit(run(sys.argv[1:]))
 
 

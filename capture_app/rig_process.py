@@ -16,6 +16,7 @@ import msgspec
 from msgspec import Struct
 from platformdirs import user_state_path
 
+from capture_app.cameras.rtsp.passwords import reveal_password
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import LOOPBACK_HOSTS, Address, parse_address
 from capture_app.net.interfaces import own_hosts
@@ -162,7 +163,7 @@ async def attach(
     found = await find_rig(sessions=sessions, port=port)
     if found is not None:
         for camera in cameras:
-            await give_order(found.address, AddCamera(spec=camera))
+            await give_order(found.address, AddCamera(spec=reveal_password(camera)))
         return AttachedRig(found.address, Path(found.sessions), is_local=True)
     rig = await start_rig(sessions=sessions or Path("sessions"), host=host, port=port, cameras=cameras)
     return AttachedRig(rig.address, Path(rig.sessions), is_local=True, started=True)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
+from urllib.parse import urlsplit
 
 from capture_app.cameras.base import Camera, CameraDriver, CameraListing
+from capture_app.cameras.rtsp.passwords import hide_password
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
 from capture_app.names import name_like
@@ -33,6 +35,7 @@ DRIVERS = {
     "aravis": DriverEntry("capture_app.cameras.aravis.driver", "aravis:ADDRESS[,key=value…]"),
     "webcam": DriverEntry("capture_app.cameras.webcam", "webcam:NUMBER[,key=value…]"),
     "replay": DriverEntry("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
+    "rtsp": DriverEntry("capture_app.cameras.rtsp.camera", "rtsp://USER@HOST/PATH[,key=value…]"),
     "libcamera": DriverEntry("capture_app.cameras.libcamera.driver", "libcamera:ID[,key=value…]"),
 }
 """By the kind that a spec begins with. By name, so that what drives simulated cameras may lie above."""
@@ -49,12 +52,14 @@ class CameraSpec:
     @property
     def label(self) -> str:
         """What the camera may be named after it: its device, or the camera of a recording."""
-        label = name_like(self.options.get("camera", Path(self.device).name), "camera")
+        named = urlsplit(self.device).hostname or Path(self.device).name
+        label = name_like(self.options.get("camera", named), "camera")
         return label if any(map(str.isalpha, label)) else name_like(f"{self.kind}-{label}", "camera")
 
 
 def parse_spec(spec: str) -> CameraSpec:
     """Take a camera's spec apart, without looking for the camera. Raises BadInputError."""
+    spec = hide_password(spec)
     kind, _, rest = spec.strip().partition(":")
     if kind not in DRIVERS:
         forms = " or ".join(driver.spec_form for driver in DRIVERS.values())

@@ -193,13 +193,14 @@ def add(
 
     Cameras of other machines join by themselves: capture-app node.
     """
+    from capture_app.cameras.rtsp.passwords import reveal_password
     from capture_app.node.requests import give_order
     from capture_app.node.wire.operating import AddCamera, AddSimulated
 
     if (spec is None) == (simulated is None):
         raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
     if spec is not None:
-        names = asyncio.run(give_order(leader, AddCamera(spec=spec, name=name)))
+        names = asyncio.run(give_order(leader, AddCamera(spec=reveal_password(spec), name=name)))
     else:
         if name is not None:
             raise click.UsageError("--name is for one camera, not with --simulated")

@@ -11,7 +11,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 
 from capture_app.camera_facts import (
     CameraFacts,
@@ -24,16 +23,12 @@ from capture_app.camera_facts import (
 )
 from capture_app.cameras.aravis.device import AravisDevice
 from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup, MachinePicture
+from capture_app.cameras.arrival_clock import ArrivalClock
 from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock, OnFailure, OnFrame
 from capture_app.errors import CameraError
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.likely_line import MAX_SKEW, lower_hull
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration
-
-_BLOCK_NS, _BLOCKS = 1_000_000_000, 20
-_SET_NS = 1_000_000_000
-"""No frame is that much quicker or slower than the one before it."""
 
 
 class LatchedClock:
@@ -65,53 +60,6 @@ class LatchedClock:
             return None
         bound_ns = round(self._map.hard_bound_at(now_ns))
         return DeviceClock(uncertainty_ns=self.uncertainty_ns(now_ns), hard_bound_ns=bound_ns)
-
-
-class EnvelopeClock:
-    """A counter that cannot be read: no frame arrives before its stamp, and the quickest tell the line.
-
-    The lower envelope of arrivals over stamps (Moon et al. 1999), so that the host's times are late by the
-    least delay from stamp to arrival, whatever that is.
-    """
-
-    def __init__(self) -> None:
-        self._quickest: dict[int, tuple[int, int]] = {}
-        """By second of the counter: the stamp that arrived soonest, and its delay."""
-        self._origin_ns = self._delay_ns = self._last_delay_ns = 0
-        self._slope = 0.0
-
-    def add_arrival(self, counter_ns: int, arrival_ns: int) -> None:
-        """Take in when a frame with that stamp arrived, by the host's clock."""
-        block, delay_ns = counter_ns // _BLOCK_NS, arrival_ns - counter_ns
-        if abs(delay_ns - self._last_delay_ns) > _SET_NS:
-            self._quickest.clear()  # the counter was set
-        self._last_delay_ns = delay_ns
-        known = self._quickest.get(block)
-        if known is not None and known[1] <= delay_ns:
-            return
-        self._quickest[block] = counter_ns, delay_ns
-        for old in sorted(self._quickest)[:-_BLOCKS]:
-            del self._quickest[old]
-        self._fit()
-
-    def host_ns(self, counter_ns: int) -> int | None:
-        """The host's time of a reading of the counter; None where nothing is known of it yet."""
-        if not self._quickest:
-            return None
-        return counter_ns + self._delay_ns + round(self._slope * (counter_ns - self._origin_ns))
-
-    def _fit(self) -> None:
-        """Take the side of the hull below the middle of the stamps: it has the least distance to all."""
-        points = list(self._quickest.values())
-        self._origin_ns, least_ns = points[0]
-        hull = lower_hull((float(at - self._origin_ns), float(delay - least_ns)) for at, delay in points)
-        middle = sum(at - self._origin_ns for at, _ in points) / len(points)
-        self._slope, level = 0.0, min(value for _, value in hull)
-        for (before, low), (after, high) in pairwise(hull):
-            slope = (high - low) / (after - before)
-            if before <= middle <= after and abs(slope) <= MAX_SKEW:
-                self._slope, level = slope, low - slope * before
-        self._delay_ns = least_ns + round(level)
 
 
 class FrameNumbers:
@@ -169,7 +117,7 @@ class AravisCamera(Camera):
         self._fetching: threading.Thread | None = None
         self._closing = threading.Event()
         self._device: AravisDevice | None = None
-        self._clock: LatchedClock | EnvelopeClock | None = None
+        self._clock: LatchedClock | ArrivalClock | None = None
         self._facts: CameraFacts | None = None
         self._wanted_ns: deque[int] = deque()
         """Durations of one coming frame each, until they are asked for."""
@@ -250,7 +198,7 @@ class AravisCamera(Camera):
         if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
             self._clock = latched
         elif second.counter_ns != first.counter_ns:
-            self._clock = EnvelopeClock()
+            self._clock = ArrivalClock()
         self._facts = self._facts_of(device.setup)
 
     def _first_frame(self, device: AravisDevice) -> DeviceFrame:
@@ -323,7 +271,7 @@ class AravisCamera(Camera):
         sequence = self._numbers.count(frame.number)
         if frame.data is None or sequence is None:
             return  # its number is missing from the stream: a dropped frame like any other
-        if isinstance(self._clock, EnvelopeClock):
+        if isinstance(self._clock, ArrivalClock):
             self._clock.add_arrival(frame.counter_ns, frame.arrival_ns)
         stamp_ns = frame.arrival_ns if self._clock is None else self._clock.host_ns(frame.counter_ns)
         if stamp_ns is None or abs(stamp_ns - frame.arrival_ns) > NEAR_NS:

@@ -11,6 +11,7 @@ from typing import Self
 import msgspec
 from msgspec import Struct
 
+from capture_app.cameras.rtsp.passwords import hide_password
 from capture_app.cameras.specs import parse_spec
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.names import check_name, free_name
@@ -151,6 +152,7 @@ class LocalNodes:
         A device of this machine that one of these nodes has is that node.
         Raises BadInputError for a spec or name that cannot be used, and the node's own error where it ends.
         """
+        spec = hide_password(spec)
         parsed = parse_spec(spec)
         async with self._adding:
             known = None if parsed.kind == "sim" else self._specs.get(spec)

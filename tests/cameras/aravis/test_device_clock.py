@@ -2,7 +2,8 @@
 
 import random
 
-from capture_app.cameras.aravis.camera import EnvelopeClock, LatchedClock
+from capture_app.cameras.aravis.camera import LatchedClock
+from capture_app.cameras.arrival_clock import ArrivalClock
 
 ORIGIN_NS, S = 5_000_000_000_000, 1_000_000_000
 PPM = 40.0
@@ -29,7 +30,7 @@ def test_a_counter_that_can_be_read_is_known_to_microseconds() -> None:
 
 
 def test_the_quickest_frames_tell_the_line_of_one_that_cannot() -> None:
-    rng, clock, least_ns = random.Random(2), EnvelopeClock(), 9_000_000
+    rng, clock, least_ns = random.Random(2), ArrivalClock(), 9_000_000
     assert clock.host_ns(0) is None
     errors = []
     for frame in range(3600):
@@ -44,7 +45,7 @@ def test_the_quickest_frames_tell_the_line_of_one_that_cannot() -> None:
 
 
 def test_a_counter_that_was_set_begins_anew() -> None:
-    clock = EnvelopeClock()
+    clock = ArrivalClock()
     for frame in range(90):
         clock.add_arrival(77 * S + frame * S // 30, ORIGIN_NS + frame * S // 30)
     for frame in range(90):

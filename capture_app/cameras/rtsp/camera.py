@@ -1,0 +1,271 @@
+"""An IP camera by RTSP: its video is decoded as it comes, and stamped by its sender's clock."""
+
+import asyncio
+import itertools
+import time
+from collections.abc import Coroutine, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
+from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.pictures import PixelPicture, step_to
+from capture_app.cameras.rtsp.connection import GONE, Connection, VideoStream
+from capture_app.cameras.rtsp.packets import AccessUnit, AccessUnits, reported_ticks
+from capture_app.cameras.rtsp.passwords import reveal_password
+from capture_app.cameras.rtsp.sender_clock import SenderClock
+from capture_app.cameras.specs import read_request
+from capture_app.clock import NodeClock
+from capture_app.errors import CameraError
+from capture_app.optional_packages import load_optional
+from capture_app.sync.wire.camera_commands import CameraCommand
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+KIND = "rtsp"
+OPTIONS = {"fps": "its frames a second, where it does not say them and they are not whole"}
+REPORTS_S, FIRST_REPORTS = 8.0, 2
+"""So long, or for so many, sender reports are waited for; RFC 3550 has one come each 2.5 to 7.5 s."""
+SILENCE_S, ASK_S = 5.0, 2.0
+FIRST_QUESTIONS, SOON_S = 25, 0.04
+RATE_FRAMES, RATE_SHARE = 20, 0.05
+"""How many frames tell whether a camera keeps the rate that it says, to within this share."""
+DELIVERY_NS = 500_000_000
+"""A frame arrives at most so long after it is read out, encoding it included; assumed, as no camera tells."""
+MOST_WAITING = 30
+"""Frames that wait to be decoded."""
+
+
+@dataclass(frozen=True, slots=True)
+class VideoPicture(PixelPicture):
+    """A decoded picture in the format of its video."""
+
+    frame: Any
+
+    @property
+    def held_bytes(self) -> int:
+        """How much memory it takes."""
+        return sum(plane.buffer_size for plane in self.frame.planes)
+
+    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
+        """See `PixelPicture.pixels`."""
+        import numpy as np
+        from av.video.reformatter import VideoReformatter
+
+        step = step_to(self.frame.width, width)
+        # Its own reformatter: two threads may look at one picture.
+        smaller = VideoReformatter().reformat(
+            self.frame, self.frame.width // step, self.frame.height // step, "bgr24"
+        )
+        return np.asarray(smaller.to_ndarray(), np.uint8)
+
+
+class RtspCamera(Camera):
+    """An IP camera; it is connected when it is started, which takes seconds."""
+
+    def __init__(self, url: str, fps: float | None = None, *, reports_s: float = REPORTS_S) -> None:
+        """`reports_s` is how long sender reports are waited for. Raises BadInputError for a bad address."""
+        self._connection = Connection(url)
+        self._asked_fps, self._reports_s = fps, reports_s
+        # One thread: pictures are decoded in their order.
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rtsp")
+        self._tasks: list[asyncio.Task[None]] = []
+        self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MOST_WAITING)
+        """Each with its media time."""
+        self._clock: SenderClock
+        self._facts: CameraFacts | None = None
+        self._begun_with: list[int] = []
+        """Media times of the first pictures, which are not delivered."""
+        self._last_ns = self._sequence = 0
+        self._has_failed = False
+        self._begun_s = 0.0
+        self._ready: asyncio.Future[None]
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do. Raises CameraError before it was started."""
+        if self._facts is None:
+            raise CameraError("an IP camera is known when it was started")
+        return self._facts
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Connect and stream. Raises CameraError where it is missing, refuses or sends no pictures."""
+        if self._tasks:
+            raise CameraError("the camera was started already", hint="open it again")
+        self.listen(on_frame, on_failure)
+        self._ready, self._begun_s = asyncio.get_running_loop().create_future(), time.monotonic()
+        try:
+            await self._connection.open()
+            ticks_per_s = self._connection.stream.ticks_per_s
+            self._clock = SenderClock(ticks_per_s, self._connection.round_trips_ns)
+            for work in (self._receive, self._decode, self._ask):
+                self._tasks.append(asyncio.create_task(self._watched(work())))
+            await self._ready
+        except BaseException:
+            await self.stop()
+            raise
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Raise CameraError: neither its phase nor its frames can be moved."""
+        raise CameraError("an IP camera's stream cannot be moved")
+
+    async def stop(self) -> None:
+        """Stop streaming and hang up. Calling it twice is harmless."""
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await self._connection.close()
+        self._worker.shutdown(wait=False)
+
+    async def _watched(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            await work
+        except GONE as error:
+            self._fail(f"{self._connection.host} is gone: {error or 'it hung up'}")
+        except CameraError as error:
+            self._fail(f"{self._connection.host} {error}")
+
+    def _fail(self, what: str) -> None:
+        error = CameraError(what, hint="it is tried again; check its power and cable")
+        if not self._ready.done():
+            self._ready.set_exception(error)
+        elif self._tasks and not self._has_failed:
+            self._has_failed = True
+            self._on_failure(error)
+
+    async def _ask(self) -> None:
+        for number in itertools.count():
+            self._connection.ask()
+            await asyncio.sleep(SOON_S if number < FIRST_QUESTIONS else ASK_S)
+
+    async def _receive(self) -> None:
+        units = AccessUnits(self._connection.stream.codec, self._connection.stream.payload_type)
+        while True:
+            try:
+                async with asyncio.timeout(SILENCE_S):
+                    packet = await self._connection.next_packet()
+            except TimeoutError as error:
+                raise CameraError("sends nothing any more") from error
+            if packet.channel == 1:
+                for ticks in reported_ticks(packet.data):
+                    self._clock.add_report(ticks, packet.arrival_ns)
+                if self._clock.contradicts_itself:
+                    raise CameraError("tells another time by its sender reports than before")
+            else:
+                for unit in units.add(packet.data, packet.arrival_ns):
+                    await self._waiting.put((self._clock.add_frame(unit.ticks, unit.arrival_ns), unit))
+
+    async def _decode(self) -> None:
+        stream, loop = self._connection.stream, asyncio.get_running_loop()
+        decoder = _Decoder(stream)
+        while True:
+            media_ns, unit = await self._waiting.get()
+            found = await loop.run_in_executor(self._worker, decoder.decode, media_ns, unit)
+            for picture_ns, picture in found:
+                if self._facts is None:
+                    self._begin(picture_ns, picture)
+                else:
+                    self._deliver(picture_ns, picture)
+
+    def _begin(self, media_ns: int, picture: VideoPicture) -> None:
+        """Begin once the rate is known and sender reports have come or were waited for."""
+        self._begun_with.append(media_ns)
+        waited_s = time.monotonic() - self._begun_s
+        if len(self._begun_with) <= RATE_FRAMES or (
+            self._clock.reports < FIRST_REPORTS and waited_s < self._reports_s
+        ):
+            return
+        follows = self._clock.follow_reports()
+        codec = self._connection.stream.codec.upper().replace("HEVC", "H265")
+        period_ns = round(1e9 / self._rate())
+        # What is measured of its stamps holds for one way to time them.
+        way = "sender reports" if follows else "arrival"
+        half_ns = (2 * period_ns + DELIVERY_NS) // 2
+        by_arrival = StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
+        self._facts = CameraFacts(
+            kind=KIND,
+            model=f"{self._connection.server or 'IP camera'}, timed by {way}"[:200],
+            width=picture.frame.width,
+            height=picture.frame.height,
+            pixel_format=codec,
+            period_ns=period_ns,
+            timestamp_source=TimestampSource.UNKNOWN,
+            phase_control=PhaseControl.NONE,
+            stamp=None if follows else by_arrival,
+        )
+        self._last_ns = media_ns
+        self._ready.set_result(None)
+
+    def _rate(self) -> float:
+        """Frames a second: as asked for or as the camera says, where it keeps to that; else as it is seen."""
+        seen = 1e9 / median(after - before for before, after in pairwise(self._begun_with))
+        told = self._asked_fps or self._connection.stream.fps
+        if told and abs(seen / told - 1) <= RATE_SHARE:
+            return told
+        return round(seen) if abs(seen / max(1, round(seen)) - 1) <= RATE_SHARE else seen
+
+    def _deliver(self, media_ns: int, picture: VideoPicture) -> None:
+        self._sequence += max(1, round((media_ns - self._last_ns) / self.facts.period_ns))
+        self._last_ns = media_ns
+        self._on_frame(
+            CapturedFrame(
+                sequence=self._sequence,
+                stream=0,
+                timestamp_ns=self._clock.host_ns(media_ns),
+                picture=picture,
+                clock_uncertainty_ns=self._clock.uncertainty_ns(media_ns),
+            )
+        )
+
+
+class _Decoder:
+    """Decodes pictures in the order they come, none between a lost packet and the next whole picture."""
+
+    def __init__(self, stream: VideoStream) -> None:
+        av = load_av()
+        self._av, self._is_damaged = av, True
+        self._codec = av.CodecContext.create(stream.codec, "r")
+        self._codec.extradata = stream.parameter_sets or None
+
+    def decode(self, media_ns: int, unit: AccessUnit) -> list[tuple[int, VideoPicture]]:
+        """The pictures that a unit completes, each with its media time."""
+        self._is_damaged |= not unit.whole
+        packet = self._av.Packet(unit.data)
+        packet.pts = media_ns
+        try:
+            frames = self._codec.decode(packet)
+        except self._av.FFmpegError:
+            self._is_damaged = True
+            return []
+        found = []
+        for frame in frames:
+            self._is_damaged &= not frame.key_frame
+            if not self._is_damaged and frame.pts is not None:
+                found.append((frame.pts, VideoPicture(frame)))
+        return found
+
+
+def load_av() -> Any:
+    """PyAV. Raises NotAvailableError."""
+    return load_optional("av", "rtsp", "an IP camera")
+
+
+def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
+    """Make an IP camera of the address behind `rtsp:`; it is connected when it is started.
+
+    Raises BadInputError for an address or an option that cannot be read, NotAvailableError without PyAV.
+    """
+    fps = read_request(options, OPTIONS, "an IP camera").fps
+    load_av().logging.set_level(None)
+    return RtspCamera(reveal_password(f"{KIND}:{address}"), fps).in_clock(clock)
+
+
+def list_cameras() -> list[CameraListing]:
+    """None: they are named by their addresses."""
+    return []

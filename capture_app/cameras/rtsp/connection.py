@@ -1,0 +1,284 @@
+"""A connection to an IP camera by RTSP (RFC 2326); packets come between its answers, over TCP."""
+
+import asyncio
+import base64
+import contextlib
+import hashlib
+import re
+import secrets
+import struct
+import time
+from collections import deque
+from dataclasses import dataclass
+from urllib.parse import SplitResult, unquote, urljoin, urlsplit
+
+from capture_app.errors import BadInputError, CameraError
+from capture_app.text import printable
+
+PORT, TIMEOUT_S = 554, 5.0
+GONE = (OSError, EOFError, ValueError)
+"""What reading raises where a camera is gone, or sends what is not RTSP."""
+_MOST_BYTES = 1 << 18
+_ROUND_TRIPS = 100
+_CODECS = {"H264": "h264", "H265": "hevc"}
+_REFUSALS = {
+    401: ("refuses the user name or the password", "write rtsp://USER:PASSWORD@HOST/PATH"),
+    403: ("lets nobody see that stream", "look into its settings"),
+    404: ("has no stream of that path", "its manual, or its page in a browser, has the path"),
+    453: ("has no bandwidth for one more", "end another program that watches it"),
+    461: ("does not send over TCP", "look into its settings"),
+    503: ("is busy", "end another program that watches it"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class VideoStream:
+    """What a camera says of its video."""
+
+    codec: str
+    """h264 or hevc."""
+    payload_type: int
+    ticks_per_s: int
+    parameter_sets: bytes
+    """What a decoder should know first, as a byte stream; may be empty."""
+    fps: float | None
+    control: str
+    """Its own address, perhaps relative."""
+
+
+def parse_description(text: str) -> VideoStream:
+    """Read the video out of a description in SDP (RFC 4566). Raises CameraError where it cannot be used."""
+    section = re.search(r"^m=video \d+ \S+ (\d+).*?(?=^m=|\Z)", text, re.MULTILINE | re.DOTALL)
+    if section is None:
+        raise CameraError("describes no video", hint="its path may be that of sound")
+    payload_type, lines = int(section[1]), section[0]
+
+    def attribute(pattern: str) -> str:
+        found = re.search(rf"^a={pattern}", lines, re.MULTILINE)
+        return "" if found is None else found[1].strip()
+
+    name, _, rate = attribute(rf"rtpmap:{payload_type} (\S+)").partition("/")
+    codec = _CODECS.get(name.upper())
+    if codec is None:
+        raise CameraError(
+            f"sends {printable(name) or 'its pictures'} in a format that is not read",
+            hint="set it to H.264 or H.265",
+        )
+    sets = re.findall(r"sprop-[a-z]*-?(?:parameter-sets|vps|sps|pps)=([^;\s]+)", lines)
+    fps = re.match(r"[\d.]+", attribute(r"framerate:(\S+)"))
+    try:
+        units = [base64.b64decode(unit) for one in sets for unit in one.split(",")]
+        return VideoStream(
+            codec,
+            payload_type,
+            ticks_per_s=int(rate.partition("/")[0] or 90_000),
+            parameter_sets=b"".join(b"\0\0\0\1" + unit for unit in units if unit),
+            fps=float(fps[0]) if fps else None,
+            control=attribute(r"control:(\S+)"),
+        )
+    except ValueError as error:
+        raise CameraError("describes its video in a way that cannot be read") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """An answer."""
+
+    status: int
+    headers: list[tuple[str, str]]
+    body: str
+
+    def header(self, name: str) -> str:
+        """The first header of a name, empty where there is none."""
+        return next((value for key, value in self.headers if key == name), "")
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """An interleaved packet, and when it came in ns of the host's monotonic clock."""
+
+    channel: int
+    data: bytes
+    arrival_ns: int
+
+
+class Connection:
+    """One camera's, which plays when it is open; errors name the camera by its host alone."""
+
+    stream: VideoStream
+    server: str
+    """What the camera calls itself, perhaps empty."""
+
+    def __init__(self, url: str) -> None:
+        """Take a camera's address, with its password. Raises BadInputError for one that cannot be read."""
+        parts: SplitResult = urlsplit(url)
+        try:
+            host, port = parts.hostname, parts.port or PORT
+        except ValueError:
+            host = None
+        if not host:
+            raise BadInputError(
+                "the address of an IP camera cannot be read",
+                hint="write rtsp://USER:PASSWORD@HOST/PATH, with %2F for / in a password and %2C for a comma",
+            )
+        self.host = host
+        self.round_trips_ns: deque[int] = deque(maxlen=_ROUND_TRIPS)
+        """How long the last answers to `ask` took."""
+        self._port = port
+        self._url = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+        self._user, self._password = unquote(parts.username or ""), unquote(parts.password or "")
+        self._reader: asyncio.StreamReader
+        self._writer: asyncio.StreamWriter | None = None
+        self._challenge = self._session = ""
+        self._asked_ns: dict[int, int] = {}
+        self._number = 0
+        self._early: deque[Packet] = deque()
+
+    async def open(self) -> None:
+        """Connect, and have the camera play. Raises CameraError."""
+        try:
+            async with asyncio.timeout(TIMEOUT_S):
+                self._reader, self._writer = await asyncio.open_connection(
+                    self.host, self._port, limit=_MOST_BYTES
+                )
+                await self._play()
+        except CameraError as error:
+            raise CameraError(f"{self.host} {error.what}", hint=error.hint) from error
+        except TimeoutError as error:
+            raise CameraError(
+                f"{self.host} does not answer within {TIMEOUT_S:g} s", hint="is its address right, is it on?"
+            ) from error
+        except GONE as error:
+            raise CameraError(
+                f"{self.host}, port {self._port}: no camera speaks RTSP there", hint=str(error)[:100]
+            ) from error
+
+    async def next_packet(self) -> Packet:
+        """Wait for a packet. Raises one of GONE."""
+        while not self._early:
+            await self._read()
+        return self._early.popleft()
+
+    def ask(self) -> None:
+        """Ask something harmless: it keeps the camera sending, and the answer tells the round trip."""
+        self._asked_ns[self._number + 1] = time.monotonic_ns()
+        self._send("OPTIONS", self._url)
+
+    async def close(self) -> None:
+        """Say goodbye and hang up. Calling it twice is harmless."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with contextlib.suppress(OSError, TimeoutError):
+                if self._session:
+                    writer.write(self._request("TEARDOWN", self._url))
+                writer.close()
+                async with asyncio.timeout(1.0):
+                    await writer.wait_closed()
+
+    async def _play(self) -> None:
+        described = await self._ask("DESCRIBE", self._url, "Accept: application/sdp")
+        self.server = printable(described.header("server"))
+        self.stream = parse_description(described.body)
+        base = described.header("content-base") or described.header("content-location") or self._url
+        control = self.stream.control
+        # Live servers end their base with a slash, others expect one to be put there.
+        track = base if control in ("", "*") else urljoin(base.rstrip("/") + "/", control)
+        setup = await self._ask("SETUP", track, "Transport: RTP/AVP/TCP;unicast;interleaved=0-1")
+        self._session = setup.header("session").partition(";")[0]
+        if "interleaved=0-1" not in setup.header("transport").replace(" ", ""):
+            raise CameraError("does not send over TCP", hint="look into its settings")
+        await self._ask("PLAY", base, "Range: npt=0.000-")
+
+    async def _ask(self, method: str, url: str, *headers: str) -> Response:
+        for _ in range(2):
+            self._send(method, url, *headers)
+            answer = await self._answer()
+            if answer.status != 401 or not self._user:
+                break
+            challenges = [value for key, value in answer.headers if key == "www-authenticate"]
+            self._challenge = max(challenges, key=lambda one: one.lower().startswith("digest"), default="")
+        if answer.status != 200:
+            what, hint = _REFUSALS.get(answer.status, (f"refuses {method} with {answer.status}", ""))
+            raise CameraError(what, hint=hint)
+        return answer
+
+    async def _answer(self) -> Response:
+        while True:
+            if answer := await self._read():
+                return answer
+
+    def _send(self, method: str, url: str, *headers: str) -> None:
+        if self._writer is not None:
+            self._writer.write(self._request(method, url, *headers))
+
+    def _request(self, method: str, url: str, *headers: str) -> bytes:
+        self._number += 1
+        lines = [f"{method} {url} RTSP/1.0", f"CSeq: {self._number}", "User-Agent: simulshot", *headers]
+        if self._session:
+            lines.append(f"Session: {self._session}")
+        if self._challenge:
+            answer = answer_challenge(self._challenge, method, url, self._user, self._password)
+            lines.append(f"Authorization: {answer}")
+        return "\r\n".join([*lines, "", ""]).encode()
+
+    async def _read(self) -> Response | None:
+        """Take in a packet, which is kept, or an answer; a camera's own requests need none here."""
+        first = await self._reader.readexactly(1)
+        if first == b"$":
+            head = await self._reader.readexactly(3)
+            arrival_ns = time.monotonic_ns()
+            channel, size = struct.unpack(">BH", head)
+            self._early.append(Packet(channel, await self._reader.readexactly(size), arrival_ns))
+            return None
+        if first in b"\r\n":
+            return None
+        try:
+            text = (first + await self._reader.readuntil(b"\r\n\r\n")).decode("latin-1")
+        except asyncio.LimitOverrunError as error:
+            raise EOFError("it sends something else") from error
+        came_ns = time.monotonic_ns()
+        status, *lines = text.split("\r\n")
+        if "RTSP/" not in status:
+            raise EOFError("it speaks something else")
+        pairs = [line.partition(":") for line in lines if ":" in line]
+        headers = [(key.strip().lower(), value.strip()) for key, _, value in pairs]
+        size = min(int(dict(headers).get("content-length", 0)), _MOST_BYTES)
+        body = (await self._reader.readexactly(size)).decode("utf-8", "replace").replace("\r", "")
+        told = re.match(r"RTSP/1\.\d (\d{3})", status)
+        if told is None:
+            return None
+        answer = Response(int(told[1]), headers, body)
+        asked_ns = self._asked_ns.pop(int(answer.header("cseq") or 0), None)
+        if asked_ns is not None:
+            self.round_trips_ns.append(came_ns - asked_ns)
+        return answer
+
+
+def answer_challenge(challenge: str, method: str, url: str, user: str, password: str) -> str:
+    """The header by which a user proves to know a password: digest (RFC 7616), or basic (RFC 7617).
+
+    Raises CameraError for a way that is not known.
+    """
+    if challenge.lower().startswith("basic"):
+        return "Basic " + base64.b64encode(f"{user}:{password}".encode()).decode()
+    found = re.findall(r'(\w+)\s*=\s*(?:"([^"]*)"|([^\s,]+))', challenge)
+    fields = {key.lower(): quoted or plain for key, quoted, plain in found}
+    algorithm = fields.get("algorithm", "MD5")
+    hashes = {"MD5": "md5", "SHA-256": "sha256"}
+    if algorithm.upper() not in hashes:
+        raise CameraError(f"asks for a password by {printable(algorithm)[:20]}", hint="set it to digest")
+
+    def digest(text: str) -> str:
+        return hashlib.new(hashes[algorithm.upper()], text.encode(), usedforsecurity=False).hexdigest()
+
+    realm, nonce = fields.get("realm", ""), fields.get("nonce", "")
+    secret, asked = digest(f"{user}:{realm}:{password}"), digest(f"{method}:{url}")
+    said = {"username": user, "realm": realm, "nonce": nonce, "uri": url}
+    text = ", ".join(f'{key}="{value}"' for key, value in said.items()) + f", algorithm={algorithm}"
+    if "opaque" in fields:
+        text += f', opaque="{fields["opaque"]}"'
+    if "auth" not in fields.get("qop", "").split(","):
+        return f'Digest {text}, response="{digest(f"{secret}:{nonce}:{asked}")}"'
+    own = secrets.token_hex(8)
+    answer = digest(f"{secret}:{nonce}:00000001:{own}:auth:{asked}")
+    return f'Digest {text}, qop=auth, nc=00000001, cnonce="{own}", response="{answer}"'

@@ -23,6 +23,8 @@ class ArrivalClock:
         """By second of the counter: the stamp that arrived soonest, and its delay."""
         self._origin_ns = self._delay_ns = self._last_delay_ns = 0
         self._line: LikelyLine | None = None
+        self.spread_ns = 0.0
+        """How far the quickest of each second lie from the line, on average, when it was asked for last."""
         self.usual_excess_ns = 0.0
         """The mean delay beyond the least, where others know it: few arrivals do not tell it."""
 
@@ -71,8 +73,8 @@ class ArrivalClock:
         levels = beyond.min(axis=1)
         excess = beyond.sum(axis=1) - len(points) * levels
         # By the median: a second that has just begun may have nothing quick yet.
-        usual = float((np.median(beyond, axis=1) - levels).min())
-        mean_ns = max(usual / log(2.0), self.usual_excess_ns, 1.0)
+        self.spread_ns = float((np.median(beyond, axis=1) - levels).min()) / log(2.0)
+        mean_ns = max(self.spread_ns, self.usual_excess_ns, 1.0)
         logs = np.log(np.exp(-0.5 * (skews / SKEW) ** 2) + ODD_HOSTS) - excess / mean_ns
         votes = np.exp(logs - logs.max())
         votes /= votes.sum()

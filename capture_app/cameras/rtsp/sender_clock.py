@@ -80,7 +80,8 @@ class SenderClock:
     def uncertainty_ns(self, media_ns: int) -> int:
         """95 % error of it; where no reports are followed, but for the least time that frames take."""
         if self._usual_ns is None:
-            return self._by_frames.uncertainty_ns(media_ns)
+            # Encoding and link together are hardly ever as quick as they could be.
+            return self._by_frames.uncertainty_ns(media_ns) + round(self._by_frames.spread_ns)
         return self._half_trip_ns + self._by_reports.uncertainty_ns(media_ns)
 
     @property

@@ -53,6 +53,7 @@ class IpCamera:
     """How it behaves; may be changed while it runs."""
 
     codec: str = "H264"
+    fps: int = FPS
     wall_error_s: float = 0.0
     """Its wall clock minus the true one."""
     rate_ppm: float = 0.0
@@ -161,7 +162,8 @@ class IpCamera:
             "m=audio 0 RTP/AVP 8\r\na=control:track2\r\n"
             f"m=video 0 RTP/AVP {PAYLOAD_TYPE}\r\n"
             f"a=rtpmap:{PAYLOAD_TYPE} {self.offers or self.codec}/90000\r\n"
-            f"a=fmtp:{PAYLOAD_TYPE} packetization-mode=1{sets}\r\na=framerate:{FPS}.0\r\na=control:track1\r\n"
+            f"a=fmtp:{PAYLOAD_TYPE} packetization-mode=1{sets}\r\n"
+            f"a=framerate:{self.fps}.0\r\na=control:track1\r\n"
         )
 
     async def _play(self, writer: asyncio.StreamWriter) -> None:
@@ -175,7 +177,7 @@ class IpCamera:
 
         while not writer.is_closing():
             # Its own clock paces it.
-            true_ns = begun_ns + round(number * 1e9 / FPS / pace)
+            true_ns = begun_ns + round(number * 1e9 / self.fps / pace)
             await asyncio.sleep((true_ns - time.monotonic_ns()) / 1e9 + self.encoding_s)
             self.true_ns.setdefault(number % len(pictures), []).append(true_ns)
             last_ticks = ticks_at(true_ns)

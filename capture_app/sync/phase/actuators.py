@@ -27,18 +27,6 @@ class Move:
     """How much later than now the frames should come, in [0, period)."""
     period_ns: float
     tolerance_ns: int
-    off_centre_ns: float = 0.0
-    """How much later than the grid's own instant the wanted one is, in advance of the drift."""
-
-
-@dataclass(frozen=True, slots=True)
-class MoveEffect:
-    """How far a move has moved the phase, None if it is not known; times in ns."""
-
-    shift_ns: int | None
-    noise_ns: float
-    latency_frames: int | None = None
-    """Frames from the command until the phase had moved, None where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +95,11 @@ class PhaseActuator:
         """The command that comes nearest to the wish; None if doing nothing does."""
         return None
 
-    def learn(self, effect: MoveEffect) -> None:
-        """Learn from the effect of the last command."""
+    def learn(self, shift_ns: int | None, noise_ns: float, latency_frames: int | None) -> None:
+        """Learn how far the last command moved the phase, None if it is not known; times in ns.
+
+        `latency_frames` are those from the command until the phase had moved, None where that is not known.
+        """
 
     def note_start(self, local_ns: int, period_ns: float) -> None:
         """Note that the stream was started at that local time, by a command of ours or not."""

@@ -1,12 +1,11 @@
 """Keeps one camera's frames on the rig's grid: when to move the phase, how far, and what came of it."""
 
 import random
-from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.actuators import InjectionProfile, Move, MoveEffect, PhaseActuator, ResetActuator
-from capture_app.sync.phase.alignment import SHORT_STAY_NS, Alignment, AlignmentWindow, inner_of
+from capture_app.sync.phase.actuators import InjectionProfile, Move, PhaseActuator, ResetActuator
+from capture_app.sync.phase.alignment import AlignmentWindow
 from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, PhaseEstimator
 from capture_app.sync.phase.frame_grid import Drift, FrameGrid, Setpoint
 from capture_app.sync.phase.frame_line import QUANTIZED_FRAMES
@@ -37,85 +36,9 @@ INJECTION_TIMEOUT_NS = 5_000_000_000
 RESET_TIMEOUT_NS = 15_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class _CommandUnderWay:
-    command: CameraCommand
-    issued_local_ns: int
-    stream: int
-
-
-class CommandTracker:
-    """At most one command at a time for one camera; times in ns of the node's local clock."""
-
-    def __init__(self, phase: PhaseEstimator, actuator: PhaseActuator) -> None:
-        self._phase = phase
-        self._actuator = actuator
-        self._under_way: _CommandUnderWay | None = None
-        self._stream = -1
-        self._first_frame_ns = 0
-        self._start_learned = True
-        self.corrections = 0
-        """Commands so far that moved the phase by more than a few rows."""
-
-    @property
-    def under_way(self) -> bool:
-        """Whether the effect of a command is still awaited."""
-        return self._under_way is not None
-
-    def add_frame(self, stamp: FrameStamp) -> None:
-        """Note the first frame of a new stream."""
-        if stamp.stream > self._stream:
-            self._stream, self._start_learned = stamp.stream, False
-            self._first_frame_ns = stamp.timestamp_ns
-
-    def begin(self, command: CameraCommand, now_local_ns: int) -> bool:
-        """Expect the effect of a command; False if it must wait for a smaller one before it."""
-        small_ns = self._actuator.small_shift_ns
-        if small_ns is not None:
-            self._phase.expect_shift(small_ns)
-            return True
-        if self._phase.shift_to_come(now_local_ns):
-            return False
-        self._under_way = _CommandUnderWay(command, now_local_ns, self._stream)
-        self.corrections += 1
-        if not isinstance(command, RestartStream):
-            self._phase.mark_disturbance(self._actuator.expected_shift_ns)
-        return True
-
-    def update(self, now_local_ns: int, *, run_settled: bool) -> None:
-        """End the command under way once its effect shows or is overdue, and learn from the effect.
-
-        `run_settled`: whether the phase since its last move is known well.
-        """
-        under_way = self._under_way
-        if under_way is not None:
-            waited_ns = now_local_ns - under_way.issued_local_ns
-            if isinstance(under_way.command, RestartStream):
-                done = self._stream > under_way.stream and run_settled
-                overdue = waited_ns > RESET_TIMEOUT_NS + under_way.command.delay_ns
-            else:
-                done = not self._phase.disturbed
-                overdue = waited_ns > INJECTION_TIMEOUT_NS + 2 * TIMEOUT_FRAMES * self._phase.period_ns
-            if not done and not overdue:
-                return
-            self._under_way = None
-            if overdue:
-                return
-            phase = self._phase
-            self._actuator.learn(MoveEffect(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames))
-        if not self._start_learned and run_settled:
-            self._start_learned = True
-            self._actuator.learn_start(self._phase.nearest_frame_ns(self._first_frame_ns))
-
-
 WARM_FRAMES = (30, 90)
 """A period is judged after that many frames if they are quiet, after that many in any case."""
 SETTLED_FRAMES = (5, 60)
-FRAMES_TO_ACT = 3
-"""One frame where it was expected tells that a phase has moved, but one may be late by chance."""
-FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0
-"""Two may be late by chance, too: with fewer frames than outvote them, the first one since the phase moved as
-expected must be no more than so many times the noise off the others."""
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
@@ -141,32 +64,35 @@ class Aligner:
         profile: InjectionProfile | None = None,
         aimed: bool = True,
     ) -> None:
-        self.window = AlignmentWindow(tolerance_ns)
+        self.window = AlignmentWindow(tolerance_ns, camera.phase_control)
         """How near to its grid the stream can be brought, and for how long."""
         self._hold_ns = HOLD_NS[camera.phase_control]
         self._phase = PhaseEstimator(period_ns=camera.period_ns)
         self._actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
-        self._commands = CommandTracker(self._phase, self._actuator)
+        self.corrections = 0
+        """Commands so far that moved the phase by more than a few rows."""
+        self._under_way: tuple[CameraCommand, int, int] | None = None
+        """The command whose effect is awaited, when it was given, and the stream then."""
+        self._stream, self._first_frame_ns, self._start_learned = -1, 0, True
         self._least_frames = SETTLED_FRAMES[0]
-        self._alignment = Alignment(camera.phase_control)
         self.problem = ""
         """Why this camera can never be aligned, in plain words; empty if it can."""
 
     @property
     def aligned(self) -> bool:
         """Whether the frames were within the tolerance asked for at the last step."""
-        return self._alignment.aligned
+        return self.window.aligned
 
     @property
     def within_window(self) -> bool:
         """Whether they were within the tolerance in force, which the step of their stamps may widen."""
-        return self._alignment.within_window
+        return self.window.within_window
 
     @property
     def settled(self) -> bool:
         """Whether period and phase are known well enough to act on, and nothing is on the move."""
         phase = self._phase
-        if self._commands.under_way or phase.disturbed:
+        if self._under_way or phase.disturbed:
             return False
         if phase.frames < WARM_FRAMES[1]:
             blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
@@ -177,12 +103,7 @@ class Aligner:
     @property
     def meets_bursts(self) -> bool:
         """Whether a stream that drifts too fast to be held is brought to its grid for each burst."""
-        return not self._commands.under_way and self.window.drifts_fast and self._actuator.meets_bursts
-
-    @property
-    def corrections(self) -> int:
-        """Commands so far that moved the phase by more than a few rows."""
-        return self._commands.corrections
+        return self._under_way is None and self.window.drifts_fast and self._actuator.meets_bursts
 
     @property
     def frames(self) -> int:
@@ -217,7 +138,8 @@ class Aligner:
     def add_frame(self, stamp: FrameStamp) -> int:
         """Add a frame; return how many were dropped just before it."""
         dropped, phase = self._phase.add(stamp), self._phase
-        self._commands.add_frame(stamp)
+        if stamp.stream > self._stream:
+            self._stream, self._first_frame_ns, self._start_learned = stamp.stream, stamp.timestamp_ns, False
         if self._actuator.restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
             # Nine of ten restarts miss: if a start's first frame is as good as five, do not wait for five.
             steady = phase.first_off_ns() < self.window.tolerance_ns / 4
@@ -230,16 +152,34 @@ class Aligner:
 
     def note_stream_start(self, local_ns: int) -> None:
         """Note that the stream was started or restarted at a local time; its next frame shows the latency."""
-        self._alignment.clear()
+        self.window.clear()
         self._actuator.note_start(local_ns, self._phase.period_ns)
 
     def forget_alignment(self) -> None:
         """Call the stream aligned no more: there is no clock to judge it by."""
-        self._alignment.clear()
+        self.window.clear()
 
     def settle_command(self, now_local_ns: int) -> None:
         """End the command under way once its effect shows or is overdue, and learn from the effect."""
-        self._commands.update(now_local_ns, run_settled=self._run_settled)
+        run_settled, phase = self._run_settled, self._phase
+        if self._under_way is not None:
+            command, issued_ns, stream = self._under_way
+            if isinstance(command, RestartStream):
+                done = self._stream > stream and run_settled
+                overdue = now_local_ns - issued_ns > RESET_TIMEOUT_NS + command.delay_ns
+            else:
+                done = not phase.disturbed
+                patience_ns = INJECTION_TIMEOUT_NS + 2 * TIMEOUT_FRAMES * phase.period_ns
+                overdue = now_local_ns - issued_ns > patience_ns
+            if not done and not overdue:
+                return
+            self._under_way = None
+            if overdue:
+                return
+            self._actuator.learn(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames)
+        if not self._start_learned and run_settled:
+            self._start_learned = True
+            self._actuator.learn_start(phase.nearest_frame_ns(self._first_frame_ns))
 
     def estimate(self, time_map: TimeMap, grid: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
         """The stream's error at an instant of leader time; None while it is not known."""
@@ -277,13 +217,9 @@ class Aligner:
         """
         self.settle_command(now_local_ns)
         now = self._judge(time_map, grid, now_local_ns)
-        if now is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
+        if now is None or (self.window.is_open(now) and burst_leader_ns is None):
             return None
-        inner_ns = inner_of(self.window.tolerance_ns, now.quantum_error_ns)
-        is_open = self._alignment.is_open(now.error_ns, 2.0 * now.sigma_ns, now.frames, inner_ns)
-        if is_open and burst_leader_ns is None:
-            return None
-        drift = self._drift(now, inner_ns, now_local_ns)
+        drift = self._drift(now, now_local_ns)
         if burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns
             setpoint = self._actuator.setpoint_for_burst(
@@ -303,38 +239,38 @@ class Aligner:
     def _judge(self, time_map: TimeMap, grid: FrameGrid, now_local_ns: int) -> PhaseEstimate | None:
         """Judge the stream as it is now; return its error where it may be acted on."""
         now = self.estimate(time_map, grid, time_map.leader_from_local(now_local_ns))
-        hidden_ns = self._phase.quantum_error_ns
         if now is None or not self.settled:
             if self._phase.unmoved and self._phase.known:
                 frame_ns = self._phase.nearest_frame_ns(now_local_ns)
                 error_ns = grid.phase_error(time_map.leader_from_local(frame_ns))
-                self._alignment.judge_unmoved(error_ns, self.window.tolerances_ns, hidden_ns)
+                self.window.judge_unmoved(error_ns)
             else:
-                self._alignment.clear()
+                self.window.clear()
             return None
         self.problem = self._find_problem(now, grid)
         self.window.update(self._phase, now.drift_ppm)
         if self.problem:
-            self._alignment.clear()
+            self.window.clear()
             return None
-        doubt_ns = 2.0 * now.sigma_ns
-        self._alignment.hurried = self.window.stay_ns < SHORT_STAY_NS or hidden_ns > doubt_ns
-        self._alignment.judge(now.error_ns, doubt_ns, now.frames, self.window.tolerances_ns, hidden_ns)
+        self.window.judge(now)
         return now
 
-    def _drift(self, now: PhaseEstimate, inner_ns: int, now_local_ns: int) -> Drift:
-        """How the stream moves, and which errors are left as they are, within `inner_ns`."""
-        doubt_ns, landing_ns = 2.0 * now.sigma_ns, self._alignment.landing_ns(inner_ns)
+    def _drift(self, now: PhaseEstimate, now_local_ns: int) -> Drift:
+        """How the stream moves, and which errors are left as they are."""
+        doubt_ns, inner_ns, within_window = (
+            2.0 * now.sigma_ns,
+            self.window.inner_ns,
+            self.window.within_window,
+        )
         still_coarse = now.quantum_error_ns > doubt_ns and now.frames < QUANTIZED_FRAMES
         return Drift(
             now.error_ns + self._phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
             self._phase.period_ns,
             inner_ns,
-            min(doubt_ns, self.window.tolerance_ns / 2) if self.within_window else 0.0,
+            min(doubt_ns, self.window.tolerance_ns / 2) if within_window else 0.0,
             self._phase.shifts.latency_frames,
-            landing_ns,
-            inner_ns if self.within_window or still_coarse else landing_ns - doubt_ns,
+            inner_ns if within_window or still_coarse else inner_ns - doubt_ns,
         )
 
     def _command_towards(
@@ -343,29 +279,32 @@ class Aligner:
         """Return the command that moves the stream; None where none comes nearer, or one has to wait."""
         leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
         instant_local_ns = time_map.local_from_leader(grid.instant(grid.index_of(leader_ns)))
-        inner_ns = inner_of(self.window.tolerance_ns, now.quantum_error_ns)
         move = Move(
             now_local_ns=now_local_ns,
             wanted_local_ns=instant_local_ns + round(setpoint.wanted_ns),
             shift_ns=round((setpoint.wanted_ns - setpoint.error_ns) % self._phase.period_ns),
             period_ns=self._phase.period_ns,
-            tolerance_ns=self._alignment.landing_ns(inner_ns),
-            off_centre_ns=setpoint.off_centre_ns,
+            tolerance_ns=self.window.inner_ns,
         )
         command = self._actuator.command(move)
-        if command is None:
-            self._alignment.note_no_better()
-        elif self._commands.begin(command, now_local_ns):
-            self._alignment.note_move(now.error_ns)
-            return command
-        return None
+        if command is None or self.corrections:
+            # The first injection of an unknown device may land anywhere; rows may be too coarse for more.
+            self.window.landing_share = 1.0
+        return command if command is not None and self._begin(command, now_local_ns) else None
 
-    def _frames_may_mislead(self, frames: int) -> bool:
-        """Whether the few frames since the phase has moved as expected may be late ones."""
-        if frames < FRAMES_TO_ACT:
+    def _begin(self, command: CameraCommand, now_local_ns: int) -> bool:
+        """Expect the effect of a command; False if it must wait for a smaller one before it."""
+        small_ns = self._actuator.small_shift_ns
+        if small_ns is not None:
+            self._phase.expect_shift(small_ns)
             return True
-        unalike_ns = max(UNALIKE * self._phase.noise_ns, 2_000.0)
-        return frames < FRAMES_TO_OUTVOTE and self._phase.first_off_ns() > unalike_ns
+        if self._phase.shift_to_come(now_local_ns):
+            return False
+        self._under_way = command, now_local_ns, self._stream
+        self.corrections += 1
+        if not isinstance(command, RestartStream):
+            self._phase.mark_disturbance(self._actuator.expected_shift_ns)
+        return True
 
     @property
     def _frames_needed(self) -> int:

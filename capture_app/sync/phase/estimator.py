@@ -107,11 +107,11 @@ UNMISTAKABLE = 4.0
 WINDOW_FRAMES = 300
 
 
-class PhaseEstimator:
+class PhaseEstimator(FrameLine):
     """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
 
     def __init__(self, *, period_ns: int) -> None:
-        self._line = FrameLine(period_ns=float(period_ns), window_frames=WINDOW_FRAMES)
+        super().__init__(period_ns=float(period_ns), window_frames=WINDOW_FRAMES)
         self.frames = 0
         self.drops = 0
         self.last_shift_ns: int | None = None
@@ -133,39 +133,9 @@ class PhaseEstimator:
         """Whether the last disturbance moved the phase to where it was expected."""
 
     @property
-    def period_ns(self) -> float:
-        """Period in ns of local time."""
-        return self._line.period_ns
-
-    @property
-    def period_sigma_ns(self) -> float:
-        """One standard deviation of the period, in ns; infinite before the first fit."""
-        return self._line.period_sigma_ns
-
-    @property
-    def noise_ns(self) -> float:
-        """Standard deviation of one timestamp, in ns."""
-        return self._line.noise_ns
-
-    @property
-    def quantum_ns(self) -> float:
-        """Step that the timestamps come in, in ns; 0 where none was found."""
-        return self._quantum.ns
-
-    @property
-    def quantum_error_ns(self) -> float:
-        """What that step may hide of the phase, either way."""
-        return self._line.quantum_error_ns
-
-    @property
-    def known(self) -> bool:
-        """Whether the period has been fitted to this stream's own frames."""
-        return self._line.known
-
-    @property
     def run_frames(self) -> int:
         """Frames since the phase last moved."""
-        return 0 if self._disturbed else len(self._line.run)
+        return 0 if self._disturbed else len(self.run)
 
     @property
     def last_ns(self) -> int:
@@ -182,8 +152,8 @@ class PhaseEstimator:
         """Whether the newest frame of a disturbance still lies where it would without."""
         if not self._disturbed or not self._pending:
             return False
-        off_ns = self._line.heights_of(self._pending[-1:])[0] - self._height_before_ns
-        return abs(off_ns) < self._line.tolerance_ns / 2
+        off_ns = self.heights_of(self._pending[-1:])[0] - self._height_before_ns
+        return abs(off_ns) < self.tolerance_ns / 2
 
     def add(self, stamp: FrameStamp) -> int:
         """Add a frame and return how many were dropped just before it.
@@ -198,7 +168,7 @@ class PhaseEstimator:
         interval = stamp.timestamp_ns - self._time_ns
         if stamp.stream < self._stream or steps <= 0 or interval <= 0:
             return 0
-        by_time = max(1, round(interval / self._line.period_ns))
+        by_time = max(1, round(interval / self.period_ns))
         # Only a disturbance explains a long interval without a jump in the numbers.
         advance = steps if self._disturbed or self._first_intervals is not None else by_time
         dropped = steps - 1 if steps > 1 or self._disturbed else advance - 1
@@ -209,7 +179,7 @@ class PhaseEstimator:
         self._intervals.append(interval / steps)
         if not self._disturbed:
             self._quantum.add(interval)
-            self._line.quantum_ns = self._quantum.ns
+            self.quantum_ns = self._quantum.ns
         if self._first_intervals is not None:
             self._measure_first_period(interval / steps)
         elif self._runs_at_another_rate():
@@ -227,7 +197,7 @@ class PhaseEstimator:
 
     def index_near(self, local_ns: int) -> int:
         """Index of the frame nearest to a local time in ns."""
-        return self._index + round((local_ns - self._time_at(self._index)) / self._line.period_ns)
+        return self._index + round((local_ns - self._time_at(self._index)) / self.period_ns)
 
     def stamp_error(self, stamp_ns: int) -> StampError:
         """How far a timestamp lies off its stream's line, 0 within the noise; what noise and step hide.
@@ -235,7 +205,7 @@ class PhaseEstimator:
         A stamp in coarse steps is off by whatever the line shows, if the line hides less than a step. Frames
         from before the phase last moved are not judged by the line: theirs is not kept.
         """
-        step_ns, run = self.quantum_ns, self._line.run
+        step_ns, run = self.quantum_ns, self.run
         as_told = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
         if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
             return as_told
@@ -245,20 +215,20 @@ class PhaseEstimator:
         line_ns = self.quantum_error_ns + 2.0 * sigma_ns
         if line_ns < step_ns and self.shifts.all_in_effect(self.index_near(stamp_ns)):
             return StampError(off_ns, line_ns, step_ns)
-        outlier = abs(off_ns) > self._line.tolerance_ns + 3.0 * sigma_ns
+        outlier = abs(off_ns) > self.tolerance_ns + 3.0 * sigma_ns
         return StampError(off_ns, step_ns, step_ns) if outlier else as_told
 
     def sigma_at(self, local_ns: int) -> float:
         """One standard deviation in ns of a predicted frame time near a local time."""
-        used = min(self._line.phase_frames, max(1, self.run_frames))
-        ahead = (local_ns - self._time_ns) / self._line.period_ns + used / 2
+        used = min(self.phase_frames, max(1, self.run_frames))
+        ahead = (local_ns - self._time_ns) / self.period_ns + used / 2
         drift = self.period_sigma_ns * abs(ahead) if self.period_sigma_ns < self.period_ns else 0.0
         return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
 
     def first_off_ns(self) -> float:
         """How far in ns the first frame since the phase last moved lies off the line of those after it."""
-        index, first_ns = self._line.run[0]
-        return abs(self._line.heights_of([(index, first_ns)])[0] - self._line.height_ns)
+        index, first_ns = self.run[0]
+        return abs(self.heights_of([(index, first_ns)])[0] - self.height_ns)
 
     def shift_to_come(self, local_ns: int) -> int:
         """Expected shifts in ns that may not be in effect yet at the frame near a local time."""
@@ -278,13 +248,13 @@ class PhaseEstimator:
         self._disturbed, self._expected_ns = True, expected_ns
         self.last_shift_ns, self.last_latency_frames, self.as_expected = None, None, False
         self._pending.clear()
-        self._begun_index, self._height_before_ns = self._index, self._line.height_ns
+        self._begun_index, self._height_before_ns = self._index, self.height_ns
 
     def _start_stream(self, stamp: FrameStamp) -> None:
         self._stream, self._sequence, self._time_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
         self.last_shift_ns, self.as_expected = None, False
         self._disturbed = False
-        self._line.begin_run()
+        self.begin_run()
         self.shifts.clear()
         self._index, self._origin_ns = 0, stamp.timestamp_ns
         self._add_point()
@@ -295,17 +265,17 @@ class PhaseEstimator:
         self._first_intervals.append(period)
         if len(self._first_intervals) < FIRST_INTERVALS:
             return
-        self._line.period_ns = median(self._first_intervals)
+        self.period_ns = median(self._first_intervals)
         self._first_intervals = None
         # Now that a period is known, drops that the numbers did not tell show in the times.
-        for run in self._line.runs:
+        for run in self.runs:
             index = 0
             for i, (_, time_ns) in enumerate(run):
-                index += max(1, round((time_ns - run[i - 1][1]) / self._line.period_ns)) if i else 0
+                index += max(1, round((time_ns - run[i - 1][1]) / self.period_ns)) if i else 0
                 run[i] = (index, time_ns)
-        run = self._line.run
+        run = self.run
         self._index = run[-1][0] + max(
-            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self._line.period_ns)
+            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self.period_ns)
         )
 
     def _runs_at_another_rate(self) -> bool:
@@ -313,40 +283,39 @@ class PhaseEstimator:
         if self._disturbed or len(self._intervals) < RATE_FRAMES:
             return False
         period = median(self._intervals)
-        if abs(period - self._line.period_ns) <= max(0.02 * self._line.period_ns, 2.0 * self.noise_ns):
+        if abs(period - self.period_ns) <= max(0.02 * self.period_ns, 2.0 * self.noise_ns):
             return False
-        self._line.begin_at_rate(period)
+        self.begin_at_rate(period)
         self._index, self._origin_ns = 0, self._time_ns
         self.shifts.clear()
         return True
 
     def _add_point(self) -> None:
         elapsed_ns = self._time_ns - self._origin_ns
-        seen_ns = self._line.heights_of([(self._index, elapsed_ns)])[0] - self._line.height_ns
+        seen_ns = self.heights_of([(self._index, elapsed_ns)])[0] - self.height_ns
         point = (self._index, elapsed_ns - self.shifts.effective_at(self._index, seen_ns))
         if self._disturbed:
             self._pending.append(point)
             self._end_disturbance()
             return
-        self._line.add(point, fit=self._first_intervals is None)
+        self.add_point(point, fit=self._first_intervals is None)
         if self._first_intervals is None:
             self._notice_jump()
 
     def _time_at(self, index: int) -> float:
-        line = self._line
         # What was shifted since a frame that is over was not yet in effect at it.
         shifted_ns = self.shifts.seen_at(index) if index < self._index else self.shifts.certain_at(index)
-        return self._origin_ns + line.height_ns + line.period_ns * index + shifted_ns
+        return self._origin_ns + self.height_ns + self.period_ns * index + shifted_ns
 
     def _end_disturbance(self) -> None:
         """End a disturbance once the last few frames lie on a line again, moved, or unmoved for too long."""
-        heights = self._line.heights_of(self._pending)
+        heights = self.heights_of(self._pending)
         count = self._frames_as_expected(heights)
         if not count:
             count, last = CALM_FRAMES, heights[-CALM_FRAMES:]
             if len(last) < CALM_FRAMES:
                 return
-            calm = max(last) - min(last) < self._line.tolerance_ns
+            calm = max(last) - min(last) < self.tolerance_ns
             shift_ns = median(last) - self._height_before_ns
             moved = abs(shift_ns) > max(4.0 * self.noise_ns, 2_000.0)
             if self._expected_ns is not None:
@@ -357,27 +326,27 @@ class PhaseEstimator:
                 return
         last_points = self._pending[-count:]
         self._disturbed = False
-        self._line.begin_run(last_points)
-        self.last_shift_ns = round(self._line.height_ns - self._height_before_ns)
+        self.begin_run(last_points)
+        self.last_shift_ns = round(self.height_ns - self._height_before_ns)
         self.last_latency_frames = last_points[0][0] - self._begun_index
 
     def _frames_as_expected(self, heights: list[float]) -> int:
         """How many of the newest frames show that the phase has moved as expected; 0 while that is open."""
         if self._expected_ns is None:
             return 0
-        needed = 1 if abs(self._expected_ns) > UNMISTAKABLE * self._line.tolerance_ns else CALM_FRAMES
+        needed = 1 if abs(self._expected_ns) > UNMISTAKABLE * self.tolerance_ns else CALM_FRAMES
         off_ns = [height - self._height_before_ns - self._expected_ns for height in heights[-needed:]]
-        self.as_expected = len(off_ns) == needed and max(map(abs, off_ns)) < self._line.tolerance_ns / 2
+        self.as_expected = len(off_ns) == needed and max(map(abs, off_ns)) < self.tolerance_ns / 2
         return needed if self.as_expected else 0
 
     def _notice_jump(self) -> None:
         """Start a new run where the last frames all left the line: the camera moved by itself."""
-        run = self._line.run
+        run = self.run
         if len(run) < 2 * CALM_FRAMES:
             return
-        before = median(self._line.heights_of(run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]))
-        off = [height - before for height in self._line.heights_of(run[-CALM_FRAMES:])]
+        before = median(self.heights_of(run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]))
+        off = [height - before for height in self.heights_of(run[-CALM_FRAMES:])]
         limit = max(8.0 * self.noise_ns, 20_000.0)
         if min(off) > limit or max(off) < -limit:
-            self._line.split_off(CALM_FRAMES)
+            self.split_off(CALM_FRAMES)
             self.last_shift_ns = None

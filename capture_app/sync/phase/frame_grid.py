@@ -31,8 +31,7 @@ class FrameGrid:
 
 
 LARGEST_LEAD = 0.6
-"""Most that a stream is moved past its grid in advance of its drift, as a share of the tolerance; a quarter
-of that where half the tolerance is to be met."""
+"""Most that a stream is moved past its grid in advance of its drift, as a share of the tolerance."""
 BURST_SHARE = 0.25
 """A burst whose error would exceed this share of the tolerance is corrected in advance."""
 
@@ -49,8 +48,6 @@ class Drift:
     """Added to the tolerance, so that noise does not make a phase at its limit flicker in and out."""
     latency_frames: float = 0.0
     """Frames from a small step's command until it counts."""
-    landing_ns: float = 0.0
-    """How near a move should bring the stream."""
     left_ns: float = 0.0
     """An error of up to so much is left as it is."""
 
@@ -72,22 +69,20 @@ class Setpoint:
     """What the error will be then without the move."""
     wanted_ns: float
     """What it should be then."""
-    off_centre_ns: float
-    """How far the wish itself is off the grid."""
 
 
 def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
     """Where a stream stays within its tolerance for longest: drift takes it through the middle."""
-    furthest_ns = LARGEST_LEAD * drift.landing_ns**2 / max(1, drift.tolerance_ns)
+    furthest_ns = LARGEST_LEAD * drift.tolerance_ns
     wanted_ns = min(max(-drift.rate * hold_ns / 2, -furthest_ns), furthest_ns)
-    return Setpoint(lead_ns, drift.error_after(lead_ns), wanted_ns, wanted_ns)
+    return Setpoint(lead_ns, drift.error_after(lead_ns), wanted_ns)
 
 
 def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint | None:
     """Where drift takes a stream to its grid at a moment to come; None if it will be there without a move."""
     if drift.tolerates(drift.error_after(ahead_ns)):
         return None
-    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (ahead_ns - lead_ns), 0.0)
+    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (ahead_ns - lead_ns))
 
 
 def setpoint_for_burst(
@@ -102,4 +97,4 @@ def setpoint_for_burst(
     small_ns = max(BURST_SHARE * drift.tolerance_ns, scatter_ns)
     if begins_ns < ready_ns or abs(drift.error_after(middle_ns)) <= small_ns:
         return None
-    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (middle_ns - lead_ns), 0.0)
+    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (middle_ns - lead_ns))

@@ -178,7 +178,7 @@ class FrameLine:
         self._frames, self._since_fit = 1, 0
         self.update_height()
 
-    def add(self, point: Point, *, fit: bool) -> None:
+    def add_point(self, point: Point, *, fit: bool) -> None:
         """Add a point to the run under way, and fit the period anew once enough points have come."""
         self.run.append(point)
         self._frames += 1

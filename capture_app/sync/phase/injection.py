@@ -12,7 +12,7 @@ from math import ceil, floor, sqrt
 from statistics import median
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.sync.phase.actuators import InjectionProfile, Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.actuators import InjectionProfile, Move, PhaseActuator
 from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_for_burst, setpoint_to_stay
 from capture_app.sync.phase.frame_line import SIGMA_FROM_MAD
 from capture_app.sync.wire.camera_commands import InjectFrame, SetFrameDuration
@@ -34,14 +34,6 @@ USUAL_OVERHEAD_NS = 250_000
 OVERHEAD_SPREAD_NS = 1_000_000
 NO_OVERHEAD = 10.0
 """Misfit of an exposure longer than the frame that it does not stretch."""
-PROVEN_ROWS = 0.75
-"""A whole gain that no injection missed by more is not doubted."""
-DOUBT = 0.002
-"""Doubt about any other gain, as a share of it."""
-FITTING_ROWS = 20.0
-"""Doubt about an exposure that fits into a period: it may stretch nothing, and teach next to nothing."""
-NEAR_ROWS = 300.0
-MISSED_ROWS = 3.0
 REMEMBERED = 8
 
 
@@ -88,31 +80,6 @@ class InjectionHistory:
             * self._grain
             * self.row_ns
         )
-
-    def neutral_near(self, profile: InjectionProfile, shift_rows: float) -> float:
-        """Neutral rows by the injection that moved the phase most nearly so far, if it fits the profile.
-
-        Where rows or gain are not exact, a line is better near its points than elsewhere.
-        """
-        near = [
-            (abs(shift - shift_rows), rows - shift / profile.gain)
-            for rows, shift in self._seen
-            if shift and self.miss_rows(profile, rows, shift) < MISSED_ROWS
-        ]
-        distance, neutral_rows = min(near, default=(0.0, profile.neutral_rows))
-        exact = self.row_known and profile.gain in GAINS
-        return profile.neutral_rows if exact or distance > NEAR_ROWS * self._grain else neutral_rows
-
-    def doubt_rows(self, profile: InjectionProfile, rows: int) -> float:
-        """How far the profile may lead astray, away from the exposures that it was learned from."""
-        seen = self._seen
-        if not seen:
-            return 0.0
-        proven = profile.gain in GAINS and all(self.miss_rows(profile, *one) < PROVEN_ROWS for one in seen)
-        doubt_rows = 0.0 if proven else DOUBT * profile.gain * min(abs(rows - one) for one, _ in seen)
-        if rows < self._period_rows and not (proven and len(seen) > 1):
-            doubt_rows += FITTING_ROWS * self._grain
-        return doubt_rows
 
     def fit(self) -> InjectionProfile:
         """The gain whose line fits best, with the overhead it implies as a tie-breaker.
@@ -162,14 +129,9 @@ INSIDE_ROW = 0.25
 """Exposures are asked for a quarter of a row above a whole one: right for drivers that cut or round."""
 WORTHWHILE = 0.7
 """An injection must leave at most this share of the error; below a row, waiting for drift is better."""
-TURN_ROWS = 0.1
-INSIDE_TOLERANCE = 0.8
-"""Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
 SURE_ROWS = 1.0
 """An injection whose shift differs from its profile's by less than this confirms the profile."""
 REMEMBERED_LATENCIES = 8
-LOST_COMMANDS = 2
-"""Injections without effect that are repeated unchanged, where a device is known."""
 FRUITLESS = 8
 """Frames in a row, exposed for longer than a period without effect: this camera cannot be moved."""
 
@@ -268,28 +230,28 @@ class InjectionActuator(PhaseActuator):
         self._asked = rows
         return InjectFrame(max(self._min_ns, round((rows + INSIDE_ROW) * self._row_ns)))
 
-    def learn(self, effect: MoveEffect) -> None:
+    def learn(self, shift_ns: int | None, noise_ns: float, latency_frames: int | None) -> None:
         """Fit gain and neutral rows to all shifts remembered; no shift at all only raises the next one."""
         rows, self._asked = self._asked, None
-        if rows is None or effect.shift_ns is None:
+        if rows is None or shift_ns is None:
             return
-        if effect.shift_ns < max(0.75 * self._row_ns, 4.0 * effect.noise_ns):
+        if shift_ns < max(0.75 * self._row_ns, 4.0 * noise_ns):
             # Too short to stretch a frame at all, it teaches nothing about longer ones. With a known
             # device the command was lost, more likely.
             self._in_vain += 1
             if rows * self._row_ns > self._period_ns:
                 self._fruitless += 1
             else:
-                self._history.add(rows, 0.0, effect.noise_ns / self._row_ns)
+                self._history.add(rows, 0.0, noise_ns / self._row_ns)
                 self.profile = self._history.fit() if self._history.moved else self.profile
-            if self.profile is None or self._in_vain > LOST_COMMANDS:
+            if self.profile is None:
                 self._raised_ns += RAISE_NS
             return
         self._raised_ns = self._in_vain = self._fruitless = 0
-        if effect.latency_frames is not None:
-            self._latencies.append(effect.latency_frames)
-        known, history, shift_rows = self.profile, self._history, effect.shift_ns / self._row_ns
-        history.add(rows, shift_rows, effect.noise_ns / self._row_ns)
+        if latency_frames is not None:
+            self._latencies.append(latency_frames)
+        known, history, shift_rows = self.profile, self._history, shift_ns / self._row_ns
+        history.add(rows, shift_rows, noise_ns / self._row_ns)
         self._confirmed = known is not None and history.miss_rows(known, rows, shift_rows) < SURE_ROWS
         if not self._confirmed:
             self.profile = history.fit()
@@ -305,21 +267,14 @@ class InjectionActuator(PhaseActuator):
         """
         step_ns = profile.gain * self._row_ns
         least_rows = max(profile.neutral_rows, self._history.idle_rows)
-        worth_ns = WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
-        best_rows, least = None, float("inf")
+        best_rows, least = None, WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
         for turns in range(max(2, ceil(profile.gain))):
             shift_ns = move.shift_ns + turns * move.period_ns
-            neutral_rows = self._history.neutral_near(profile, shift_ns / self._row_ns)
-            below = floor(shift_ns / step_ns + neutral_rows)
+            below = floor(shift_ns / step_ns + profile.neutral_rows)
             for rows in (below, below + 1):
-                late_ns = (rows - neutral_rows) * step_ns - shift_ns
-                # A whole period more is only worth it where it comes nearer by a good part of a row.
-                cost = abs(late_ns) + turns * TURN_ROWS * self._row_ns
-                # Beyond the tolerance it would have to be done again, however near it is to the aim.
-                cost += max(0.0, abs(move.off_centre_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns)
-                doubted = cost + self._history.doubt_rows(profile, rows) * self._row_ns
-                if least_rows < rows <= self._most_rows() and cost < worth_ns and doubted < least:
-                    best_rows, least = rows, doubted
+                late_ns = (rows - profile.neutral_rows) * step_ns - shift_ns
+                if least_rows < rows <= self._most_rows() and abs(late_ns) < least:
+                    best_rows, least = rows, abs(late_ns)
         most = self._most_rows()
         if best_rows is None and profile.neutral_rows < most < move.shift_ns / step_ns + profile.neutral_rows:
             # Out of reach in one go: as far as the longest exposure gets.
@@ -368,13 +323,13 @@ class FrameDurationActuator(PhaseActuator):
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
         """Straight at the grid: a step of a row costs nothing."""
         lead_ns = drift.latency_frames * drift.period_ns
-        return Setpoint(lead_ns, drift.error_after(lead_ns), 0.0, 0.0)
+        return Setpoint(lead_ns, drift.error_after(lead_ns), 0.0)
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
         """At the grid, if it is a few rows away at most: such a step shows in no picture."""
         lead_ns = drift.latency_frames * drift.period_ns
         error_ns = drift.error_after(lead_ns)
-        return None if abs(error_ns) > self.fine_ns else Setpoint(lead_ns, error_ns, 0.0, 0.0)
+        return None if abs(error_ns) > self.fine_ns else Setpoint(lead_ns, error_ns, 0.0)
 
     def command(self, move: Move) -> SetFrameDuration | None:
         """The duration of one frame; None while the error is within about half a row."""

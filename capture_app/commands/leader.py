@@ -111,7 +111,7 @@ def leader(
     align: str,
     align_row: float,
     max_delay_ms: float,
-    reference_broadcast: bool,
+    reference_broadcast: bool | None,
     android_app: bool,
     rpicam_hosts: tuple[str, ...],
     rpicam_shutter_us: float,
@@ -156,7 +156,9 @@ def leader(
             *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
             *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         ),
-        beacons=BeaconSender(BEACONS) if reference_broadcast else None,
+        beacons=None
+        if reference_broadcast is False
+        else BeaconSender(BEACONS, fully=bool(reference_broadcast)),
         news=PrintedNews(log_line),
         spool=spool,
     )

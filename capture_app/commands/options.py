@@ -151,8 +151,9 @@ clock_option = click.option(
 )
 beacons_option = click.option(
     "--reference-broadcast/--no-reference-broadcast",
-    default=False,
-    help="Send multicast beacons, which reduce the clock differences between nodes of one access point.",
+    default=None,
+    help="Let nodes of one access point agree by multicast beacons: as far as can be, or not at all"
+    " (where two or more hear the same, within the errors that they state).",
 )
 
 

@@ -44,7 +44,7 @@ def relay(
     host: str,
     port: int,
     clock_text: str,
-    reference_broadcast: bool,
+    reference_broadcast: bool | None,
     rpicam_hosts: tuple[str, ...],
     rpicam_shutter_us: float,
     pin: str | None,
@@ -68,7 +68,9 @@ def relay(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
-        beacons=BeaconSender(BEACONS) if reference_broadcast else None,
+        beacons=None
+        if reference_broadcast is False
+        else BeaconSender(BEACONS, fully=bool(reference_broadcast)),
         followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         news=NewsLog(lambda line: log_line(f"{name}: {line}")),
     )

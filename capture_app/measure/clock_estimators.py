@@ -6,7 +6,6 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Protocol
 
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.likely_line import MAX_SKEW, lower_hull
@@ -18,18 +17,6 @@ BURST_NS = 1_000_000_000
 
 Line = tuple[float, float, int]
 """Offset in ns at a local time in ns, skew (dimensionless), and that local time."""
-
-
-class ClockEstimator(Protocol):
-    """Leader time from local time."""
-
-    samples: int
-
-    def add(self, sample: ClockSample) -> bool:
-        """Take a sample in; False if the clock stepped and all before it is forgotten."""
-
-    def time_map(self, now_local_ns: int) -> TimeMap | None:
-        """The map as it stands at a local time in ns; None before the first sample."""
 
 
 class WindowFilter:
@@ -76,6 +63,9 @@ class WindowFilter:
             round_trip_ns=min(s.round_trip_ns for s in self._kept),
             age_ns=max(0, now_local_ns - self._kept[-1].t3_ns),
         )
+
+
+ClockEstimator = ClockFilter | WindowFilter
 
 
 def mean(samples: Sequence[ClockSample], anchor_ns: int) -> Line:

@@ -26,8 +26,9 @@ _IP_MULTICAST_ALL = 49
 class BeaconSender:
     """Sends to a group on all interfaces by which some hosts are reached."""
 
-    def __init__(self, group: Group) -> None:
-        self.group = group
+    def __init__(self, group: Group, *, fully: bool = True) -> None:
+        """`fully`: as `LeaderConfig.agree_fully` says."""
+        self.group, self.fully = group, fully
         self._hosts: frozenset[str] = frozenset()
         self._interfaces: tuple[str, ...] = ()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

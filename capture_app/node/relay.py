@@ -121,10 +121,15 @@ class RelayNode:
                 )
             peers = tuple((peer.host, peer.port) for _, peer in found)
             instance = secrets.randbits(32)
-            group = None if options.beacons is None else options.beacons.group
+            beacons = options.beacons
             engine = Relay(
                 TreeMemberConfig(options.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS),
-                LeaderConfig(instance, transfer_port=listening.getsockname()[1], beacons=group),
+                LeaderConfig(
+                    instance,
+                    transfer_port=listening.getsockname()[1],
+                    beacons=None if beacons is None else beacons.group,
+                    agree_fully=beacons is None or beacons.fully,
+                ),
                 random.Random(secrets.randbits(64)),
             )
             relay = cls(options, engine, listening)

@@ -44,14 +44,6 @@ class ClientArrivals:
 
 
 @dataclass(frozen=True, slots=True)
-class ArrivalOffset:
-    """How much later than the consensus a client heard its newest beacon, and the 95 % error; in ns."""
-
-    late_ns: float
-    relative_uncertainty_ns: float
-
-
-@dataclass(frozen=True, slots=True)
 class Cell:
     """Clients that hear beacons at the same instants, and the consensus of when, in ns of leader time."""
 
@@ -60,8 +52,11 @@ class Cell:
     uncertainty_ns: float
     """95 % error of the consensus against the leader: that of the middle one of the clients."""
 
-    def offset_of(self, own: ClientArrivals) -> ArrivalOffset | None:
-        """Compare a client of this cell with the consensus; None where too few beacons are common."""
+    def offset_of(self, own: ClientArrivals) -> tuple[float, float] | None:
+        """How much later than the consensus a client heard its newest beacon, and the 95 % error; in ns.
+
+        None where too few beacons are common.
+        """
         common = [n for n in own.arrivals if n in self.consensus_ns]
         if len(common) < LEAST_COMMON:
             return None
@@ -75,7 +70,7 @@ class Cell:
         # The mean of many is far better than each, but nobody can see by how much two receivers differ
         # always: it is taken to be as much as each of them differs by chance.
         off_ns = sorted(abs(value - middle_ns) for value in late_now_ns)
-        return ArrivalOffset(middle_ns, off_ns[int(0.95 * len(off_ns))])
+        return middle_ns, off_ns[int(0.95 * len(off_ns))]
 
 
 def theil_slope(xs: Sequence[float], ys: Sequence[float]) -> float:
@@ -180,8 +175,9 @@ class Broadcaster:
     A leader receives its own beacons before they are in the air, so its own camera takes no part.
     """
 
-    def __init__(self, leader: int, group: Group | None) -> None:
-        self.group = group
+    def __init__(self, leader: int, group: Group | None, *, fully: bool = True) -> None:
+        """`fully`: move clients as far as their hard bounds allow, not only within their own 95 % errors."""
+        self.group, self._fully = group, fully
         self._leader = leader
         self._sent = 0
         self._due_ns: int | None = None
@@ -204,13 +200,17 @@ class Broadcaster:
         offset = None if cell is None else cell.offset_of(own)
         if cell is None or offset is None:
             return None
-        newest = max(arrivals)
+        newest, (late_ns, relative_ns) = max(arrivals), offset
+        # Without being asked nobody is moved further than he says himself that he may be off.
+        most_ns = report.hard_bound_ns if self._fully else report.uncertainty_ns
+        moved_ns = min(max(late_ns, -most_ns), most_ns)
+        relative_ns += abs(late_ns - moved_ns)
         return AgreedArrival(
             report.client,
             newest,
-            arrivals[newest] - round(offset.late_ns),
-            round(cell.uncertainty_ns + offset.relative_uncertainty_ns),
-            round(offset.relative_uncertainty_ns),
+            arrivals[newest] - round(moved_ns),
+            round(cell.uncertainty_ns + relative_ns),
+            round(relative_ns),
         )
 
     def handle_timer(self, now_ns: int, listeners: int) -> None:

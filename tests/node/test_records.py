@@ -9,7 +9,7 @@ from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import Correction, TimeMap
 from capture_app.sync.rig.events import FramesSelected
-from capture_app.sync.timekeeping.clock_events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
+from capture_app.sync.timekeeping.clock_events import ReferenceCorrected
 from tests.facts import make_facts
 
 OWN = TimeMap(
@@ -51,8 +51,8 @@ def test_a_clock_that_was_not_moved_is_told_as_ever() -> None:
 
 
 def test_the_event_log_tells_when_clocks_agree_and_when_no_more() -> None:
-    assert event_line(ReferenceCorrectionStarted(7500)) == {
+    assert event_line(ReferenceCorrected(7500)) == {
         "event": "reference-correction-started",
         "relative_uncertainty_ns": 7500,
     }
-    assert event_line(ReferenceCorrectionEnded()) == {"event": "reference-correction-ended"}
+    assert event_line(ReferenceCorrected(None)) == {"event": "reference-correction-ended"}

@@ -119,9 +119,7 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
     clock_events.WayLonger: ("way-longer", ("longer_ns",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
-    clock_events.ClockRateUsual: ("clock-rate-usual", ()),
     clock_events.ClockRateChanged: ("clock-rate-changed", ()),
-    clock_events.ReferenceCorrectionEnded: ("reference-correction-ended", ()),
 }
 """What a line calls an event, and the fields that it takes over from it."""
 
@@ -132,7 +130,11 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
         case clock_events.ClockSynced(time_map):
             bound_ns = round(time_map.hard_bound_ns)
             return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
-        case clock_events.ReferenceCorrectionStarted(uncertainty_ns):
+        case clock_events.ClockRateUnusual(None):
+            return {"event": "clock-rate-usual"}
+        case clock_events.ReferenceCorrected(None):
+            return {"event": "reference-correction-ended"}
+        case clock_events.ReferenceCorrected(uncertainty_ns):
             return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
         case events.PhaseCorrected(command, before):
             error_ns = None if before is None else before.error_ns

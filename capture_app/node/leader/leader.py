@@ -75,6 +75,7 @@ class LeaderNode:
             transfer_port=listening.getsockname()[1],
             rig=options.rig,
             beacons=None if options.beacons is None else options.beacons.group,
+            agree_fully=options.beacons is None or options.beacons.fully,
         )
         rng, owners = random.Random(secrets.randbits(64)), None if names is None else names.owners
         leader = cls(options, Leader(config, rng, owners=owners), listening, names)

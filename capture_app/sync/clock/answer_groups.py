@@ -5,6 +5,7 @@ somebody who holds messages back, moves one direction only, and makes the round 
 """
 
 from collections import deque
+from collections.abc import Sequence
 from itertools import accumulate
 from math import hypot, sqrt
 from typing import NamedTuple
@@ -96,55 +97,39 @@ class AnswerGroups:
         if not self._groups:
             return []
         at_ns, level = self._groups[-1][:2]
-        times = [float(t - at_ns) for t, _, _ in self._groups]
-        offsets = [offset - level for _, offset, _ in self._groups]
-        sums = _Sums(
-            *(
-                [0.0, *accumulate(column)]
-                for column in (
-                    times,
-                    offsets,
-                    [gap for _, _, gap in self._groups],
-                    [t * t for t in times],
-                    [t * offset for t, offset in zip(times, offsets, strict=True)],
-                    [offset * offset for offset in offsets],
-                )
-            )
-        )
-        counts = [
-            count for count in COUNTS if count <= len(times) // 2 and len(times) - count >= LEAST_GROUPS
+        points = [(float(t - at_ns), offset - level, gap) for t, offset, gap in self._groups]
+        terms = [(t, x, gap, t * t, t * x, x * x) for t, x, gap in points]
+        sums = [list(accumulate(column, initial=0.0)) for column in zip(*terms, strict=True)]
+        most = len(points)
+        return [
+            self._compare(sums, count)
+            for count in COUNTS
+            if count <= most // 2 and most - count >= LEAST_GROUPS
         ]
-        return [sums.compare(self._groups[-count][0], count) for count in counts]
 
+    def _compare(self, sums: Sequence[Sequence[float]], count: int) -> Newest:
+        """Compare the last so many groups with the line through those before.
 
-class _Sums(NamedTuple):
-    """Of the first groups, none, one, two and so on: times, offsets, round trips, squares and products."""
-
-    times: list[float]
-    offsets: list[float]
-    gaps: list[float]
-    squares: list[float]
-    products: list[float]
-    offset_squares: list[float]
-
-    def compare(self, since_ns: int, count: int) -> Newest:
-        """Compare the last so many groups, from a local time in ns on, with the line through those before."""
-        many = len(self.times) - 1 - count
-        middle, level, gap = self.times[many] / many, self.offsets[many] / many, self.gaps[many] / many
-        spread = max(1.0, self.squares[many] - many * middle**2)
-        slope = (self.products[many] - many * middle * level) / spread
-        variance = max(0.0, self.offset_squares[many] - many * level**2 - slope**2 * spread) / (many - 2)
+        `sums` are those of no group, the first, the first two and so on: of times, offsets, round trips,
+        squares of times, products, squares of offsets.
+        """
+        times, offsets, gaps, squares, products, offset_squares = sums
+        many = len(times) - 1 - count
+        middle, level, gap = times[many] / many, offsets[many] / many, gaps[many] / many
+        spread = max(1.0, squares[many] - many * middle**2)
+        slope = (products[many] - many * middle * level) / spread
+        variance = max(0.0, offset_squares[many] - many * level**2 - slope**2 * spread) / (many - 2)
 
         def off(first: int) -> float:
-            late = (self.offsets[first + count] - self.offsets[first]) / count - level
-            return late - slope * ((self.times[first + count] - self.times[first]) / count - middle)
+            late = (offsets[first + count] - offsets[first]) / count - level
+            return late - slope * ((times[first + count] - times[first]) / count - middle)
 
-        ahead = (self.times[-1] - self.times[many]) / count - middle
+        ahead = (times[-1] - times[many]) / count - middle
         chance = variance * (1.0 / count + 1.0 / many + ahead**2 / spread)
         return Newest(
-            since_ns=since_ns,
+            since_ns=self._groups[-count][0],
             moved=off(many),
-            grown=(self.gaps[-1] - self.gaps[many]) / count - gap,
+            grown=(gaps[-1] - gaps[many]) / count - gap,
             doubt=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
             usual=max([abs(off(first)) for first in range(many - count + 1)]),
         )

@@ -33,14 +33,6 @@ CONFIRMED = 4
 
 
 @dataclass(frozen=True, slots=True)
-class RateChange:
-    """The leader's rate against the local clock changed by so many ppm; noticed at a local time in ns."""
-
-    local_ns: int
-    ppm: float
-
-
-@dataclass(frozen=True, slots=True)
 class ClockSample:
     """One exchange: t0 client sends, t1 leader receives, t2 leader sends, t3 client receives; in ns."""
 
@@ -109,13 +101,13 @@ class ClockFilter:
         return self._beyond_chance > 0
 
     @property
-    def rate_change(self) -> RateChange | None:
-        """The latest change of the rate, once it is beyond doubt: a host's clock is slewed, or was before."""
+    def rate_changed_ns(self) -> int | None:
+        """Local time in ns at which the rate was last seen to change, once that is beyond doubt."""
         if self._changed is None:
             return None
         change, doubt = self._line().skew - self._changed[1], sqrt(self._line().skew_variance)
         told = abs(change) > CHANGE_PPM * 1e-6 + SIGMAS_95 * doubt
-        return RateChange(self._changed[0], change * 1e6) if told else None
+        return self._changed[0] if told else None
 
     def add(self, sample: ClockSample) -> bool:
         """Add a sample; False if it is the last of STEP_SAMPLES with which the filter started anew.

@@ -39,6 +39,11 @@ RESET_TIMEOUT_NS = 15_000_000_000
 WARM_FRAMES = (30, 90)
 """A period is judged after that many frames if they are quiet, after that many in any case."""
 SETTLED_FRAMES = (5, 60)
+FRAMES_TO_ACT = 3
+"""One frame where it was expected tells that a phase has moved, but one may be late by chance."""
+FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0
+"""Two may be late by chance, too: with fewer frames than outvote them, the first one since the phase moved as
+expected must be no more than so many times the noise off the others."""
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
@@ -217,7 +222,9 @@ class Aligner:
         """
         self.settle_command(now_local_ns)
         now = self._judge(time_map, grid, now_local_ns)
-        if now is None or (self.window.is_open(now) and burst_leader_ns is None):
+        if now is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
+            return None
+        if self.window.is_open(now) and burst_leader_ns is None:
             return None
         drift = self._drift(now, now_local_ns)
         if burst_leader_ns is not None:
@@ -305,6 +312,13 @@ class Aligner:
         if not isinstance(command, RestartStream):
             self._phase.mark_disturbance(self._actuator.expected_shift_ns)
         return True
+
+    def _frames_may_mislead(self, frames: int) -> bool:
+        """Whether the few frames since the phase has moved as expected may be late ones."""
+        if frames < FRAMES_TO_ACT:
+            return True
+        unalike_ns = max(UNALIKE * self._phase.noise_ns, 2_000.0)
+        return frames < FRAMES_TO_OUTVOTE and self._phase.first_off_ns() > unalike_ns
 
     @property
     def _frames_needed(self) -> int:

@@ -324,7 +324,7 @@ class Client(Generic[F]):
     @property
     def leader_in_holdover(self) -> bool:
         """Whether the leader is a relay in holdover: it keeps the time, but brings no bursts."""
-        return self.time.is_member and self.time.followed is not None and self.time.followed.in_holdover
+        return self.time.is_member and self.time.followed is not None and self.time.followed.told.in_holdover
 
     @property
     def can_change_leader(self) -> bool:

@@ -20,7 +20,7 @@ from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeForgotten, NodeLost, NodeRefused
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
-from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
+from capture_app.sync.rig.roster import Address, ClientView, Member, Roster, camera_phases
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_PACE_NS
 from capture_app.sync.wire.codec import (
@@ -150,43 +150,6 @@ class CurrentConfig:
         )
 
 
-class GridReview:
-    """When a leader's grid is laid anew, or moved, by who is here; not near a burst."""
-
-    def __init__(self, current: CurrentConfig, roster: Roster, orders: Orders) -> None:
-        self._current, self._roster, self._orders = current, roster, orders
-        self.is_due = False
-        """Whether the cameras that the grid suits may not be those that are here."""
-        self._update_due_ns = 0
-
-    def review(self, now_ns: int) -> bool:
-        """Lay the grid as most cameras have it; whether it has changed.
-
-        One that has said no more than hello has no vote where another one is here.
-        """
-        if self._orders.is_busy(now_ns):
-            return False
-        self.is_due = False
-        voters = self._roster.cameras() or self._roster.cameras(even_unconfirmed=True)
-        return self._current.follow_cameras(voters, now_ns)
-
-    def update_grid(self, now_ns: int) -> bool:
-        """Move the grid to suit the cameras that cannot follow it; whether it has changed."""
-        shared, immovable = self._current.grid_choice, len(self._roster.immovable)
-        if (
-            shared is None
-            or self._current.upstream is not None
-            or self._current.config.grid_phase_ns is not None
-        ):
-            return False
-        if self._orders.is_busy(now_ns):
-            return False
-        if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
-            return False
-        self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
-        return shared.update(self._roster.camera_phases(), now_ns)
-
-
 def _most(present_ns: int, periods_ns: Sequence[int]) -> int:
     """The period near most of these, one of video where any is; the present one where none is better."""
     ordered = sorted(periods_ns)
@@ -267,6 +230,8 @@ class LeaderConfig:
     A leader that has too much to do asks for less."""
     beacons: Group | None = None
     """Where to send beacons, so that clients which hear the same ones agree; None for none."""
+    agree_fully: bool = True
+    """Whether they agree as far as their hard bounds allow, not only within their own 95 % errors."""
 
 
 class Leader:
@@ -293,8 +258,10 @@ class Leader:
         self._told: dict[str, tuple[str, int]] = {}
         """By machine or host, why it was refused last, and when that was told."""
         self._orders = Orders(config.instance, self._roster)
-        self._broadcaster = Broadcaster(config.instance, config.beacons)
-        self._review = GridReview(self.current, self._roster, self._orders)
+        self._broadcaster = Broadcaster(config.instance, config.beacons, fully=config.agree_fully)
+        self._review_is_due = False
+        """Whether the cameras that the grid suits may not be those that are here."""
+        self._update_due_ns = 0
         self.outbox = Outbox()
         self._events: deque[LeaderEvent] = deque()
         self._share, self._adapt_due_ns = 1.0, AT_ONCE_NS
@@ -373,10 +340,10 @@ class Leader:
         """Do what is due; call it at `next_timer`, or any time."""
         for gone in self._roster.mark_silent_lost(now_ns):
             self._events.append(gone)
-            self._review.is_due = True
+            self._review_is_due = True
         self._events.extend(self._roster.forget_long_lost(now_ns))
         # A relay's grid is the root's.
-        if self._review.is_due and self._uplink is None and self._review.review(now_ns):
+        if self._review_is_due and self._uplink is None and self._review_grid(now_ns):
             self.acknowledge_all()
         self._events.extend(self._orders.expire(now_ns))
         for member, trigger in self._orders.triggers_due(now_ns):
@@ -480,7 +447,7 @@ class Leader:
         member.address = address
         member.last_heard_ns = now_ns
         if self._roster.confirm(member) and not self.current.is_held(member.camera):
-            self._review.is_due = True
+            self._review_is_due = True
         return member
 
     def _pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
@@ -489,10 +456,32 @@ class Leader:
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         passed_on = self._pass_up(member, message)
         member.report = message.report
-        if member.name in self._roster.immovable and self._review.update_grid(now_ns):
+        if member.name in self._roster.immovable and self._update_grid(now_ns):
             self.acknowledge_all()
         if not passed_on:
             self.acknowledge(member)
+
+    def _review_grid(self, now_ns: int) -> bool:
+        """Lay the grid as most cameras have it, but not near a burst; whether it has changed.
+
+        One that has said no more than hello has no vote where another one is here.
+        """
+        if self._orders.is_busy(now_ns):
+            return False
+        self._review_is_due = False
+        voters = self._roster.cameras() or self._roster.cameras(even_unconfirmed=True)
+        return self.current.follow_cameras(voters, now_ns)
+
+    def _update_grid(self, now_ns: int) -> bool:
+        """Move the grid to suit cameras that cannot follow it, not near a burst; whether it has changed."""
+        shared, immovable = self.current.grid_choice, len(self._roster.immovable)
+        is_given = self.current.upstream is not None or self.config.rig.grid_phase_ns is not None
+        if shared is None or is_given or self._orders.is_busy(now_ns):
+            return False
+        if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
+            return False
+        self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
+        return shared.update(camera_phases(self._roster.immovable.values()), now_ns)
 
     def put_away(self, member: Member) -> None:
         """Forget a member, here or lost, whose name is another machine's."""
@@ -519,7 +508,7 @@ class Leader:
 
     def _note_lost(self, event: NodeLost) -> None:
         self._events.append(event)
-        self._review.is_due = True
+        self._review_is_due = True
 
     def _receive_hello(
         self, hello: Hello, address: Address, now_ns: int, principal: Principal | None

@@ -103,8 +103,8 @@ def of_event(event: object) -> str:
             return step_refused(event.times)
         case clock_events.WayLonger():
             return way_longer(event.longer_ns)
-        case clock_events.ClockRateUnusual():
-            return fast_clock(event.fast_ppm)
+        case clock_events.ClockRateUnusual(fast_ppm) if fast_ppm is not None:
+            return fast_clock(fast_ppm)
         case clock_events.ClockRateChanged():
             return RATE_CHANGED
     return ""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.grid_choice import CameraPhase
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
@@ -16,33 +17,27 @@ from capture_app.sync.rig.frame_selection import (
     burst_instants,
     is_possible_burst,
 )
-from capture_app.sync.rig.roster import Member, Roster
+from capture_app.sync.rig.roster import Member, Roster, camera_phases
 from capture_app.sync.wire.messages import Trigger, TriggerAck
 
 MOST_CANDIDATES = 200
 MOST_PPM = 1000.0
 
 
-@dataclass(frozen=True, slots=True)
-class Forecast:
-    """What is known of a camera's frames: the leader time of one in ns, and their drift from the grid."""
-
-    frame_leader_ns: int
-    drift_ppm: float
-
-
-def spread_ns(grid: FrameGrid, forecasts: Sequence[Forecast], at_leader_ns: int) -> float:
+def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int) -> float:
     """Predicted time in ns from the earliest frame to the latest of those nearest to a leader time."""
-    errors = [
-        grid.phase_error(f.frame_leader_ns) + f.drift_ppm * 1e-6 * (at_leader_ns - f.frame_leader_ns)
-        for f in forecasts
-        if abs(f.drift_ppm) < MOST_PPM
-    ]
+    errors = []
+    for phase in phases:
+        # A stream that is held by its frames' durations does not drift.
+        ppm = 0.0 if phase.phase_control == PhaseControl.FRAME_DURATION else phase.drift_ppm
+        if phase.frame_leader_ns is not None and abs(ppm) < MOST_PPM:
+            drifted_ns = ppm * 1e-6 * (at_leader_ns - phase.frame_leader_ns)
+            errors.append(grid.phase_error(phase.frame_leader_ns) + drifted_ns)
     return max(errors) - min(errors) if errors else 0.0
 
 
 def instant_of_least_spread(
-    grid: FrameGrid, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int
+    grid: FrameGrid, phases: Sequence[CameraPhase], from_leader_ns: int, within_ns: int
 ) -> int:
     """The instant of the grid with the least predicted spread, from a leader time to `within_ns` after it.
 
@@ -51,7 +46,7 @@ def instant_of_least_spread(
     first, last = grid.index_of(from_leader_ns), grid.index_of(from_leader_ns + max(0, within_ns))
     step = max(1, -(-(last - first) // MOST_CANDIDATES))
     instants = [grid.instant(index) for index in range(first, last + 1, step)]
-    return min(instants, key=lambda instant_ns: spread_ns(grid, forecasts, instant_ns))
+    return min(instants, key=lambda instant_ns: spread_ns(grid, phases, instant_ns))
 
 
 _MS = 1_000_000
@@ -144,7 +139,7 @@ class Orders:
                 hint=f"at most {MOST_AWAY_NS // 3_600_000_000_000} hours away; for later ones, start it then",
             )
         if max_delay_ns > 0 and order.at_leader_ns is None:
-            first_ns = instant_of_least_spread(grid, _forecasts(cameras), first_ns, max_delay_ns)
+            first_ns = instant_of_least_spread(grid, camera_phases(cameras), first_ns, max_delay_ns)
         step_ns, frames, spare = order.spacing * grid.period_ns, order.frames, 0
         if not order.streamed:
             spare = max(0, min(order.spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
@@ -237,16 +232,3 @@ class Orders:
         del burst.triggers[client]
         if not burst.triggers:
             del self._open_bursts[number]
-
-
-def _forecasts(cameras: Sequence[Member]) -> list[Forecast]:
-    return [
-        Forecast(
-            member.report.frame_leader_ns,
-            0.0
-            if member.camera.phase_control == PhaseControl.FRAME_DURATION
-            else member.report.drift_ppm or 0.0,
-        )
-        for member in cameras
-        if member.report.frame_leader_ns is not None
-    ]

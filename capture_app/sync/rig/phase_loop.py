@@ -35,7 +35,7 @@ class CameraGrid:
     @classmethod
     def of_camera(cls, camera: CameraFacts, config: FollowedConfig) -> "CameraGrid":
         """Return the grid of that configuration for a camera."""
-        row = config.align_row
+        row = config.told.align_row
         start_ns = camera.start_offset_ns()
         known_ns = start_ns if row is None else camera.mid_exposure_offset_ns(row)
         problem = "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
@@ -44,7 +44,7 @@ class CameraGrid:
             start_ns if known_ns is None else known_ns,
             camera.stamp_accuracy,
             "" if known_ns is not None else problem,
-            config.meeting_leader_ns,
+            config.told.meeting_leader_ns,
         )
 
     def timing(self, time_map: TimeMap, loop: "PhaseLoop") -> FrameTiming:

@@ -1,6 +1,7 @@
 """The members of a leader: their numbers and slots, and who of them has fallen silent."""
 
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from msgspec import structs
@@ -73,6 +74,21 @@ class Member:
     def is_of_another_machine(self, hello: Hello) -> bool:
         """Whether a hello comes from another machine than this member's."""
         return self.pin not in ("", hello.pin)
+
+
+def camera_phases(members: Iterable[Member]) -> list[CameraPhase]:
+    """Return the phases of those members that are here, as they have reported them."""
+    return [
+        CameraPhase(
+            member.name,
+            member.camera.phase_control,
+            member.report.frame_leader_ns,
+            member.report.drift_ppm or 0.0,
+            max(1, member.report.tolerance_ns),
+        )
+        for member in members
+        if not member.lost
+    ]
 
 
 def van_der_corput(index: int) -> float:
@@ -294,20 +310,6 @@ class Roster:
             if not member.lost
             and member.camera.kind not in WITHOUT_CAMERA
             and (member.is_confirmed or even_unconfirmed)
-        ]
-
-    def camera_phases(self) -> list[CameraPhase]:
-        """Return the phases of the immovable members, as they have reported them."""
-        return [
-            CameraPhase(
-                member.name,
-                member.camera.phase_control,
-                member.report.frame_leader_ns,
-                member.report.drift_ppm or 0.0,
-                max(1, member.report.tolerance_ns),
-            )
-            for member in self.immovable.values()
-            if not member.lost
         ]
 
     def _count(self, member: Member, change: int) -> None:

@@ -1,5 +1,6 @@
 """A node's side of the protocol but for its camera: join a leader, keep its time, notice that it is gone."""
 
+import random
 from collections import deque
 from collections.abc import Callable
 
@@ -45,7 +46,8 @@ HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
 
 
-HELLO_EVERY_NS = 500 * _MS
+HELLO_EVERY_NS, RAREST_HELLO_NS, RARER = 500 * _MS, 2000 * _MS, 1.5
+"""After the first ones hellos that stay unanswered are ever rarer: thousands may have lost one leader."""
 HELLOS = 3
 """Unanswered hellos after which another leader is asked, where there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
@@ -93,6 +95,7 @@ class TimeClient:
         """Why it is no member, where that is known."""
         self.unanswered = 0
         """How often it has asked to join since a leader said anything to that."""
+        self._rng = random.Random(instance)
         self._report = report or self.report
         self._heartbeat_every_ns, self._silent_ns = heartbeat_every_ns, silent_ns
         self._heartbeat_due_ns, self._heard_ns = NEVER_NS, 0
@@ -139,7 +142,7 @@ class TimeClient:
     def receive_broadcast(self, data: bytes, now_ns: int) -> None:
         """Take in a datagram of the leader's multicast group; all but its beacons are ignored."""
         message = self.decode(data)
-        leader = self.followed.leader if self.followed is not None and self.is_member else None
+        leader = self.followed.told.leader if self.followed is not None and self.is_member else None
         if isinstance(message, Beacon) and message.leader == leader:
             self.timekeeper.listener.add_arrival(message.number, now_ns)
 
@@ -192,7 +195,7 @@ class TimeClient:
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
         self._heard_ns = now_ns
         self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
-        self._events.append(Joined(welcome.transfer_port, config.leader, welcome.beacons))
+        self._events.append(Joined(welcome.transfer_port, config.told.leader, welcome.beacons))
         return True
 
     def lose(self, reason: str, now_ns: int) -> None:
@@ -234,7 +237,9 @@ class TimeClient:
                     self.why_joining = NO_ANSWER
                 self.hellos += 1
                 self.unanswered += 1
-                self._hello_due_ns = now_ns + HELLO_EVERY_NS
+                wait_ns = HELLO_EVERY_NS * RARER ** min(max(0, self.unanswered - HELLOS), 10)
+                jitter = self._rng.uniform(0.8, 1.2)
+                self._hello_due_ns = now_ns + round(jitter * min(wait_ns, RAREST_HELLO_NS))
                 self._outbox.append(self.hello())
             return
         if now_ns >= self._silent_from_ns or self.timekeeper.schedule.is_unanswered(now_ns):
@@ -320,7 +325,7 @@ class TimeClient:
         reason = "its answers cannot be right" if config is None else self._objection(config)
         if config is None or reason:
             self.lose(reason, now_ns)
-        elif self.followed is not None and config.leader != self.followed.leader:
+        elif self.followed is not None and config.told.leader != self.followed.told.leader:
             self.lose("the leader has changed", now_ns)
         else:
             self.followed = config

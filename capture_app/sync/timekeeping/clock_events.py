@@ -38,13 +38,8 @@ class WayLonger:
 class ClockRateUnusual:
     """This node's clock and the leader's differ in rate by more than two ordinary crystals do."""
 
-    fast_ppm: float
-    """By how much this node's clock is faster."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClockRateUsual:
-    """They differ by no more than is usual any more."""
+    fast_ppm: float | None
+    """By how much this node's clock is faster; None where it is no more than usual again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +48,11 @@ class ClockRateChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class ReferenceCorrectionStarted:
-    """The clock is being moved to where all agree that hear the same beacons."""
+class ReferenceCorrected:
+    """The clock is being moved to where all agree that hear the same beacons, or is so no more."""
 
-    relative_uncertainty_ns: int
-    """95 % error of this clock against those of the others, in ns."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceCorrectionEnded:
-    """Nothing was agreed for long: the clock is again what the leader's answers alone tell."""
+    relative_uncertainty_ns: int | None
+    """95 % error of this clock against those of the others, in ns; None where nothing was agreed for long."""
 
 
 ClockEvent = (
@@ -71,8 +61,6 @@ ClockEvent = (
     | ClockSynced
     | WayLonger
     | ClockRateUnusual
-    | ClockRateUsual
     | ClockRateChanged
-    | ReferenceCorrectionStarted
-    | ReferenceCorrectionEnded
+    | ReferenceCorrected
 )

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from capture_app.sync.clock.clock_filter import RateChange
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual, ClockRateUsual
+from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
 
 USUAL_PPM = 100.0
 """Two ordinary crystals differ by less."""
@@ -29,20 +28,16 @@ class RateWatch:
         """Judge anew: there is another leader, or a clock has stepped."""
         self.fast_ppm = None
 
-    def judge(
-        self, time_map: TimeMap, change: RateChange | None
-    ) -> ClockRateUnusual | ClockRateUsual | ClockRateChanged | None:
-        """Take in the newest estimate and the latest change that was noticed; return what is news."""
+    def judge(self, time_map: TimeMap, changed_ns: int | None) -> ClockRateUnusual | ClockRateChanged | None:
+        """Take in the newest estimate and when the rate last changed; return what is news."""
         # The map is from this clock to the leader's: where its skew is positive, the leader's is faster.
         fast_ppm, doubt_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
         least_ppm = USUAL_PPM + doubt_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
         before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > least_ppm else None
-        if change is not None and change.local_ns != self._changed_ns:
-            self._changed_ns = change.local_ns
+        if changed_ns not in (None, self._changed_ns):
+            self._changed_ns = changed_ns
             return ClockRateChanged()
-        if (before is None) is (self.fast_ppm is None):
-            return None
-        return ClockRateUsual() if self.fast_ppm is None else ClockRateUnusual(self.fast_ppm)
+        return None if (before is None) is (self.fast_ppm is None) else ClockRateUnusual(self.fast_ppm)
 
     def changed_lately(self, now_ns: int) -> bool:
         """Whether the rate of one of the two clocks has changed a short while ago."""

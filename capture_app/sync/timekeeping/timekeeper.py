@@ -17,8 +17,7 @@ from capture_app.sync.timekeeping.clock_events import (
     ClockEvent,
     ClockStepped,
     ClockSynced,
-    ReferenceCorrectionEnded,
-    ReferenceCorrectionStarted,
+    ReferenceCorrected,
     StepRefused,
     WayLonger,
 )
@@ -38,33 +37,28 @@ from capture_app.sync.wire.messages import ArrivalReport, NodeState, Report, Rig
 class FollowedConfig:
     """The configuration of its leader, or relay, as a client uses it; times in ns."""
 
-    leader: int
+    told: RigConfigMessage
+    """As it was told."""
     path: tuple[int, ...]
     """Instances from the root to this leader."""
     grid: FrameGrid
-    align_row: float | None
-    meeting_leader_ns: int | None
-    pace_ns: int
     upstream: TimeMap | None
     """From the leader's clock to the root's; None where it is the root."""
-    in_holdover: bool
 
     @classmethod
     def of_message(cls, message: RigConfigMessage) -> "FollowedConfig | None":
         """Return the configuration of a welcome or an acknowledgement; None where it cannot be right."""
-        told = message.upstream
-        upstream = None if told is None else told.time_map()
-        if (told is not None and upstream is None) or not MIN_PERIOD_NS <= message.period_ns <= MAX_PERIOD_NS:
+        above = message.upstream
+        upstream = None if above is None else above.time_map()
+        if (
+            above is not None and upstream is None
+        ) or not MIN_PERIOD_NS <= message.period_ns <= MAX_PERIOD_NS:
             return None
         return cls(
-            leader=message.leader,
-            path=(message.leader,) if told is None else (*told.path, message.leader),
+            told=message,
+            path=(message.leader,) if above is None else (*above.path, message.leader),
             grid=FrameGrid(message.anchor_leader_ns, message.period_ns),
-            align_row=message.align_row,
-            meeting_leader_ns=message.meeting_leader_ns,
-            pace_ns=message.pace_ns,
             upstream=upstream,
-            in_holdover=message.in_holdover,
         )
 
     def root_map(self, own: TimeMap) -> TimeMap:
@@ -134,7 +128,7 @@ class Timekeeper:
 
     def follow(self, config: FollowedConfig, number: int, slot: float, now_ns: int) -> None:
         """Begin to ask a leader that has taken this node in; the time map of the same root is kept."""
-        if self._asked is None or config.leader != self._asked.leader:
+        if self._asked is None or config.told.leader != self._asked.told.leader:
             self.clock.reset()
             self.listener.reset()
             self.uncorrected_map = None
@@ -153,7 +147,7 @@ class Timekeeper:
     def update_config(self, config: FollowedConfig) -> None:
         """Note the leader's present configuration."""
         self._asked = config
-        self.schedule.leader_pace_ns = config.pace_ns
+        self.schedule.leader_pace_ns = config.told.pace_ns
 
     def stop(self) -> None:
         """Send no more requests: the leader is gone."""
@@ -278,7 +272,7 @@ class Timekeeper:
         if own is None or asked is None:
             return
         self.uncorrected_map = own
-        in_holdover = self.time_is_known and self.path[-1] != asked.leader
+        in_holdover = self.time_is_known and self.path[-1] != asked.told.leader
         schedule = self.schedule
         wary = in_holdover or self._stepped
         if self.clock.samples < (schedule.synced_samples if wary else schedule.least_samples):
@@ -293,7 +287,7 @@ class Timekeeper:
         if self.clock.samples < schedule.synced_samples:
             return
         self.time_is_known = True
-        if news := self.rate.judge(time_map, self.clock.rate_change):
+        if news := self.rate.judge(time_map, self.clock.rate_changed_ns):
             self._events.append(news)
         if self.target.judge(time_map, now_ns) and not self.synced:
             self.synced = True
@@ -309,10 +303,9 @@ class Timekeeper:
         was_corrected = self.listener.correction is not None
         time_map = self.listener.correct(own, now_ns)
         correction = self.listener.correction
-        if correction is not None and not was_corrected:
-            self._events.append(ReferenceCorrectionStarted(round(correction.relative_uncertainty_ns)))
-        elif correction is None and was_corrected:
-            self._events.append(ReferenceCorrectionEnded())
+        if was_corrected is (correction is None):
+            error_ns = None if correction is None else round(correction.relative_uncertainty_ns)
+            self._events.append(ReferenceCorrected(error_ns))
         return time_map
 
 

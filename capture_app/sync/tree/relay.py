@@ -155,7 +155,7 @@ class Relay:
         if number != self._number:
             self._number = number
             self.uplink.restart(has_parent=number is not None)
-        in_holdover = number is None or above is None or above.in_holdover
+        in_holdover = number is None or above is None or above.told.in_holdover
         if current.in_holdover is not in_holdover:
             current.in_holdover = in_holdover
             if current.grid_choice is not None:
@@ -169,11 +169,11 @@ class Relay:
             return
         if current.upstream is None or current.upstream.epoch_local_ns != member.time_map.epoch_local_ns:
             current.upstream = upstream_map(member.path, member.time_map)
-        moved = (leader.grid, current.config.align_row) != (above.grid, above.align_row)
+        moved = (leader.grid, current.config.align_row) != (above.grid, above.told.align_row)
         if current.grid_choice is None or moved:
             current.grid_choice = GridChoice(above.grid)
         # Without a parent no stream is restarted: what suits the other cameras is not known.
-        current.grid_choice.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
-        current.config = replace(current.config, align_row=above.align_row)
+        current.grid_choice.meeting_leader_ns = above.told.meeting_leader_ns if number is not None else None
+        current.config = replace(current.config, align_row=above.told.align_row)
         if moved:
             leader.acknowledge_all()

@@ -13,7 +13,7 @@ from capture_app.sync.phase.grid_choice import (
     WeightedDrift,
     best_shift,
 )
-from capture_app.sync.rig.orders import Forecast, instant_of_least_spread, spread_ns
+from capture_app.sync.rig.orders import instant_of_least_spread, spread_ns
 
 PERIOD = 33_000_000
 MS = 1_000_000
@@ -101,7 +101,7 @@ def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) ->
 
 def test_a_burst_is_put_where_the_frames_meet() -> None:
     grid = FrameGrid(0, PERIOD)
-    forecasts = [Forecast(0, 20.0), Forecast(40_000, -20.0)]
+    forecasts = [webcam("a", 0, 20.0), webcam("b", 40_000, -20.0)]
     at_ns = instant_of_least_spread(grid, forecasts, 0, 3 * S)
     assert at_ns == pytest.approx(S, abs=PERIOD)
     assert spread_ns(grid, forecasts, at_ns) < 2_000

@@ -20,8 +20,8 @@ def told(client: int, wrong_ns: int, *, beacons: range = range(1, 25), seed: int
     return ArrivalReport(client, 60_000, 500_000, arrivals)
 
 
-def after_beacons(count: int = 24) -> tuple[Broadcaster, int]:
-    broadcaster = Broadcaster(99, GROUP)
+def after_beacons(count: int = 24, *, fully: bool = True) -> tuple[Broadcaster, int]:
+    broadcaster = Broadcaster(99, GROUP, fully=fully)
     for k in range(count):
         assert sent(broadcaster, k * BEACON_EVERY_NS) == Beacon(99, k + 1)
     return broadcaster, count * BEACON_EVERY_NS
@@ -80,3 +80,20 @@ def test_the_same_reports_give_the_same_answers() -> None:
         answers.append([broadcaster.answer(told(c, c * 7000), at_ns) for c, at_ns in turns])
     assert answers[0] == answers[1]
     assert sum(answer is not None for answer in answers[0]) > 12
+
+
+def test_without_being_asked_nobody_is_moved_beyond_the_error_that_it_states() -> None:
+    answers = {}
+    for fully in (True, False):
+        broadcaster, now_ns = after_beacons(fully=fully)
+        assert broadcaster.answer(told(1, -200_000), now_ns) is None, "nobody to agree with yet"
+        now_ns += 500 * MS
+        assert broadcaster.answer(told(2, 200_000), now_ns) is not None
+        answers[fully] = broadcaster.answer(told(1, -200_000), now_ns)
+    asked, by_itself = answers[True], answers[False]
+    assert asked is not None
+    assert by_itself is not None
+    own_ns = told(1, -200_000).arrivals[-1][1]
+    assert asked.leader_ns - own_ns > 190_000
+    assert by_itself.leader_ns - own_ns == 60_000
+    assert by_itself.relative_uncertainty_ns > 130_000, "the rest is not agreed on"

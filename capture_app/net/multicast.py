@@ -31,11 +31,7 @@ class BeaconSender:
         self.group, self.fully = group, fully
         self._hosts: frozenset[str] = frozenset()
         self._interfaces: tuple[str, ...] = ()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
-        # Nodes on this machine would hear it before the others do.
-        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 0)
+        self._socket: socket.socket | None = None
 
     def set_destinations(self, hosts: Iterable[str]) -> None:
         """Send on the interfaces that lead to these hosts from now on, those of this machine left out."""
@@ -46,10 +42,16 @@ class BeaconSender:
         ways = {host: source_address(host) for host in wanted if ":" not in host}
         found = {address for host, address in ways.items() if address is not None and address != host}
         self._interfaces = tuple(sorted(found))
+        if found and self._socket is None:
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
+            # Nodes on this machine would hear it before the others do.
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 0)
 
     def send(self, data: bytes) -> None:
         """Send a beacon on each interface; where one cannot send, it is left out."""
-        for address in self._interfaces:
+        for address in self._interfaces if self._socket is not None else ():
             try:
                 interface = socket.inet_aton(address)
                 self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
@@ -60,7 +62,9 @@ class BeaconSender:
 
     def close(self) -> None:
         """Send no more. Calling it twice is harmless."""
-        self._socket.close()
+        self._interfaces = ()
+        if self._socket is not None:
+            self._socket.close()
 
 
 class BeaconReceiver:

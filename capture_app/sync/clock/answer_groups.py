@@ -60,7 +60,7 @@ class AnswerGroups:
     """The groups of the last `window_ns`, as the tightest bounds of each direction."""
 
     def __init__(self, window_ns: int) -> None:
-        self._window_ns = window_ns
+        self.window_ns = window_ns
         self.clear()
 
     def clear(self) -> None:
@@ -89,7 +89,7 @@ class AnswerGroups:
         (t0, above) = min(self._uppers, key=lambda bound: bound[1] - skew * (bound[0] - upper[0]))
         (t3, below) = min(self._lowers, key=lambda bound: bound[1] + skew * (bound[0] - upper[0]))
         self._groups.append(((t0 + t3) // 2, (above - below) / 2.0, above + below - skew * (t0 - t3)))
-        self.forget_before(upper[0] - self._window_ns)
+        self.forget_before(upper[0] - self.window_ns)
         return True
 
     def newest(self) -> list[Newest]:

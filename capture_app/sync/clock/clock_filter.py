@@ -21,6 +21,9 @@ from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 BLOCK_NS, LONG_AGO_NS, SIGMAS_95 = 1_000_000_000, -(2**66), 1.96
 CHANGE_SIGMAS, CHANGE_PPM, SETTLING_NS = 5.0, 20.0, 10_000_000_000
 """A change of the rate is told from so many ppm on; those that follow each other so quickly are one."""
+PACES, LONGEST_NS = 1200, 90_000_000_000
+"""A window has so many of the paces that the leader asks for, as thirty seconds have at the usual one; over
+longer times a crystal is not a straight line."""
 STEP_SAMPLES = 3
 """Samples in a row that must agree on a step of a clock."""
 SLEW_SAMPLES, MOST_SLEW = 8, 0.1
@@ -69,11 +72,17 @@ class ClockFilter:
     """
 
     def __init__(self, *, window_ns: int = 30_000_000_000) -> None:
-        self._window_ns, self._not_before_ns = window_ns, LONG_AGO_NS
+        self._least_window_ns = self._window_ns = window_ns
+        self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
         self.refused_steps = 0
         """How often samples told of a step that those after them did not confirm."""
         self.reset()
+
+    def look_back(self, pace_ns: int) -> None:
+        """Keep as many samples as usual where they come so far apart, in ns: quick ones are rare."""
+        self._window_ns = max(self._least_window_ns, min(PACES * pace_ns, LONGEST_NS))
+        self._groups.window_ns = self._window_ns
 
     def reset(self) -> None:
         """Forget all samples."""

@@ -148,6 +148,7 @@ class Timekeeper:
         """Note the leader's present configuration."""
         self._asked = config
         self.schedule.leader_pace_ns = config.told.pace_ns
+        self.clock.look_back(config.told.pace_ns)
 
     def stop(self) -> None:
         """Send no more requests: the leader is gone."""

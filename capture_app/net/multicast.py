@@ -51,7 +51,9 @@ class BeaconSender:
 
     def send(self, data: bytes) -> None:
         """Send a beacon on each interface; where one cannot send, it is left out."""
-        for address in self._interfaces if self._socket is not None else ():
+        if self._socket is None:
+            return
+        for address in self._interfaces:
             try:
                 interface = socket.inet_aton(address)
                 self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)

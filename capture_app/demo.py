@@ -2,8 +2,6 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,6 +17,7 @@ from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.news import News, NewsLog
 from capture_app.node.wire.status import BurstStatus
+from capture_app.session.files.durable import free_name
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.text import UNREADABLE, ProgressStep
@@ -60,14 +59,14 @@ class DemoResult(Struct, frozen=True, kw_only=True):
     compare: dict[str, Any]
 
 
-async def run_demo(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> DemoResult:
+async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
     """Take a burst of `cameras` simulated cameras into a session in `out`, and compare it.
 
     Raises SimulshotError where a part of it fails; what is saved by then stays.
     """
     began_s = time.monotonic()
-    session = await capture(out, cameras, talk, scene=scene)
-    report = unused_folder(out, "compare")
+    session = await capture(out, cameras, talk)
+    report = free_name(out / "compare")
     compared = await compare(session.folder, report, talk)
     return DemoResult(
         session=str(session.folder),
@@ -91,9 +90,13 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
                 talk(str(ProgressStep(self.shown, news.expected, "images saved")))
 
     options = LeaderOptions(sessions=out, host="127.0.0.1", port=0, news=Progress())
-    async with await LeaderNode.start(options) as leader:
-        talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
-        async with simulated_nodes(leader, cameras, scene=scene, tolerance_us=TOLERANCE_US) as nodes:
+    with TemporaryDirectory(prefix="simulshot-spool-") as spool:
+        async with (
+            await LeaderNode.start(options) as leader,
+            LocalNodes(leader.own_address, Path(spool), leader.news) as nodes,
+        ):
+            talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
+            await nodes.add_simulated(cameras, scene, tolerance_us=TOLERANCE_US)
             watch = asyncio.create_task(nodes.wait_for_failure())
             burst = asyncio.create_task(_take_burst(leader, cameras, talk))
             try:
@@ -112,26 +115,11 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
     return Session.open(Path(saved.session))
 
 
-@asynccontextmanager
-async def simulated_nodes(
-    leader: LeaderNode, cameras: int, *, scene: str = "studio", tolerance_us: int | None = None
-) -> AsyncIterator[LocalNodes]:
-    """Node processes with simulated cameras and clocks of their own; stopped when the block ends.
-
-    Raises BadInputError for more cameras than the scene has views.
-    """
-    with TemporaryDirectory(prefix="simulshot-spool-") as spool:
-        async with LocalNodes(leader.own_address, Path(spool), leader.news) as nodes:
-            await nodes.add_simulated(cameras, scene, tolerance_us=tolerance_us)
-            yield nodes
-
-
 async def _take_burst(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStatus:
     waiting = asyncio.create_task(leader.wait_until_ready(READY_TIMEOUT_S, nodes=cameras))
     try:
         shown = ""
-        while not waiting.done():
-            await asyncio.wait((waiting,), timeout=0.5)
+        while not (await asyncio.wait((waiting,), timeout=0.5))[0]:
             states = [str(node.state) for node in leader.status().nodes]
             counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
             if counts and counts != shown:
@@ -186,12 +174,3 @@ def measure_sync_errors(session: Session) -> SyncErrors:
             worst[image.camera] = errors
     nodes = tuple(worst[name] for name in sorted(worst))
     return SyncErrors(nodes=nodes, max_total_error_ns=max(abs(node.total_error_ns) for node in nodes))
-
-
-def unused_folder(parent: Path, name: str) -> Path:
-    """A folder that is not there yet: parent/name, else parent/name-002 and so on."""
-    number, folder = 1, parent / name
-    while folder.exists():
-        number += 1
-        folder = parent / f"{name}-{number:03d}"
-    return folder

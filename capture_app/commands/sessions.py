@@ -149,12 +149,12 @@ def render(
             recipe = msgspec.structs.replace(recipe, name=name)
         if retake:
             recipe = msgspec.structs.replace(recipe, take=None)
-        rendered = render_recipe(recipe, out, replace=replace, progress=show_count("images"))
-        folder = str(rendered.session.folder)
-        results.append({"session": folder, "same_bytes_as_before": rendered.same})
+        session, same = render_recipe(recipe, out, replace=replace, progress=show_count("images"))
+        folder = str(session.folder)
+        results.append({"session": folder, "same_bytes_as_before": same})
         if not as_json:
-            before = [f"{folder}: {'unchanged' if rendered.same else 'changed'}"]
-            for line in session_lines(rendered.session) if rendered.same is None else before:
+            before = [f"{folder}: {'unchanged' if same else 'changed'}"]
+            for line in session_lines(session) if same is None else before:
                 print_line(line)
     if as_json:
         print_json({"sessions": results})

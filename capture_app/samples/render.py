@@ -2,7 +2,6 @@
 
 import filecmp
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -27,18 +26,12 @@ Progress = Callable[[int, int], None]
 """Called after each image with the number of images done and of all."""
 
 
-@dataclass(frozen=True, slots=True)
-class Rendering:
-    """A session that was rendered; `same` says whether one of the same bytes was there before."""
-
-    session: Session
-    same: bool | None
-
-
 def render(
     recipe: Recipe, root: Path, *, replace: bool = False, progress: Progress = lambda done, total: None
-) -> Rendering:
+) -> tuple[Session, bool | None]:
     """Render the session root/name of a recipe; its own `recipe.json` then holds the take.
+
+    Beside it is whether one of the same bytes was there before; None where there was none.
 
     `replace` puts it in the place of an earlier rendering of that name. Raises BadInputError where there is
     another session, or where the recipe names what the simulator does not have; NotAvailableError where
@@ -51,7 +44,7 @@ def render(
         same = same_files(output.folder, place) if replace and place.exists() else None
         if same:
             output.discard()
-    return Rendering(Session.open(place), same)
+    return Session.open(place), same
 
 
 def _replaces_renderings(place: Path) -> None:

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 import cv2
 import numpy as np
 
-from capture_app.session.alignment.clock_line import Moments, chain_cameras, fit_clock_line
+from capture_app.session.alignment.clock_line import chain_cameras, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
@@ -156,5 +156,6 @@ class MotionAlignment:
         camera_ms = reference_ms - np.array([one.offset_ms for one in fit.instants])
         # What an instant's points share their number does not average out.
         sds_ms = np.array([np.hypot(one.sd_ms, SYSTEMATIC_MS) for one in fit.instants])
-        moments = Moments(camera_ms / 1e3, reference_ms / 1e3, sds_ms / 1e3)
-        return fit_clock_line(moments, MOTION, systematic_s=2 * SYSTEMATIC_MS / 1e3)
+        return fit_clock_line(
+            camera_ms / 1e3, reference_ms / 1e3, sds_ms / 1e3, MOTION, systematic_s=2 * SYSTEMATIC_MS / 1e3
+        )

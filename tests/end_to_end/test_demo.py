@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.demo import capture, compare, measure_sync_errors, unused_folder
+from capture_app.demo import capture, compare, measure_sync_errors
 from capture_app.errors import ExitCode, SimulshotError
+from capture_app.session.files.durable import free_name
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.processes import children_of, is_running
 
@@ -17,14 +18,15 @@ from .conftest import PATIENCE_S
 PARENT = """
 import asyncio, signal
 from pathlib import Path
-from capture_app.demo import simulated_nodes
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
 
 async def main():
     options = LeaderOptions(sessions=Path("unused"), host="127.0.0.1", port=0)
     async with await LeaderNode.start(options) as leader:
-        async with simulated_nodes(leader, 2, scene="bars"):
+        async with LocalNodes(leader.own_address, Path("spool"), leader.news) as nodes:
+            await nodes.add_simulated(2, "bars")
             await leader.wait_until_ready(240, nodes=2)
             print("ready", flush=True)
             await asyncio.Event().wait()
@@ -53,7 +55,7 @@ async def test_a_node_that_cannot_start_ends_the_demo_with_its_own_words(tmp_pat
     with pytest.raises(SimulshotError, match="nonsense") as caught:
         await capture(tmp_path, 2, lambda _: None, scene="nonsense")
     assert caught.value.exit_code == ExitCode.BAD_INPUT
-    assert unused_folder(tmp_path, "burst-001") == tmp_path / "burst-001", "nothing half-written"
+    assert not (tmp_path / "burst-001").exists(), "nothing half-written"
 
 
 async def test_a_comparison_that_fails_ends_with_its_own_words(tmp_path: Path) -> None:
@@ -82,7 +84,7 @@ async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals)
 
 
 def test_folders_are_never_used_twice(tmp_path: Path) -> None:
-    for expected in ("compare", "compare-002", "compare-003"):
-        folder = unused_folder(tmp_path, "compare")
+    for expected in ("compare", "compare-2", "compare-3"):
+        folder = free_name(tmp_path / "compare")
         assert folder.name == expected
         folder.mkdir()

@@ -30,7 +30,7 @@ def take(folder: Path, name: str, scene: str, *, frames: int, spacing: int, at_s
         spacing=spacing,
         depth=False,
     )
-    session = render(recipe, folder).session
+    session = render(recipe, folder)[0]
     (session.folder / "calibration.json").rename(folder / f"{name}-true.json")
     return session.folder
 

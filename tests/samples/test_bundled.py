@@ -93,7 +93,7 @@ def test_an_image_rendered_again_has_the_same_bytes(name: str, tmp_path: Path) -
         recipe.take.burst, instants_ns=(*recipe.take.burst.instants_ns[:2], recipe.take.burst.instants_ns[2])
     )
     take = msgspec.structs.replace(recipe.take, frames=chosen, cameras=(record,), burst=burst, missing=())
-    session = render(msgspec.structs.replace(recipe, cameras=(camera,), take=take), tmp_path).session
+    session = render(msgspec.structs.replace(recipe, cameras=(camera,), take=take), tmp_path)[0]
     paths = ["images/rig1/cam01/000002.jpg"]
     if recipe.depth:
         paths.append("ground_truth/cam01/000002.npz")

@@ -26,7 +26,7 @@ def recipe_of(**changes: Any) -> Recipe:
 @pytest.mark.slow
 @pytest.mark.parametrize("trigger", Trigger)
 def test_a_recipe_gives_the_same_bytes_again(trigger: Trigger, tmp_path: Path) -> None:
-    first = render(recipe_of(trigger=trigger), tmp_path / "a").session
+    first = render(recipe_of(trigger=trigger), tmp_path / "a")[0]
     assert verify(first) == []
     assert first.manifest.created == "2026-01-01T00:00:00.000Z"
     assert first.manifest.origin == "simulated"
@@ -40,7 +40,7 @@ def test_a_recipe_gives_the_same_bytes_again(trigger: Trigger, tmp_path: Path) -
 
 @pytest.mark.slow
 def test_synchronized_cameras_keep_their_engines_record(tmp_path: Path) -> None:
-    manifest = render(recipe_of(), tmp_path).session.manifest
+    manifest = render(recipe_of(), tmp_path)[0].manifest
     for camera in manifest.cameras:
         assert camera.clock is not None
         assert camera.clock.samples > 100
@@ -51,7 +51,7 @@ def test_synchronized_cameras_keep_their_engines_record(tmp_path: Path) -> None:
 
 
 def test_naive_cameras_know_no_times(tmp_path: Path) -> None:
-    manifest = render(recipe_of(trigger=Trigger.NAIVE), tmp_path).session.manifest
+    manifest = render(recipe_of(trigger=Trigger.NAIVE), tmp_path)[0].manifest
     assert all(camera.clock is None and camera.phase is None for camera in manifest.cameras)
     assert all(image.uncertainty_ns is None and image.exposure_start_ns is None for image in manifest.images)
 
@@ -85,7 +85,7 @@ def test_a_captured_session_is_never_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_take_of_another_burst_is_refused(tmp_path: Path) -> None:
-    recipe = read_recipe(render(recipe_of(), tmp_path).session.folder)
+    recipe = read_recipe(render(recipe_of(), tmp_path)[0].folder)
     assert recipe.take is not None
     frames = (msgspec.structs.replace(recipe.take.frames[0], instant=7), *recipe.take.frames[1:])
     take = msgspec.structs.replace(recipe.take, frames=frames)

@@ -1,8 +1,7 @@
-"""Offset and rate of a camera's times against another's, directly or through others, from common moments."""
+"""Offset and rate of a camera's times against another's, directly or through others, from common"""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,34 +16,29 @@ STEPS = 30
 SIGMAS = 1.96
 
 
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """Moments (n,) that two cameras recorded, by the own times of each, and the error (sd) of a pair, s."""
-
-    camera_s: Array
-    reference_s: Array
-    sd_s: Array
-
-
-def fit_clock_line(moments: Moments, source: str, *, systematic_s: float = 0.0) -> CameraTimes:
+def fit_clock_line(
+    camera_s: Array, reference_s: Array, sd_s: Array, source: str, *, systematic_s: float = 0.0
+) -> CameraTimes:
     """The offset and rate that most moments agree on: robust least squares (Cauchy weights), 95 % errors.
+
+    Moments (n,) by the own times of two cameras that recorded them, and the error (sd) of each pair, s.
 
     A short recording hardly tells the rate: what is known of crystals stands in for what it does not.
     `systematic_s` (95 %) is what all moments share, and no number of them averages out.
     """
-    late = moments.reference_s - moments.camera_s
+    late = reference_s - camera_s
     offset, scale = float(np.median(late)), 1.0
     # Before the rate is known, it moves moments far apart by more than their own error.
     rate, weights = 0.0, np.ones(len(late))
-    epoch = float(np.average(moments.camera_s, weights=1 / moments.sd_s**2))
-    away = moments.camera_s - epoch
+    epoch = float(np.average(camera_s, weights=1 / sd_s**2))
+    away = camera_s - epoch
     for _ in range(STEPS):
-        total = weights / (scale * moments.sd_s) ** 2
+        total = weights / (scale * sd_s) ** 2
         rows = np.column_stack([np.ones(len(late)), away])
         normal = rows.T @ (total[:, None] * rows)
         normal[1, 1] += 1 / (CRYSTAL_PPM * 1e-6) ** 2
         offset, rate = np.linalg.solve(normal, rows.T @ (total * late))
-        miss = (late - rows @ np.array([offset, rate])) / moments.sd_s
+        miss = (late - rows @ np.array([offset, rate])) / sd_s
         spread = (
             1.4826 * float(np.median(np.abs(miss))) if len(miss) > 4 else float(np.sqrt(np.mean(miss**2)))
         )

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.session.alignment.clock_line import Moments, compose, fit_clock_line
+from capture_app.session.alignment.clock_line import compose, fit_clock_line
 from capture_app.session.alignment.tracks import read_container
 from capture_app.session.format.common_times import CameraTimes
 
@@ -265,7 +265,7 @@ def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
     # What wanders slowly is no less for many fixes; so wide, evenly spread ones tell no better rate.
     sd_s = np.full(len(utc_s), receiver.wander_s * math.sqrt(len(utc_s) / 12))
     pair = (utc_s, clock.video_s) if of_utc else (clock.video_s, utc_s)
-    return fit_clock_line(Moments(*pair, sd_s), "gopro", systematic_s=receiver.late_s)
+    return fit_clock_line(*pair, sd_s, "gopro", systematic_s=receiver.late_s)
 
 
 def _clock(key: str, timed: list[tuple[float, float, Payload]]) -> GpsClock | str:

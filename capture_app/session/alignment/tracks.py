@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, Moments, fit_clock_line
+from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
 
 Found = TypeVar("Found")
@@ -111,8 +111,8 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     if not found:
         return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
     camera_s, reference_s = np.array(found).T
-    moments = Moments(camera_s, reference_s, np.full(len(found), WINDOW_SD_S))
-    return fit_clock_line(moments, "sound", systematic_s=error_s)
+    sd_s = np.full(len(found), WINDOW_SD_S)
+    return fit_clock_line(camera_s, reference_s, sd_s, "sound", systematic_s=error_s)
 
 
 def _rough_offset(reference: Sound, camera: Sound) -> float | str:

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from itertools import chain, count
 from pathlib import Path
 
 FEW_SYNCS, MOST_SYNCS = 2, 16
@@ -97,11 +98,8 @@ def _renameat2(one: Path, other: Path, how: int) -> bool:
 
 def free_name(path: Path) -> Path:
     """The path, or the first of NAME-2, NAME-3 ... that is not there yet."""
-    number, free = 1, path
-    while free.exists():
-        number += 1
-        free = path.with_stem(f"{path.stem}-{number}")
-    return free
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    return next(free for free in chain((path,), numbered) if not free.exists())
 
 
 def write_atomic(path: Path, data: bytes) -> None:

@@ -8,7 +8,7 @@ its names say that it is a take.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from itertools import combinations
@@ -62,38 +62,32 @@ class Shoot:
     clips: Mapping[str, Clip]
 
 
-@dataclass(slots=True)
-class Found:
-    """What a folder holds: shoots, and lines about what was left out and why."""
+def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
+    """The clips of a folder, and lines about what was left out and why.
 
-    shoots: list[Shoot] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-
-
-def find_shoots(folder: Path) -> Found:
-    """The clips of a folder; no shoots where it has no videos, in itself or in its folders."""
-    found = Found()
-    own = _usable(videos_in(folder), found)
-    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, found))}
+    No shoots where it has no videos, in itself or in its folders.
+    """
+    shoots: list[Shoot] = []
+    left_out: list[str] = []
+    own = _usable(videos_in(folder), left_out)
+    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, left_out))}
     boards = [path for path in inner if _CALIBRATION.search(path.name)]
     for path in boards if len(inner) > len(boards) or own else ():
-        found.left_out.append(f"{path.name}: looks like calibration; reconstruct calibrate takes it")
+        left_out.append(f"{path.name}: looks like calibration; reconstruct calibrate takes it")
         del inner[path]
     if len(inner) == 1 and not own:
-        deeper = find_shoots(next(iter(inner)))
-        return Found(deeper.shoots, found.left_out + deeper.left_out)
+        shoots, deeper = find_shoots(next(iter(inner)))
+        return shoots, left_out + deeper
     if len(own) >= max(1, len(inner)):
-        found.left_out += [
-            f"{path.name}: {count(len(clips), 'clip')} beside" for path, clips in inner.items()
-        ]
-        found.shoots = _of_one_folder(own, found)
+        left_out += [f"{path.name}: {count(len(clips), 'clip')} beside" for path, clips in inner.items()]
+        shoots = _of_one_folder(own, left_out)
     elif inner:
-        found.left_out += [f"{clip.path.name}: beside the cameras' folders" for clip in own]
-        found.shoots = _of_folders(inner, found)
-    if found.shoots:
+        left_out += [f"{clip.path.name}: beside the cameras' folders" for clip in own]
+        shoots = _of_folders(inner, left_out)
+    if shoots:
         beside = [path for path in sorted(folder.iterdir()) if path.is_dir() and images_in(path)]
-        found.left_out += [f"{path.name}: images beside videos" for path in beside]
-    return found
+        left_out += [f"{path.name}: images beside videos" for path in beside]
+    return shoots, left_out
 
 
 def find_calibration(folder: Path) -> Path | None:
@@ -107,7 +101,7 @@ def find_calibration(folder: Path) -> Path | None:
     return None
 
 
-def _usable(paths: Sequence[Path], found: Found) -> list[Clip]:
+def _usable(paths: Sequence[Path], left_out: list[str]) -> list[Clip]:
     clips = []
     for path in sorted(paths, key=lambda path: natural_order(path.name)):
         if path.name.startswith("."):
@@ -116,7 +110,7 @@ def _usable(paths: Sequence[Path], found: Found) -> list[Clip]:
         if isinstance(read, Clip):
             clips.append(read)
         else:
-            found.left_out.append(f"{path.name}: {read}")
+            left_out.append(f"{path.name}: {read}")
     return clips
 
 
@@ -131,28 +125,28 @@ def _read(path: Path, _: Any, container: Any) -> Clip | str:
     return Clip(path, seconds, next((date for date in dates if date > 0), None))
 
 
-def _clips_below(folder: Path, found: Found, depth: int = _DEPTH) -> list[Clip]:
+def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list[Clip]:
     if not folder.is_dir() or folder.name.startswith(".") or not depth:
         return []
-    clips = _usable(videos_in(folder), found)
+    clips = _usable(videos_in(folder), left_out)
     for path in sorted(folder.iterdir()):
-        clips += _clips_below(path, found, depth - 1)
+        clips += _clips_below(path, left_out, depth - 1)
     return clips
 
 
-def _of_one_folder(clips: list[Clip], found: Found) -> list[Shoot]:
+def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
     """By dates, where they part the clips sensibly; else by names such as cam1_take2; else all together."""
     groups = _by_date(clips)
     several = [group for group in groups if len(group) > 1]
     if len(several) > 1 and all(clip.began_s is not None for clip in clips):
         alone = [group[0] for group in groups if len(group) == 1]
-        found.left_out += [f"{clip.path.name}: by its date, nothing was taken with it" for clip in alone]
+        left_out += [f"{clip.path.name}: by its date, nothing was taken with it" for clip in alone]
         return [_shoot(f"{number}", group) for number, group in enumerate(several, 1)]
     if len(several) == 1:
         usual = median(clip.seconds for clip in several[0])
         for clip in [group[0] for group in groups if len(group) == 1]:
             if clip.began_s is not None and not usual / _ALIKE <= clip.seconds <= usual * _ALIKE:
-                found.left_out.append(f"{clip.path.name}: of another date and another length")
+                left_out.append(f"{clip.path.name}: of another date and another length")
                 clips = [one for one in clips if one is not clip]
     return _by_names(clips) or [_shoot("", clips)]
 
@@ -193,7 +187,7 @@ def _are_takes(names: Sequence[str]) -> bool:
     return _TAKE.search(text) is not None and _CAMERA.search(text) is None
 
 
-def _of_folders(inner: Mapping[Path, list[Clip]], found: Found) -> list[Shoot]:
+def _of_folders(inner: Mapping[Path, list[Clip]], left_out: list[str]) -> list[Shoot]:
     within = any(one.together(other) for clips in inner.values() for one, other in combinations(clips, 2))
     stems = {clip.path.stem for clips in inner.values() for clip in clips}
     named = _are_takes([path.name for path in inner]) or (
@@ -212,9 +206,7 @@ def _of_folders(inner: Mapping[Path, list[Clip]], found: Found) -> list[Shoot]:
         shoots.append(Shoot(f"{number + 1}", of))
     taken = {of.path for shoot in shoots for of in shoot.clips.values() if len(shoot.clips) > 1}
     left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]
-    found.left_out += [
-        f"{clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left
-    ]
+    left_out += [f"{clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left]
     return [shoot for shoot in shoots if len(shoot.clips) > 1]
 
 

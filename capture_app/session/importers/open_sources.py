@@ -13,7 +13,6 @@ CLIENT.csv, whose second column tells frames that were put in (black) where the 
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError
@@ -37,11 +36,8 @@ _VIDEOS, _HEADING = "VID", "timestamp"
 _LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
 
 
-@dataclass(frozen=True, slots=True)
-class _Shot:
-    image: Path
-    leader_ns: int
-    local_ns: int | None
+_Shot = tuple[Path, int, int | None]
+"""An image, and when it was taken by the leader's clock and by the phone's, ns."""
 
 
 class PhoneShots(Images):
@@ -51,14 +47,14 @@ class PhoneShots(Images):
         shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
         if not shots:
             raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
-        self._shots = sorted(shots, key=lambda shot: shot.leader_ns)
-        super().__init__(name, path, [shot.image for shot in self._shots], "libsoftwaresync")
+        self._shots = sorted(shots, key=lambda shot: shot[1])
+        super().__init__(name, path, [image for image, _, _ in self._shots], "libsoftwaresync")
         # Shots have times; their numbers are just the order.
         self.suffix, self.numbered = ".jpg", False
 
     def embedded_times(self) -> Sequence[TimedFrame]:
         """When each shot was taken, by the leader's clock and by the phone's."""
-        return [TimedFrame(n, shot.leader_ns, shot.local_ns) for n, shot in enumerate(self._shots)]
+        return [TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(self._shots)]
 
     def read(self, file: Path) -> bytes:
         """See `Images.read`."""
@@ -151,7 +147,7 @@ def _shot(metadata: Path) -> _Shot | None:
     time = metadata.stem.removeprefix(_METADATA)
     for image in (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21")):
         if image.is_file():
-            return _Shot(image, times[_LEADER], times.get(_LOCAL))
+            return image, times[_LEADER], times.get(_LOCAL)
     return None
 
 

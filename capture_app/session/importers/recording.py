@@ -244,14 +244,14 @@ def import_found(
     elif any(map(is_phone, (folder, *folder.iterdir()))) or recognize_layout(folder, recording=wanted):
         chosen = [(paths, "", options)]
     else:
-        found = find_shoots(folder)
+        found, left_out = find_shoots(folder)
         options = replace(options, beside=None if options.calibration else find_calibration(folder))
-        for shoot in found.shoots:
+        for shoot in found:
             clips = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in shoot.clips.items())
             talk(f"found {shoot.name or 'one recording'}: {', '.join(clips)}")
-        for line in found.left_out:
+        for line in left_out:
             talk(f"left out {line}")
-        shoots = [shoot for shoot in found.shoots if wanted in (None, shoot.name)]
+        shoots = [shoot for shoot in found if wanted in (None, shoot.name)]
         chosen = [
             ([f"{camera}={clip.path}" for camera, clip in shoot.clips.items()], shoot.name, options)
             for shoot in shoots

@@ -5,7 +5,6 @@ from collections.abc import Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -59,37 +58,6 @@ class StoredImage:
         if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
             raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
         return encode_checked(record, ImageRecord)
-
-
-def image_of_bytes(
-    data: bytes,
-    *,
-    camera: str,
-    instant: int,
-    leader_ns: int,
-    suffix: str,
-    truth: bytes,
-    true_ns: int | None,
-    **further: Any,
-) -> StoredImage:
-    """An image of these bytes. Raises BadInputError as `SessionWriter.add_image` does."""
-    check_name(camera, "camera")
-    if suffix not in IMAGE_SUFFIXES:
-        raise BadInputError(
-            f"{suffix!r} is not a supported image format", hint=f"use {', '.join(IMAGE_SUFFIXES)}"
-        )
-    if not data:
-        raise BadInputError(f"camera {camera} sent an empty image of instant {instant}")
-    record = ImageRecord(
-        camera=camera,
-        instant=instant,
-        path=image_path(camera, instant, suffix),
-        leader_ns=leader_ns,
-        bytes=len(data),
-        sha256=hashlib.sha256(data).hexdigest(),
-        **further,
-    )
-    return StoredImage(record, data, truth, true_ns)
 
 
 class ImageStore:

@@ -1,5 +1,6 @@
 """Writes a session so that a crash at any moment loses at most the images being written."""
 
+import hashlib
 import heapq
 import os
 import shutil
@@ -30,6 +31,7 @@ from capture_app.session.format.checks import check_references, encode_checked, 
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
+    IMAGE_SUFFIXES,
     JOURNAL,
     MANIFEST,
     BurstRecord,
@@ -37,11 +39,12 @@ from capture_app.session.format.manifest import (
     ImageRecord,
     Manifest,
     MissingImage,
+    image_path,
 )
 from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import sync_record
-from capture_app.session.writing.image_store import ImageStore, StoredImage, image_of_bytes
+from capture_app.session.writing.image_store import ImageStore, StoredImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.recovery import RESERVE, remove_leftovers
 from capture_app.session.writing.video_store import VideoStore
@@ -179,20 +182,25 @@ class SessionWriter:
         BadInputError for an unsafe camera name, an unknown kind of file, an empty image, or one that is there
         already.
         """
-        image = image_of_bytes(
-            data,
+        if suffix not in IMAGE_SUFFIXES:
+            raise BadInputError(
+                f"{suffix!r} is not a supported image format", hint=f"use {', '.join(IMAGE_SUFFIXES)}"
+            )
+        if not data:
+            raise BadInputError(f"camera {camera} sent an empty image of instant {instant}")
+        record = ImageRecord(
             camera=camera,
             instant=instant,
+            path=image_path(camera, instant, suffix),
             leader_ns=leader_ns,
-            suffix=suffix,
-            truth=truth,
-            true_ns=true_ns,
+            bytes=len(data),
+            sha256=hashlib.sha256(data).hexdigest(),
             **further,
         )
-        for error in self.save([image]):
+        for error in self.save([StoredImage(record, data, truth, true_ns)]):
             if error is not None:
                 raise error
-        return image.record
+        return record
 
     def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
         """Add images, as files, or `in_videos` as frames to the videos of their cameras.

@@ -257,18 +257,14 @@ class SessionsView(ModeView):
             return None
         return entry
 
-    @work
-    async def action_look(self) -> None:
-        """Show the session on the whole screen."""
+    def action_look(self) -> None:
+        """Show the session in all of the mode."""
         entry = self._saved_entry()
         if entry is not None and entry.card.state is SessionState.COMPLETE:
-            sheet = await self._try(TakeSheet.open, entry.card.folder)
-            if sheet is not None:
-                self._pane.show(entry, sheet)
-                self._look_whole(True)
+            self._show_pane()
+            self._look_whole(True)
 
     def _look_whole(self, whole: bool) -> None:
-        """Show the session in all of the mode, or the list again."""
         self.set_class(whole, "-whole")
         self.focus_first()
         self.refresh_bindings()

@@ -1,7 +1,9 @@
 """One session: what it is good for in words, and its contact sheet."""
 
 from collections.abc import Iterator
+from typing import ClassVar
 
+from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 
@@ -20,6 +22,11 @@ LOW = 30
 class TakePane(Vertical):
     """Shows a session; the sheet is loaded by whoever shows it."""
 
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("b", "look('CAMERAS')", "Blink cameras", id="take.blink", tooltip="one after the other"),
+        Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
+    ]
+
     def __init__(self) -> None:
         self.entry: Entry | None = None
         """The session that is shown."""
@@ -35,6 +42,10 @@ class TakePane(Vertical):
         if sheet is not self.sheet.sheet:
             self.sheet.show(sheet)
         self._show_words()
+
+    def action_look(self, motion: str) -> None:
+        """Look at the picture under the cursor, in motion."""
+        self.sheet.action_look(motion)
 
     def _show_words(self) -> None:
         self._words.show(() if self.entry is None else self._lines(self.entry.card, self.sheet.sheet))

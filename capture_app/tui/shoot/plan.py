@@ -321,13 +321,15 @@ class PlanPanel(Lines, can_focus=True):
         if what == "name":
             text = "A name for the takes that follow; their folders begin with it. Empty: burst."
             question = TextQuestion(text, self.plan.name, check=_check_name, title="Name")
-            if (name := await self.app.push_screen_wait(question)) is not None:
-                self.set_plan(replace(self.plan, name=name.strip()))
         elif what == "notes":
             text = "Notes that are kept with the takes that follow."
             question = TextQuestion(text, self.plan.note, check=_check_note, title="Notes")
-            if (note := await self.app.push_screen_wait(question)) is not None:
-                self.set_plan(replace(self.plan, note=note.strip()))
+        else:
+            return
+        if (typed := await self.app.push_screen_wait(question)) is not None:
+            words = typed.strip()
+            plan = replace(self.plan, name=words) if what == "name" else replace(self.plan, note=words)
+            self.set_plan(plan)
 
     def _rows(self) -> tuple[_Row, ...]:
         return tuple(row for row in ROWS if self.plan.mode in row.modes)

@@ -248,6 +248,7 @@ class ShootView(ModeView):
                 self._show_course()
                 if moment.watches and not moment.seconds:
                     at_ns = await self._motion_ns(MotionWatch(REGIONS[plan.region]))
+                    self._moment = ""
                     self._follow(replace(request, at_leader_ns=at_ns), retake_of, saved)
                 elif not moment.seconds:
                     self._follow(request, retake_of, saved)

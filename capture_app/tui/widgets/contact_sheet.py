@@ -34,8 +34,6 @@ class ContactSheet(ScrollView, can_focus=True):
         Binding("pageup", "move(0,-4)", "Four instants before", id="sheet.page-up", show=False),
         Binding("pagedown", "move(0,4)", "Four instants after", id="sheet.page-down", show=False),
         Binding("enter", "look", "Open picture", id="sheet.open"),
-        Binding("b", "look('CAMERAS')", "Blink cameras", id="sheet.blink", tooltip="one after the other"),
-        Binding("w", "look('WIGGLE')", "Wiggle", id="sheet.wiggle", tooltip="to and fro between cameras"),
         Binding("plus,equals_sign", "zoom(1.3)", "Larger", id="sheet.larger", show=False, key_display="+"),
         Binding("minus", "zoom(0.77)", "Smaller", id="sheet.smaller", show=False, key_display="-"),
     ]

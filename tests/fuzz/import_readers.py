@@ -47,7 +47,7 @@ def import_file(name: str) -> Reader:
 
 def read_gopro(data: bytes, folder: Path) -> None:
     """GoPro metadata: a payload of it, and a video with a track of it."""
-    parse_payload(data, worst_dilution=5.0)
+    parse_payload(data)
     path = folder / "video.mp4"
     put(path, data)
     read_gps_clock(path)

@@ -50,20 +50,14 @@ class GpsStream(NamedTuple):
     """The fixes of one payload's GPS stream.
 
     `utc_s` (since 2000) of each that is good: by its number in the payload. `number`: how many there are,
-    good or not. `stamp_us`: when the first arrived (STMP).
+    good or not. `after_s`: how long after the payload's first frame was exposed the first of them arrived
+    (STMP of both); 0 where the camera does not say.
     """
 
     key: str
     number: int
     utc_s: dict[int, float]
-    stamp_us: int | None
-
-
-class Payload(NamedTuple):
-    """What one payload tells of time; `frame_stamp_us`: when its first frame was exposed (STMP)."""
-
-    streams: list[GpsStream]
-    frame_stamp_us: int | None
+    after_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -91,21 +85,27 @@ class _Item:
         return found[0][0] if found and found[0] and math.isfinite(found[0][0]) else None
 
 
-def parse_payload(data: bytes, *, worst_dilution: float) -> Payload:
-    """The GPS streams of a payload with their 3D fixes below a dilution of precision; never raises."""
-    streams: list[GpsStream] = []
-    frame_stamp_us: int | None = None
+def parse_payload(data: bytes) -> list[GpsStream]:
+    """The GPS streams of a payload with their 3D fixes of a good dilution of precision; never raises."""
+    found: list[tuple[GpsStream, float | None]] = []
+    frame_stamp_us: float | None = None
     for items in _streams(data, DEPTH):
         named = {item.key: item for item in items}
-        stamp = named["STMP"].first() if "STMP" in named else None
-        stamp_us = None if stamp is None else round(stamp)
+        stamp_us = named["STMP"].first() if "STMP" in named else None
         if "GPS9" in named:
-            streams.append(GpsStream("GPS9", *_gps9(named, worst_dilution), stamp_us))
+            found.append((GpsStream("GPS9", *_gps9(named)), stamp_us))
         elif "GPS5" in named:
-            streams.append(GpsStream("GPS5", *_gps5(named, worst_dilution), stamp_us))
+            found.append((GpsStream("GPS5", *_gps5(named)), stamp_us))
         elif "SHUT" in named and frame_stamp_us is None:
             frame_stamp_us = stamp_us
-    return Payload(streams, frame_stamp_us)
+    return [stream._replace(after_s=_after_s(stamp_us, frame_stamp_us)) for stream, stamp_us in found]
+
+
+def _after_s(stamp_us: float | None, frame_stamp_us: float | None) -> float:
+    if stamp_us is None or frame_stamp_us is None:
+        return 0.0
+    after_s = (stamp_us - frame_stamp_us) * 1e-6
+    return after_s if abs(after_s) < STAMP_REACH_S else 0.0
 
 
 def _items(data: bytes) -> Iterator[_Item]:
@@ -131,7 +131,7 @@ def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
             yield from _streams(item.data, depth - 1)
 
 
-def _gps9(named: dict[str, _Item], worst: float) -> tuple[int, dict[int, float]]:
+def _gps9(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
     """How many fixes there are, and the UTC of the good ones: each has one in ms, and says how good it is."""
     kinds = named["TYPE"].data.decode("latin-1").rstrip("\0") if "TYPE" in named else ""
     rows = named["GPS9"].numbers(kinds[:_LONGEST_TYPE])
@@ -142,17 +142,17 @@ def _gps9(named: dict[str, _Item], worst: float) -> tuple[int, dict[int, float]]
             days, day_s, dilution, fix = (value / by for value, by in zip(row[5:], scale[5:], strict=True))
             utc_s = days * 86_400 + day_s
             is_time = days > 0 and 0 <= day_s < 86_401 and math.isfinite(utc_s)
-            if is_time and fix == 3 and 0 < dilution < worst:
+            if is_time and fix == 3 and 0 < dilution < WORST_DILUTION:
                 good[number] = utc_s
     return len(rows), good
 
 
-def _gps5(named: dict[str, _Item], worst: float) -> tuple[int, dict[int, float]]:
+def _gps5(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
     """As `_gps9`, where one UTC is for all fixes (GPSU): that of the first, as far as anything says."""
     count = len(named["GPS5"].numbers())
     fix, dilution = (named[key].first() if key in named else None for key in ("GPSF", "GPSP"))
     utc_s = parse_utc(named["GPSU"].data) if "GPSU" in named else None
-    good = count and fix == 3 and dilution is not None and 0 < dilution / 100 < worst
+    good = count and fix == 3 and dilution is not None and 0 < dilution / 100 < WORST_DILUTION
     return count, {0: utc_s} if good and utc_s is not None else {}
 
 
@@ -231,7 +231,7 @@ def read_gps_clock(path: Path) -> GpsClock | str:
     return good or next((why for why in clocks if isinstance(why, str) and why), "no GPS metadata of a GoPro")
 
 
-def _payloads(container: Any) -> Iterator[tuple[float, float, Payload]]:
+def _payloads(container: Any) -> Iterator[tuple[float, float, list[GpsStream]]]:
     """When each payload with a GPS stream begins, how long it is, both s of the video, and what it tells."""
     # Only what is data is read from the disk, where PyAV can.
     skip: Any = getattr(importlib.import_module("av.stream"), "Discard", None)
@@ -241,10 +241,10 @@ def _payloads(container: Any) -> Iterator[tuple[float, float, Payload]]:
     for packet in container.demux(tracks) if tracks else ():
         if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES:
             continue
-        payload = parse_payload(bytes(packet), worst_dilution=WORST_DILUTION)
-        if payload.streams:
+        streams = parse_payload(bytes(packet))
+        if streams:
             begin_s, long_s = (float(n * packet.time_base) for n in (packet.pts, packet.duration or 0))
-            yield begin_s, long_s, payload
+            yield begin_s, long_s, streams
 
 
 def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
@@ -268,16 +268,16 @@ def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
     return fit_clock_line(*pair, sd_s, "gopro", systematic_s=receiver.late_s)
 
 
-def _clock(key: str, timed: list[tuple[float, float, Payload]]) -> GpsClock | str:
+def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsClock | str:
     """The good fixes of one kind, less those that others contradict; else why there are too few."""
     fixes: list[tuple[float, float]] = []
     seen, before_s = False, -math.inf
-    for begin_s, long_s, payload in timed:
-        for stream in payload.streams:
+    for begin_s, long_s, streams in timed:
+        for stream in streams:
             if stream.key != key:
                 continue
             seen = True
-            first_s = begin_s + _arrival_s(stream, payload.frame_stamp_us)
+            first_s = begin_s + stream.after_s
             for number, utc_s in stream.utc_s.items():
                 # A receiver that has nothing new says the last time again.
                 if utc_s != before_s:
@@ -295,11 +295,3 @@ def _clock(key: str, timed: list[tuple[float, float, Payload]]) -> GpsClock | st
     if spread_s > JUMP_S or near.sum() < FEWEST:
         return "its GPS time does not go with the video's (a time lapse?)"
     return GpsClock(key, video_s[near], utc_s[near], max(begin_s + long_s for begin_s, long_s, _ in timed))
-
-
-def _arrival_s(stream: GpsStream, frame_stamp_us: int | None) -> float:
-    """How long after its payload's first frame the first fix arrived; 0 where the camera does not say."""
-    if stream.stamp_us is None or frame_stamp_us is None:
-        return 0.0
-    after_s = (stream.stamp_us - frame_stamp_us) * 1e-6
-    return after_s if abs(after_s) < STAMP_REACH_S else 0.0

@@ -8,7 +8,6 @@ Binary files are little-endian.
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -53,23 +52,10 @@ Rig = dict[int, Pose]
 """The pose of each sensor in its rig, by its camera's number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """A lens: its model, its size in pixels, and its parameters in COLMAP's order."""
-
-    model: str
-    width: int
-    height: int
-    parameters: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Image:
-    """An image: its path, the number of its camera, and its pose in the world."""
-
-    name: str
-    camera: int
-    pose: Pose
+Lens = tuple[str, tuple[float, ...], tuple[int, int]]
+"""Its model, its parameters in COLMAP's order, and its width and height in pixels."""
+Image = tuple[str, int, Pose]
+"""Its path, the number of its camera, and its pose in the world."""
 
 
 def find_model(path: Path) -> Path | None:
@@ -84,7 +70,7 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
     Where a rig's images have several poses, it is the rig's sensors that stand still against each other: then
     the first sensor is the origin. Raises BadInputError for what is broken, not perspective, or moves.
     """
-    lenses = dict(_read(folder, "cameras"))
+    lenses: dict[int, Lens] = dict(_read(folder, "cameras"))
     images: list[Image] = _read(folder, "images")
     rigs: list[Rig] = _read(folder, "rigs") if _file(folder, "rigs") else []
     if not images:
@@ -94,19 +80,19 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
         where = f"{folder}: {name}"
         if number not in lenses:
             raise BadInputError(f"{where} is of camera {number}, which the model lacks")
-        lens = lenses[number]
-        return _view(where, lens.model, lens.parameters, pose, (lens.width, lens.height))
+        model, parameters, size = lenses[number]
+        return _view(where, model, parameters, pose, size)
 
     hint = "a rig stands still"
     if len(rigs) != 1:
         hint += ": give a model of one instant, or one made with rig_config.json"
-    of_images = [(camera_of(one.name, cameras), view(one.name, one.camera, one.pose)) for one in images]
+    of_images = [(camera_of(name, cameras), view(name, key, pose)) for name, key, pose in images]
     try:
         views = views_of_images(str(folder), of_images, hint)
     except BadInputError:
         if len(rigs) != 1 or len(rigs[0]) < 2:
             raise
-        names = {one.camera: camera_of(one.name, cameras) for one in images}
+        names = {key: camera_of(name, cameras) for name, key, _ in images}
         views = {names[key]: view(names[key], key, pose) for key, pose in rigs[0].items() if key in names}
     return Views(views, f"COLMAP model {'/'.join(folder.parts[-2:])}", assumed_unit=_ARBITRARY)
 
@@ -177,16 +163,16 @@ def _read(folder: Path, name: str) -> list[Any]:
         raise BadInputError(f"{path} is not COLMAP's: {error}") from error
 
 
-def _text_cameras(lines: list[list[str]]) -> Iterator[tuple[int, Camera]]:
+def _text_cameras(lines: list[list[str]]) -> Iterator[tuple[int, Lens]]:
     for number, model, width, height, *parameters in filter(None, lines):
-        yield int(number), Camera(model, int(width), int(height), tuple(map(float, parameters)))
+        yield int(number), (model, tuple(map(float, parameters)), (int(width), int(height)))
 
 
 def _text_images(lines: list[list[str]]) -> Iterator[Image]:
     # Every second line has the image's points, and may be empty.
     first = next((n for n, line in enumerate(lines) if line), 0)
     for words in filter(None, lines[first::2]):
-        yield Image(" ".join(words[9:]), int(words[8]), _pose(words[1:8]))
+        yield " ".join(words[9:]), int(words[8]), _pose(words[1:8])
 
 
 def _text_rigs(lines: list[list[str]]) -> Iterator[Rig]:
@@ -211,11 +197,11 @@ def _take(file: BytesIO, layout: str) -> tuple[Any, ...]:
     return struct.unpack(f"<{layout}", file.read(struct.calcsize(f"<{layout}")))
 
 
-def _binary_cameras(file: BytesIO) -> Iterator[tuple[int, Camera]]:
+def _binary_cameras(file: BytesIO) -> Iterator[tuple[int, Lens]]:
     for _ in range(*_take(file, "Q")):
         key, model, width, height = _take(file, "IiQQ")
         name = MODELS[model] if 0 <= model < len(MODELS) else f"number {model}"
-        yield key, Camera(name, width, height, _take(file, f"{COUNTS[model]}d"))
+        yield key, (name, _take(file, f"{COUNTS[model]}d"), (width, height))
 
 
 def _binary_images(file: BytesIO) -> Iterator[Image]:
@@ -225,7 +211,7 @@ def _binary_images(file: BytesIO) -> Iterator[Image]:
         end = name.index(b"\0", begin)
         file.seek(end + 1)
         file.seek(24 * _take(file, "Q")[0], 1)
-        yield Image(name[begin:end].decode("utf-8"), camera, tuple(pose))
+        yield name[begin:end].decode("utf-8"), camera, tuple(pose)
 
 
 def _binary_rigs(file: BytesIO) -> Iterator[Rig]:

@@ -4,6 +4,7 @@ Lengths are in millimetres from the page's upper left corner. Everything is draw
 that both formats hold the same.
 """
 
+import html
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -82,7 +83,7 @@ def to_svg(page: Page) -> bytes:
     ]
     words = [
         f'<text x="{line.left:g}" y="{line.baseline:g}" font-size="{line.height:g}">'
-        f"{_escaped(line.text)}</text>"
+        f"{html.escape(line.text, quote=False)}</text>"
         for line in page.lines
     ]
     width, height = f"{page.width:g}", f"{page.height:g}"
@@ -98,10 +99,6 @@ def to_svg(page: Page) -> bytes:
 def _svg_path(rectangles: list[Rectangle]) -> Iterator[str]:
     for left, top, width, height in rectangles:
         yield f"M{left:.4f} {top:.4f}h{width:.4f}v{height:.4f}h{-width:.4f}z"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def to_pdf(page: Page) -> bytes:

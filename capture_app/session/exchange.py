@@ -13,7 +13,7 @@ import msgspec
 
 from capture_app.optional_packages import load_optional
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references, encode_checked, indented, read_struct
+from capture_app.session.format.checks import check_references, read_struct
 from capture_app.session.format.manifest import ImageRecord, Manifest, image_path
 
 FORMATS = {
@@ -41,19 +41,13 @@ FRAMES = "frames.csv"
 class ExportRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The format of an export, and the session's manifest and calibration as they were.
 
-    Cameras whose pictures were redrawn have the calibration of the new ones.
+    Frames of videos are images in it. Cameras whose pictures were redrawn have the new ones' calibration.
     """
 
     format: str
     manifest: Manifest
     calibration: Calibration | None = None
     schema_version: int = 1
-
-
-def write_record(folder: Path, record: ExportRecord) -> None:
-    """Write the record into an export's folder; frames of videos are images in it."""
-    whole = msgspec.structs.replace(record, manifest=with_images_listed(record.manifest))
-    (folder / RECORD).write_bytes(indented(encode_checked(whole, ExportRecord)))
 
 
 def with_images_listed(manifest: Manifest) -> Manifest:

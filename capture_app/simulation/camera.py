@@ -156,11 +156,6 @@ class SimulatedTruth:
         return buffer.getvalue()
 
 
-def frame_seed(camera_seed: int, stream: int, sequence: int) -> int:
-    """The seed of one frame's noise, 0 to 2**63 - 1: the same frame looks the same in every run."""
-    return stable_seed(f"{camera_seed}/{stream}/{sequence}")
-
-
 def stable_seed(text: str) -> int:
     """A seed, 0 to 2**63 - 1, that is the same for the same text in every run."""
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 1
@@ -297,7 +292,8 @@ class SimulatedCamera(Camera):
 
     def _captured(self, frame: SensorFrame) -> CapturedFrame:
         jpeg = self._source.jpeg(frame)
-        seed = frame_seed(self._seed, frame.stream, frame.sequence)
+        # The same frame looks the same in every run.
+        seed = stable_seed(f"{self._seed}/{frame.stream}/{frame.sequence}")
         return CapturedFrame(
             sequence=frame.sequence,
             stream=frame.stream,

@@ -6,10 +6,11 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.session.exchange import FORMATS, ExportRecord, write_record
+from capture_app.session.exchange import FORMATS, RECORD, ExportRecord, with_images_listed
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Progress
 from capture_app.session.exporters.common.tables import write_frames
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
+from capture_app.session.format.checks import encode_checked, indented
 from capture_app.session.reading.reader import Session
 
 _ONLY_FOR = {
@@ -62,8 +63,9 @@ def export_session(
             if calibration is not None:
                 cameras = calibration.cameras | burst.drawn
                 calibration = msgspec.structs.replace(calibration, cameras=cameras)
-            record = ExportRecord(format=name, manifest=session.manifest, calibration=calibration)
-            write_record(output.folder, record)
+            manifest = with_images_listed(session.manifest)
+            record = ExportRecord(format=name, manifest=manifest, calibration=calibration)
+            (output.folder / RECORD).write_bytes(indented(encode_checked(record, ExportRecord)))
     except OSError as error:
         raise SimulshotError(
             f"cannot write {error.filename or out}: {error.strerror or error}", hint="nothing was exported"

@@ -260,7 +260,13 @@ class SessionWriter:
         BadInputError where the records contradict each other; the session is then left as it was.
         """
         with self._writing():
-            gone = (gap for gap in missing if not self._has(gap.camera, gap.instant))
+            # Not of a video's frame what it is, which would be read from the disk: only whether it is there.
+            gone = (
+                gap
+                for gap in missing
+                if self._images.get(gap.camera, gap.instant) is None
+                and not self.videos.has(gap.camera, gap.instant)
+            )
             manifest = Manifest(
                 name=self.name,
                 created=self.created,
@@ -319,9 +325,6 @@ class SessionWriter:
                 yield
             except OSError as error:
                 raise disk_error(error, self.folder) from error
-
-    def _has(self, camera: str, instant: int) -> bool:
-        return self._images.get(camera, instant) is not None or self.videos.has(camera, instant)
 
     def _close(self) -> None:
         self.videos.close()

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -10,10 +9,6 @@ from numpy.typing import NDArray
 
 from capture_app.optional_packages import RECONSTRUCTION, load_optional
 from capture_app.simulation.scenes.definition import Floats, Mesh
-
-
-def _open3d() -> Any:
-    return load_optional("open3d", RECONSTRUCTION, "a rendered scene", hint="use scene=bars")
 
 
 class Texture:
@@ -80,7 +75,7 @@ class Body:
     def __init__(
         self, meshes: Sequence[Mesh], textures: Mapping[str, Texture], things: Sequence[int] | None = None
     ) -> None:
-        o3d = _open3d()
+        o3d = load_optional("open3d", RECONSTRUCTION, "a rendered scene", hint="use scene=bars")
         counts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         triangles = np.concatenate([m.triangles + start for m, start in zip(meshes, counts, strict=False)])
         vertices = np.concatenate([m.vertices for m in meshes])

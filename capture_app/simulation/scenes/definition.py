@@ -76,8 +76,5 @@ def read_stage(name: str, **drawn: Picture) -> Stage:
     parts = {name: Part(thing, own) for (name, thing), own in meshes.items() if name}
     fixtures = [Part(thing, own) for (name, thing), own in meshes.items() if not name]
     textures = set(table["texture"].tolist()) - set(drawn)
-    return Stage(fixtures, parts, {one: _read_picture(one) for one in textures} | drawn)
-
-
-def _read_picture(name: str) -> Picture:
-    return np.asarray(cv2.imread(str(FILES / f"{name}.webp")), np.uint8)
+    pictures = {one: np.asarray(cv2.imread(str(FILES / f"{one}.webp")), np.uint8) for one in textures}
+    return Stage(fixtures, parts, pictures | drawn)

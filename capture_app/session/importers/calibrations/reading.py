@@ -204,21 +204,19 @@ def _read_json(path: Path, cameras: Sequence[str]) -> Views:
         return views_of_rig_config(path, rigs)
     if isinstance(content, dict) and isinstance(content.get("cameras"), dict):
         own = read_struct(path, Calibration, 1)
-        return Views(
-            {name: _own_view(of) for name, of in own.cameras.items()}, own.source or path.name, own.unit
-        )
+        views = {
+            name: View(
+                matrix=pinhole(of.fx, of.fy, of.cx, of.cy),
+                distortion=np.array(of.distortion, np.float64),
+                rotation=np.array(of.rotation, np.float64),
+                translation=np.array(of.translation, np.float64),
+                size=(of.width, of.height),
+            )
+            for name, of in own.cameras.items()
+        }
+        return Views(views, own.source or path.name, own.unit)
     hint = "known: simulshot's calibration.json, nerfstudio's transforms.json, COLMAP's rig_config.json"
     raise BadInputError(f"{path} is not a calibration", hint=hint)
-
-
-def _own_view(camera: CameraCalibration) -> View:
-    return View(
-        matrix=pinhole(camera.fx, camera.fy, camera.cx, camera.cy),
-        distortion=np.array(camera.distortion, np.float64),
-        rotation=np.array(camera.rotation, np.float64),
-        translation=np.array(camera.translation, np.float64),
-        size=(camera.width, camera.height),
-    )
 
 
 _HALF_PIXEL = 0.5

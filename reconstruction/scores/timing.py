@@ -15,7 +15,7 @@ ODD_SIGMAS = 3.0
 """An offset is claimed where zero is further away than this; an instant by itself disagrees from here on."""
 SURE_FRAMES = 0.1
 """An error above this share of a frame certifies nothing."""
-ODD_FRAMES, ODD_MS = 0.25, 5.0
+ODD_FRAMES, ODD_MS = 0.25, 4.0
 """An instant that is less than this from the others, the lesser of both, does not disagree with them."""
 ODD_SHARE = 0.2
 """With more of its instants in disagreement, a take has no one lateness."""

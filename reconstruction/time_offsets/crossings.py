@@ -146,6 +146,8 @@ MIN_POINTS = 3
 """Fewer points of an instant may all be wrong matches."""
 MIN_INSTANTS = 3
 """With fewer instants there is no error bar that could be believed."""
+SHARP_FRAMES = 1 / 6
+"""What an instant tells less sharply is not told: a wheel that turns looks alike at several offsets."""
 SYSTEMATIC_MS = 0.25
 """What is left of rows, exposures and the paths between images; one standard deviation."""
 SHARED_PX = 0.1
@@ -323,7 +325,7 @@ def _spread(misses: Array, least: float) -> float:
 
 
 def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
-    """Every instant's own offset, where its points give it to half a frame."""
+    """Every instant's own offset, where its points give it."""
     moved, instants = fit.moving.by(fit.geometry), []
     for instant in np.unique(moved.instant):
         its = moved.only(moved.instant == instant)
@@ -335,7 +337,7 @@ def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
         left = INSTANT_PX / np.sqrt(np.mean(its.across_px_per_ms**2) * _parts(its.geometry, its.instant))
         sd = max(1.25 / np.sqrt(weights.sum()), 1.25 * scatter / np.sqrt(its.counts.sum()))
         sd = float(np.hypot(sd, left))
-        if sd < period_ms / 2:
+        if sd < SHARP_FRAMES * period_ms:
             instants.append(InstantOffset(int(instant), middle, sd, int(its.counts.sum())))
     return tuple(instants)
 

@@ -98,3 +98,16 @@ def test_one_instant_that_disagrees_does_not_move_the_result() -> None:
     found = fit_offset(Crossings.join([good, odd]), still(0.0), PERIOD_MS)
     assert found.offset_ms == pytest.approx(0.0, abs=1)
     assert found.instants[-1].offset_ms == pytest.approx(15.0, abs=2)
+
+
+def test_instants_that_are_vague_confirm_nothing() -> None:
+    """A wheel that turns: one instant agrees with itself, others agree by chance with what is near it."""
+    sharp = crossings(0.0, wrong=0, instants=1)
+    vague = [
+        replace(few, instant=few.instant + later, offset_ms=np.array([-7.0, 0.5, 6.0, 8.0]))
+        for later, seed in ((1, 5), (2, 6))
+        for few in [crossings(0.0, right=4, wrong=0, instants=1, seed=seed)]
+    ]
+    found = fit_offset(Crossings.join([sharp, *vague]), still(0.0), PERIOD_MS)
+    assert found.offset_ms is None
+    assert "it takes 3" in found.reason

@@ -229,9 +229,10 @@ class FilledDepthMap(DepthMap):
 
 
 class _Match(NamedTuple):
-    """On the canvas: the reference, checked disparity, and how far grey levels and both directions differ."""
+    """On the canvas: both pictures, checked disparity, and how far grey levels and both directions differ."""
 
     reference: Array
+    other: Array
     checked: Array
     difference: Array
     left_right: Array
@@ -268,12 +269,14 @@ class StereoPair:
         return DepthMap(self._depth(found.checked), self._difference(found.difference))
 
     def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
-        """The same, and a guess wherever it was rejected."""
+        """The same, with what looks alike in both by the depth beside it, and a guess for all else."""
         found = self._match_checked(reference, other)
+        filled = fill_holes(found.checked)
+        found = found._replace(checked=np.where(_looks_alike(found, filled), filled, found.checked))
         return FilledDepthMap(
             depth=self._depth(found.checked),
             difference=self._difference(found.difference),
-            filled=self._depth(fill_holes(found.checked)),
+            filled=self._depth(filled),
             confidence=self._confidence(found),
         )
 
@@ -295,7 +298,7 @@ class StereoPair:
         left_right = np.abs(warp_by_disparity(backward, raw) - raw)
         consistent = self._consistent_pixels(a, warped, raw, left_right)
         checked = refine_disparity(a, b, fill_small_holes(np.where(consistent, raw, np.nan), raw))
-        return _Match(a, checked, np.abs(a.astype(np.float32) - warped), left_right)
+        return _Match(a, b, checked, np.abs(a.astype(np.float32) - warped), left_right)
 
     def _match(self, a: Array, b: Array, seen_a: Array, seen_b: Array) -> tuple[Array, Array]:
         """The reference's disparity where both views reach, NaN elsewhere, and the other view's own."""
@@ -328,6 +331,14 @@ class StereoPair:
         speckled = np.ascontiguousarray((np.where(good, disparity, -1.0) * 16).astype(np.int16))
         cv2.filterSpeckles(speckled, -16, MIN_ISLAND_PX, 2 * 16)
         return np.asarray(good & (speckled > 0))
+
+
+def _looks_alike(found: _Match, disparity: Array) -> Array:
+    """Where none was checked, and by this one the other picture shows what the reference does (bool)."""
+    warped = warp_by_disparity(found.other, disparity)
+    there = np.isfinite(warped)
+    alike = there & same_appearance(found.reference.astype(np.float32), np.where(there, warped, 0))
+    return np.asarray(alike & ~np.isfinite(found.checked))
 
 
 MIN_AGREEMENT = 0.35

@@ -135,17 +135,6 @@ def _read(path: Path) -> KeptCalibration | None:
         return None
 
 
-def check_calibration(dataset: Dataset, calibration: Calibration) -> RigCheck:
-    """Hold a calibration against what stands still in the middle of a session.
-
-    Raises:
-        BadInputError: it is of other cameras, or of pictures of another shape.
-    """
-    views = calibrated_views(dataset, calibration)
-    middle = len(dataset.instants_ns) // 2
-    return check_rig(views, features_at_rest(SceneMotion(dataset, 1), views, middle))
-
-
 def settle_calibration(dataset: Dataset) -> None:
     """Hold a session's own calibration against its pictures, or give it the one kept of its rig, and say so.
 
@@ -167,7 +156,8 @@ def settle_calibration(dataset: Dataset) -> None:
     if kept is None:
         return
     try:
-        check = check_calibration(dataset, kept.calibration)
+        views, middle = calibrated_views(dataset, kept.calibration), len(dataset.instants_ns) // 2
+        check = check_rig(views, features_at_rest(SceneMotion(dataset, 1), views, middle))
     except BadInputError as error:
         talk(f"the calibration kept from {kept.session} is not used: {error.what}")
         return

@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.consistency import reprojection_errors
-from reconstruction.common.geometry import Array, View, angles_deg, other_from_reference
+from reconstruction.calibration.consistency import reprojection_errors, triangulate
+from reconstruction.common.geometry import Array, View, angles_deg
 from reconstruction.pairs import CELLS, MIN_MATCHES, grid_cells
 
 SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
@@ -86,12 +85,6 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
 
 def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Array]:
     """For every point the larger of its two reprojection errors, px, and the angle of its rays, degrees."""
-    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
-    rotation, translation = other_from_reference(a, b)
-    first = np.hstack([np.eye(3), np.zeros((3, 1))])
-    second = np.hstack([rotation, translation[:, None]])
-    found = cv2.triangulatePoints(first, second, rays_a[:, :2].T.copy(), rays_b[:, :2].T.copy())
-    far = np.where(np.abs(found[3]) < 1e-12, 1e-12, found[3])
-    points = ((found[:3] / far).T - a.translation) @ a.rotation
+    points = triangulate((a, b), np.stack((at_a, at_b)))
     error = np.maximum(reprojection_errors(a, points, at_a), reprojection_errors(b, points, at_b))
-    return error, angles_deg(rays_a @ rotation.T, rays_b)
+    return error, angles_deg(a.rays(at_a) @ a.rotation, b.rays(at_b) @ b.rotation)

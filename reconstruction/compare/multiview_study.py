@@ -1,6 +1,6 @@
 """The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,6 @@ from reconstruction.compare.study import Study, write_pictures
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.mesh import draw_turntables
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
-from reconstruction.multiview.input_images import InputImage
 from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import ChosenMatcher
@@ -252,7 +251,7 @@ class MultiviewStudy(Study):
         reach = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
         made = self.rig.stages.arrays(
             "multiview",
-            lambda: vars(self.match(shots, sources, reach)),
+            lambda: vars(compute_instant_depth(shots, sources, reach, self.group.reference, self.matcher)),
             self.group.reference,
             tuple(shown.items()),
             repr(views),
@@ -262,15 +261,6 @@ class MultiviewStudy(Study):
             self.matcher.quick,
         )
         return InstantDepth(**made)
-
-    def match(
-        self,
-        images: Mapping[str, InputImage],
-        sources: Mapping[str, Sequence[str]],
-        reach: Mapping[str, tuple[float, float]],
-    ) -> InstantDepth:
-        """The depth of the reference by these pictures, as `compute_instant_depth` makes it."""
-        return compute_instant_depth(images, sources, reach, self.group.reference, self.matcher)
 
     def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float]:
         pixels = synced.shares["mover_coverage"][1]

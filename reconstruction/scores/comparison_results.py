@@ -184,9 +184,4 @@ class CompareResult(Struct, frozen=True, kw_only=True):
 
     def study(self, name: str) -> StudyResult | None:
         """What a study measured; None where it was skipped."""
-        return find_study(self.studies, name)
-
-
-def find_study(studies: tuple[StudyResult, ...], name: str) -> StudyResult | None:
-    """The study of this name, if it was made."""
-    return next((one for one in studies if one.name == name and not one.skipped), None)
+        return next((one for one in self.studies if one.name == name and not one.skipped), None)

@@ -7,7 +7,7 @@ import msgspec
 from msgspec import Struct
 
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.time_offsets.crossings import MIN_INSTANTS, OffsetFit
+from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit
 
 SIGMAS = 2.0
 """Standard deviations of the error that is shown (95 %)."""
@@ -27,15 +27,6 @@ ROW_MISMATCH_PX = 1.0
 """Epipolar error of what moves from which pictures may not be of one instant."""
 ROW_MISMATCH_RATIO = 5.0
 """And this many times that of what stands still, which does not depend on timing."""
-
-
-class InstantTiming(Struct, frozen=True, kw_only=True):
-    """One instant's own answer, by so many crossings of epipolar lines; `sd_ms`: a standard deviation."""
-
-    instant: int
-    late_ms: float
-    sd_ms: float
-    points: int
 
 
 class Timing(Struct, frozen=True, kw_only=True):
@@ -63,7 +54,7 @@ class Timing(Struct, frozen=True, kw_only=True):
     shift_ms: float | None = None
     """What added to the other camera's times (`--time-shift-ms`) pairs the pictures that belong together;
     None where they are paired as well as they can be."""
-    instants: tuple[InstantTiming, ...] = ()
+    instants: tuple[InstantOffset, ...] = ()
     moving_cameras: dict[str, float] = {}
     """Cameras that moved while they recorded, and by how many px from frame to frame."""
 
@@ -91,18 +82,12 @@ def judge_timing(
     and the instants by themselves agree.
     """
     reference, other = cameras
-    moving = moving_cameras or {}
-    instants = tuple(
-        InstantTiming(
-            instant=one.instant, late_ms=one.offset_ms + apart_ms, sd_ms=one.sd_ms, points=one.points
-        )
-        for one in fit.instants
-    )
+    moving, fit = moving_cameras or {}, fit.later(apart_ms)
     if fit.offset_ms is None or fit.sd_ms is None:
         return Timing(
-            reference=reference, other=other, reason=fit.reason, instants=instants, moving_cameras=moving
+            reference=reference, other=other, reason=fit.reason, instants=fit.instants, moving_cameras=moving
         )
-    late, sd = fit.offset_ms + apart_ms, fit.sd_ms
+    late, sd, instants = fit.offset_ms, fit.sd_ms, fit.instants
     odd = [
         one.instant
         for one in instants
@@ -125,7 +110,7 @@ def judge_timing(
         uncertainty_ms=SIGMAS * sd,
         offset=offset,
         reason=reason,
-        shift_ms=round(fit.offset_ms, 2) if offset and frames else None,
+        shift_ms=round(late - apart_ms, 2) if offset and frames else None,
         instants=instants,
         moving_cameras=moving,
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
+from msgspec import Struct, structs
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.time_offsets.pair_geometry import (
@@ -45,11 +46,6 @@ class Crossings:
     def later(self, by_ms: float | Array) -> Self:
         """The same, as if the second camera were later by so much."""
         return replace(self, offset_ms=self.offset_ms + by_ms)
-
-    @property
-    def distance_px(self) -> Array:
-        """How far the points are from their lines where B is not late."""
-        return np.asarray(self.offset_ms * self.across_px_per_ms)
 
     def by(self, geometry: Array) -> Self:
         """The same by another geometry, (TERMS,) of `geometry_terms`."""
@@ -174,12 +170,11 @@ class StillErrors:
         return cls(errors[near], geometry_terms(*views, at_a[near], at_b[near]))
 
 
-@dataclass(frozen=True)
-class InstantOffset:
-    """The offset by one instant's image of the first camera alone; `points` is how many agree."""
+class InstantOffset(Struct, frozen=True):
+    """How late the second camera is by one instant's image of the first alone; `points` is how many agree."""
 
     instant: int
-    offset_ms: float
+    late_ms: float
     sd_ms: float
     points: int
 
@@ -200,7 +195,7 @@ class OffsetFit:
 
     def later(self, by_ms: float) -> "OffsetFit":
         """The same, of a second camera that is later by so much."""
-        moved = tuple(replace(one, offset_ms=one.offset_ms + by_ms) for one in self.instants)
+        moved = tuple(structs.replace(one, late_ms=one.late_ms + by_ms) for one in self.instants)
         offset_ms = None if self.offset_ms is None else self.offset_ms + by_ms
         return replace(self, offset_ms=offset_ms, instants=moved)
 
@@ -262,7 +257,7 @@ class _Fit:
                 np.concatenate([moving.geometry, still.geometry]),
             ]
         )
-        seen = np.concatenate([moving.distance_px, still.errors_px])
+        seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still.errors_px])
         prior = np.diag([0.0 if count else 1.0, *np.ones(TERMS)])
         # The most that each can weigh, px^-2: what is shared does not get less by more points.
         shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / max(1, len(np.unique(moving.instant)))

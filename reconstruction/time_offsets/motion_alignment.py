@@ -153,7 +153,7 @@ class MotionAlignment:
         times = ImageTimes(self.dataset, (first, second))
         epoch_ms = self.dataset.instants_ns[0] / 1e6
         reference_ms = np.array([times.middle_ms(first, one.instant) for one in fit.instants]) + epoch_ms
-        camera_ms = reference_ms - np.array([one.offset_ms for one in fit.instants])
+        camera_ms = reference_ms - np.array([one.late_ms for one in fit.instants])
         # What an instant's points share their number does not average out.
         sds_ms = np.array([np.hypot(one.sd_ms, SYSTEMATIC_MS) for one in fit.instants])
         return fit_clock_line(

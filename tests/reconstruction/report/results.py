@@ -24,7 +24,8 @@ from reconstruction.scores.study_result import (
     Picture,
     StudyResult,
 )
-from reconstruction.scores.timing import InstantTiming, RigTiming, Timing
+from reconstruction.scores.timing import RigTiming, Timing
+from reconstruction.time_offsets.crossings import InstantOffset
 
 TIMING = Timing(
     reference="cam2",
@@ -32,7 +33,7 @@ TIMING = Timing(
     synchronized=True,
     late_ms=0.1,
     uncertainty_ms=0.4,
-    instants=tuple(InstantTiming(instant=k, late_ms=0.1 * k, sd_ms=0.3, points=20) for k in range(5)),
+    instants=tuple(InstantOffset(k, 0.1 * k, 0.3, 20) for k in range(5)),
 )
 
 

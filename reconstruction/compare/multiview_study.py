@@ -64,7 +64,7 @@ def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
     names, instants = dataset.cameras, range(len(dataset.instants_ns))
     counts = {k: sum(dataset.has_image(c, k) for c in names) for k in instants}
     fullest = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
-    best = max(fullest, key=lambda k: sum(shots.usable(c, k) for c in names))
+    best = max(fullest, key=lambda k: sum(not shots.problem(c, k) for c in names))
     left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
     images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
     _require_cameras(len(images), left_out)
@@ -230,12 +230,12 @@ class MultiviewStudy(Study):
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """The instants at which most cameras have their pictures in both conditions and something moves."""
-        reference, usable = self.group.reference, self.shots.usable
+        reference, problem = self.group.reference, self.shots.problem
         fullest = fullest_instants(self.dataset, condition, reference, self.group.cameras)
         by_instant = {one.instant: one.shown for one in fullest}
         found = []
         for now in choose_moving_instants(self.motion, (reference,), list(by_instant), self.max_instants):
-            shown = {c: k for c, k in by_instant[now].items() if usable(c, now) and usable(c, k)}
+            shown = {c: k for c, k in by_instant[now].items() if not (problem(c, now) or problem(c, k))}
             if reference in shown and len(shown) >= MIN_CAMERAS:
                 found.append(ShownInstant(now, shown))
         if not found:

@@ -33,9 +33,11 @@ def cost_volume(source_views: Sequence[SourceView], base: Array | None, offsets:
         bottom = min(top + rows, height)
         low, high = max(top - margin, 0), min(bottom + margin, height)
         inner = slice(top - low, bottom - low)
-        bands = [_Band(one, slice(low, high)) for one in source_views]
+        band = slice(low, high)
         for number, offset in enumerate(offsets):
-            together = combine_likeness([band.likeness(base, float(offset)) for band in bands])[inner]
+            shown = (_warp(one, band, base, float(offset)) for one in source_views)
+            found = [correlate_windows(one, w, band) for one, w in zip(source_views, shown, strict=True)]
+            together = combine_likeness(found)[inner]
             np.minimum(together, 1.0, out=together)
             together *= -WORST_COST
             np.add(together, WORST_COST, out=volume[top:bottom, number], casting="unsafe")
@@ -65,30 +67,18 @@ def combine_likeness(likeness: Sequence[Array]) -> Array:
     return total
 
 
-class _Band:
-    """Some rows of a reference, compared with a source."""
-
-    def __init__(self, source_view: SourceView, rows: slice) -> None:
-        reference = source_view.reference
-        self._view = source_view
-        self._rows = rows
-        self._size = reference.view.width, rows.stop - rows.start
-
-    def likeness(self, base: Array | None, offset: float) -> Array:
-        """0 (nothing in common, or beyond the source's picture) to about 1, float32."""
-        return correlate_windows(self._view, self._warp(base, offset), self._rows)
-
-    def _warp(self, base: Array | None, offset: float) -> Array:
-        picture = self._view.source.grey
-        if base is not None:
-            level = base[self._rows] + np.float32(offset)
-            x, y, _ = self._view.project(level, self._rows)
-            np.nan_to_num(x, copy=False, nan=-1e4)
-            return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderValue=OUTSIDE))
-        matrix = self._view.plane_warp(offset)
-        matrix[:, 2] += self._rows.start * matrix[:, 1]
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return np.asarray(cv2.warpPerspective(picture, matrix, self._size, flags=flags, borderValue=OUTSIDE))
+def _warp(source_view: SourceView, rows: slice, base: Array | None, offset: float) -> Array:
+    """The source's grey levels as these rows of the reference see it."""
+    picture = source_view.source.grey
+    if base is not None:
+        x, y, _ = source_view.project(base[rows] + np.float32(offset), rows)
+        np.nan_to_num(x, copy=False, nan=-1e4)
+        return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderValue=OUTSIDE))
+    matrix = source_view.plane_warp(offset)
+    matrix[:, 2] += rows.start * matrix[:, 1]
+    size = source_view.reference.view.width, rows.stop - rows.start
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpPerspective(picture, matrix, size, flags=flags, borderValue=OUTSIDE))
 
 
 def correlate_windows(source_view: SourceView, warped: Array, rows: slice = slice(None)) -> Array:

@@ -1,6 +1,7 @@
 """Scores of an instant's depth and cloud, on what moves and on the still control that must not change."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from reconstruction.multiview.cloud_accuracy import (
     points_on_movers,
     true_surfaces,
 )
+from reconstruction.multiview.input_images import undistorted_truth
 from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.tally import Measurements, measure_depth
@@ -92,11 +94,13 @@ class InstantScorer:
         """The true surfaces of an instant, if the calibration knows metres."""
         if self.unit != "m":
             return None
-        loaded = {camera: self.undistorted.full_ground_truth(camera, instant) for camera in shown}
+        full = {camera: self.undistorted.full_views[camera] for camera in shown}
+        dataset = self.undistorted.dataset
+        loaded = {camera: undistorted_truth(dataset, view, camera, instant) for camera, view in full.items()}
         known = {camera: one for camera, one in loaded.items() if one is not None}
         if len(known) < len(loaded):
             return None
-        views = {camera: self.undistorted.undistorted_view(camera) for camera in known}
+        views = {camera: replace(view, distortion=np.zeros(5)) for camera, view in full.items()}
         depth = {camera: one[0] for camera, one in known.items()}
         try:
             return true_surfaces(views, depth, {camera: one[1] for camera, one in known.items()})

@@ -1,6 +1,5 @@
 """A session's pictures, masks and true depth, undistorted and made smaller for a comparison."""
 
-from dataclasses import replace
 from functools import lru_cache
 
 import cv2
@@ -12,7 +11,6 @@ from reconstruction.multiview.input_images import (
     InputImage,
     undistort_image,
     undistort_nearest,
-    undistorted_truth,
 )
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion, dilate
@@ -29,10 +27,6 @@ class UndistortedSession:
         self.full_views = views
         self.views = {name: _small(view, width_px) for name, view in views.items()}
         self._image = lru_cache(maxsize=KEPT_IMAGES)(self._load)
-
-    def usable(self, camera: str, instant: int) -> bool:
-        """Whether there is a picture, and it is not empty."""
-        return not self.problem(camera, instant)
 
     def problem(self, camera: str, instant: int) -> str:
         """Why there is no picture to match; empty where there is one."""
@@ -58,20 +52,12 @@ class UndistortedSession:
         mask = self.undistort_mask(camera, self.motion.changing(camera, instant))
         return dilate(mask, max(3, mask.shape[1] // 80))
 
-    def full_ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
-        """As `ground_truth`, at the full size."""
-        return undistorted_truth(self.dataset, self.full_views[camera], camera, instant)
-
     def ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
         """True depth (m, 0 = unknown) and movers (bool), undistorted, at the small size."""
         loaded = self.dataset.ground_truth(camera, instant)
         if loaded is None:
             return None
         return self._undistort_small(camera, loaded[0]), self.undistort_mask(camera, loaded[1])
-
-    def undistorted_view(self, camera: str) -> View:
-        """The camera's view at its full size, without distortion."""
-        return replace(self.full_views[camera], distortion=np.zeros(5))
 
     def undistort_mask(self, camera: str, mask: Array) -> Array:
         """A mask (bool) of the session's own pixels as the small picture shows it."""

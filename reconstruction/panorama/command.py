@@ -108,7 +108,11 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
     with comparison_folder(out) as output:
         given = _load_input(sources, options)
         with opencv_calls("stitching"):
-            stitcher = _register(given)
+            try:
+                stitcher = PanoramaStitcher(*given.conditions["synced"], given.views)
+            except ValueError as error:
+                hint = "take them from one place, with a third of overlap between neighbours"
+                raise BadInputError(f"the pictures make no panorama: {error}", hint=hint) from error
             made = {
                 name: _save_panorama(stitcher, given.late, pictures, name, output.folder)
                 for name, pictures in given.conditions.items()
@@ -129,14 +133,6 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
         )
         write_metrics(output.folder, result)
     return result
-
-
-def _register(given: PanoramaInput) -> PanoramaStitcher:
-    try:
-        return PanoramaStitcher(*given.conditions["synced"], given.views)
-    except ValueError as error:
-        hint = "take them from one place, with a third of overlap between neighbours"
-        raise BadInputError(f"the pictures make no panorama: {error}", hint=hint) from error
 
 
 def _save_panorama(

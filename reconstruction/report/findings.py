@@ -361,19 +361,12 @@ def describe_control(result: CompareResult) -> str:
     return f"{equal}, so the difference on moving things comes from timing alone."
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One condition's number: in words, as a share 0..1 to draw, of what, and in which pictures."""
+def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
+    """Each condition's number and a note on both; none where nothing was measured.
 
-    tone: str
-    value: str
-    share: float
-    what: str
-    when: str
-
-
-def claims(result: CompareResult) -> tuple[Sequence[Claim], str]:
-    """Both numbers and a note on them; none where nothing was measured."""
+    A number's `tone` is its condition; `value` is in words, `share` (0..1) to be drawn, `what` it is of, and
+    `when`: in which pictures.
+    """
     stereo, panorama = result.study("stereo"), result.study("panorama")
     shown = stereo if stereo is not None and stereo.first_known(*DEPTH_MEASURES) else panorama
     known = None if shown is None else shown.first_known(*DEPTH_MEASURES, *PANORAMA_MEASURES)
@@ -396,7 +389,8 @@ def claims(result: CompareResult) -> tuple[Sequence[Claim], str]:
     sides = name_sides(result, shown.cameras)
     whens = (sides.when, f"when one picture is {sides.late}")
     both = zip(("synced", "offset"), words, shares, whens, strict=True)
-    return [Claim(tone, value, share, what, when) for tone, value, share, when in both], note
+    names = "tone", "value", "share", "when"
+    return [{**dict(zip(names, one, strict=True)), "what": what} for one in both], note
 
 
 @dataclass(frozen=True)

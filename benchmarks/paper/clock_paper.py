@@ -173,10 +173,10 @@ SHORT_RUNS = {300: 239, 1000: 100}
 """Of as many messages: 239 as the trials of the panel, each of which began with 300."""
 SHORT = 5
 """So many of the numbers of messages after which filters are judged are small, up to 1,000."""
-SIMULATED = "The link's delays, by a law that is made from the paper's own figures, and the clocks."
+SIMULATED = "The link's delays, by a law made from the paper's figures, and the clocks."
 BEGINS = (
-    "In the paper the leader begins each exchange and takes its clients in turn; so it is done here at the "
-    "paper's protocol. By default our clients begin, each when it likes. What an exchange shows is the same."
+    "At the paper's protocol the leader asks its clients in turn, by default each client asks; an exchange "
+    "shows the same."
 )
 
 
@@ -226,9 +226,9 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             given=tuple(name for name in TABLE_3.names if name != "messages"),
             notes=(
                 BEGINS,
-                "The law is made from these figures and the least round trips of 300, 1,000 and 10,000 "
-                "messages. How the quickest message divides is one sample; nothing else is known of the "
-                "asymmetry, which only half the least round trip bounds, and no exchange can see it.",
+                "The law is made from these figures and the least round trips below. How the quickest "
+                "message divides is one sample; no exchange can see the asymmetry, which half the least "
+                "round trip bounds.",
                 f"Not put in: after {FIRST} messages the minimum filter is {panel['mean_abs']:.0f} us off on "
                 f"average and {panel['max']:.0f} at most in {len(first)} trials. The paper's panel found "
                 f"{TABLE_2['clock.mean']:.0f} and {TABLE_2['clock.max']:.0f} at most.",

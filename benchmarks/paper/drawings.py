@@ -74,8 +74,8 @@ def figure_3(seed: int) -> Reproduction:
         default=Measured(ours.figures(), 1, "the client asks"),
         simulated="Two messages on the paper's link, drawn at their true times.",
         notes=(
-            "The paper's leader asks each client in turn. Here each client asks, so that any number of them "
-            "can do so at once and the leader keeps nothing about them; the estimate is the same.",
+            "Here each client asks, so that any number of them can do so at once and the leader keeps "
+            "nothing about them.",
         ),
         draw=partial(_draw_exchanges, papers, ours),
         suffix=".svg",

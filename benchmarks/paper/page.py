@@ -61,10 +61,10 @@ def _papers(row: Row) -> str:
 def set_ups(entry: Entry) -> tuple[str, ...]:
     """Say how both of ours were measured."""
     if entry.default == entry.protocol:  # the set-ups, not the numbers
-        return (f"Ours, at the paper's protocol and by default: {_set_up(entry.protocol)}",)
+        return (f"Both: {_set_up(entry.protocol)}",)
     return (
-        f"Ours at the paper's protocol: {_set_up(entry.protocol)}",
-        f"Ours by default: {_set_up(entry.default)}",
+        f"Its protocol: {_set_up(entry.protocol)}",
+        f"Default: {_set_up(entry.default)}",
     )
 
 

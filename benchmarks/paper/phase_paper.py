@@ -68,7 +68,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             notes=(
                 "Phones that start in 600 to 800 ms, as in the paper: they scatter over two periods, so that "
                 "no aim helps. The chance of a restart is 1 in 33.3 then, as in the paper's formula; "
-                "its 28.7 is the mean of ten trials with a standard deviation of 25.2. By default a camera "
+                "its 28.7 is the mean of ten trials. By default a camera "
                 "that can only restart is aligned to 2 ms.",
             ),
         ),

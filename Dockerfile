@@ -1,7 +1,8 @@
 # The machine that leads or reconstructs:
 #   docker build -t simulshot .
-#   docker run --network host -v "$PWD/sessions:/sessions" simulshot capture-app leader --sessions /sessions
-#   docker run -v "$PWD:/data" simulshot reconstruct compare /data/sessions/burst-001 --out /data/compare
+#   docker run --network host -v simulshot:/home/simulshot simulshot capture-app leader
+#   docker run -v simulshot:/home/simulshot simulshot reconstruct compare sessions/burst-001 --out compare
+# The volume keeps sessions, and who was paired. A folder of the host in its place has to be uid 1000's.
 FROM python:3.13-slim-trixie AS build
 RUN apt-get update \
     && apt-get install -y --no-install-recommends gcc libc6-dev \

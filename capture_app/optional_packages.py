@@ -70,7 +70,7 @@ def how_to_install(extra: str) -> str:
     except PackageNotFoundError:
         offered, known = (), []
     if extra not in offered:
-        return f"in simulshot's own folder: ./install.sh --with {extra}"
+        return f"install simulshot with its extra {extra}, in a clone by ./install.sh --with {extra}"
     here = {"sys_platform": sys.platform, "platform_machine": platform.machine()}
     wanted = [
         shlex.quote(f"{need.name}{need.specifier}")
@@ -90,5 +90,5 @@ def how_to_install(extra: str) -> str:
     elif shutil.which("uv"):
         installer = f"uv pip install --python {python}"
     else:
-        return f"in simulshot's own folder: ./install.sh --with {extra}"
+        return f"install simulshot with its extra {extra}, in a clone by ./install.sh --with {extra}"
     return f"{installer} {' '.join(wanted)}"

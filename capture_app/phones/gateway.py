@@ -17,7 +17,6 @@ import msgspec
 from aiohttp import WSMsgType, web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
-from msgspec import Struct
 
 from capture_app.errors import UnknownMachineError
 from capture_app.phones import wire
@@ -144,14 +143,6 @@ REPLACED = 4001
 """How the link of a page is closed when the same phone has come by another."""
 
 
-class JoinRequest(Struct, frozen=True):
-    """A phone asks to be let in."""
-
-    secret: str
-    key: str
-    name: str = ""
-
-
 class PhoneGateway:
     """Serves the page and its links; what becomes of a phone's frames is up to `on_phone`."""
 
@@ -204,12 +195,13 @@ class PhoneGateway:
 
     async def _join(self, request: web.Request) -> web.Response:
         try:
-            asked = msgspec.json.decode(await request.read(), type=JoinRequest)
-        except (*UNREADABLE, ValueError, web.RequestPayloadError):
+            asked = msgspec.json.decode(await request.read(), type=dict[str, str])
+            wish = asked["secret"], asked["key"], asked.get("name", "")
+        except (*UNREADABLE, ValueError, KeyError, web.RequestPayloadError):
             words = "This page is not of this leader: load it again."
             return web.json_response({"words": words}, status=HTTPStatus.BAD_REQUEST)
         try:
-            admitted = self._admission.admit(asked.secret, asked.key, asked.name)
+            admitted = self._admission.admit(*wish)
         except UnknownMachineError as error:
             return web.json_response({"words": str(error)}, status=HTTPStatus.FORBIDDEN)
         return web.json_response({"name": admitted.name, "ticket": self._admission.ticket(admitted)})

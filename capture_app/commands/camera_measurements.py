@@ -118,14 +118,18 @@ async def _calibrate(
 ) -> "tuple[MeasuredTimes, dict[str, StampAccuracy], dict[str, bool]]":
     """Measure, and tell each camera's node; what was found, the stamps, and by whom they are kept."""
     from capture_app.measure.camera_times import choose_reference, measure_session, measured_stamps
-    from capture_app.node.requests import tell_stamp
+    from capture_app.node.requests import ask_leader
+    from capture_app.node.wire.operating import KeepStamp, StampKept
 
     records = {record.name: record for record in session.manifest.cameras}
     talk("measuring")
     reference = choose_reference({name: record.facts for name, record in records.items()})
     found = await measure_session(session.folder, reference)
     stamps = measured_stamps(records, found)
-    kept = {name: await tell_stamp(leader, name, stamp) for name, stamp in stamps.items()}
+    kept = {
+        name: (await ask_leader(leader, KeepStamp(camera=name, stamp=stamp), StampKept)).kept
+        for name, stamp in stamps.items()
+    }
     return found, stamps, kept
 
 

@@ -230,9 +230,10 @@ def show(name: str, leader: Address, as_json: bool) -> None:
 
     With --json also each of the latest exchanges and errors.
     """
-    from capture_app.node.requests import ask_detail
+    from capture_app.node.requests import ask_leader
+    from capture_app.node.wire.operating import DetailAnswer, DetailRequest
 
-    detail = asyncio.run(ask_detail(leader, name))
+    detail = asyncio.run(ask_leader(leader, DetailRequest(camera=name), DetailAnswer)).detail
     answer(as_json, detail, [table((name, ""), _facts(detail)), *(line.text for line in detail.log[-20:])])
 
 

@@ -177,8 +177,8 @@ async def _run_leader(
     from capture_app.doctor import warnings_for_leader
     from capture_app.net.discovery import announced, announced_hosts
     from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.requests import ask_phone_invitation
-    from capture_app.node.wire.operating import AddCamera
+    from capture_app.node.requests import ask_leader
+    from capture_app.node.wire.operating import AddCamera, InvitePhone, PhoneInvited
     from capture_app.rig_process import recorded_rig
 
     host, sessions = options.host, options.sessions
@@ -202,7 +202,7 @@ async def _run_leader(
             record.enter_context(recorded_rig(node.own_address, sessions, log))
             async with contextlib.AsyncExitStack() as phones:
                 if with_phones:
-                    ask = functools.partial(ask_phone_invitation, node.own_address)
+                    ask = functools.partial(ask_leader, node.own_address, InvitePhone(), PhoneInvited)
                     await phones.enter_async_context(inviting_phones(ask, as_json))
                 await node.orders.stop_wanted.wait()
             log_line("stopped by an operator")

@@ -90,12 +90,13 @@ def remove(machine: str, as_json: bool) -> None:
 @json_option
 def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
     """Show a code by which one machine becomes known to a running leader."""
-    from capture_app.node.requests import ask_invitation, ask_status
+    from capture_app.node.requests import ask_leader, ask_status
+    from capture_app.node.wire.pairing import Invite, Invited
 
     role = Role(role)
     if role is Role.LEADER:
         raise click.UsageError("a leader invites, and is not invited")
-    invited = asyncio.run(ask_invitation(leader, role))
+    invited = asyncio.run(ask_leader(leader, Invite(role=role), Invited))
     line = joining_command(asyncio.run(ask_status(leader)).leader, role, invited.code)
     told = {"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line}
     there = f"for one machine, within {invited.good_for_s // 60} minutes; there: {line}"

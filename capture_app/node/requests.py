@@ -10,17 +10,16 @@ from typing import TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from capture_app.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue, StampAccuracy
+from capture_app.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.net.address import Address
 from capture_app.net.channel import connect
 from capture_app.node.asking import ANSWER_TIMEOUT_S, ask, receive_answer
-from capture_app.node.wire import messages, operating, pairing
+from capture_app.node.wire import messages, operating
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.operating import ExposeAppPhones
-from capture_app.node.wire.status import BurstStatus, NodeDetail, NodeStatus, RigStatus
+from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
-from capture_app.trust.known_machines import Role
 
 ORDER_TIMEOUT_S = 40.0
 """A camera that is started has to be opened first."""
@@ -40,9 +39,11 @@ async def ask_status(leader: Address) -> RigStatus:
                 return replace(rig, nodes=tuple(nodes))
 
 
-async def ask_detail(leader: Address, camera: str) -> NodeDetail:
-    """Return all that a node knows of itself. Raises NetworkError, and the leader's own errors."""
-    return (await _ask(leader, operating.DetailRequest(camera=camera), operating.DetailAnswer)).detail
+async def ask_leader(leader: Address, request: Message, kind: type[A]) -> A:
+    """Return a leader's answer to a request, of that kind. Raises NetworkError, and the leader's errors."""
+    timeout_s = ORDER_TIMEOUT_S if isinstance(request, operating.Order) else ANSWER_TIMEOUT_S
+    async with await connect(leader, messages.FromLeader) as channel:
+        return await ask(channel, request, kind, timeout_s)
 
 
 async def ask_controls(
@@ -53,16 +54,7 @@ async def ask_controls(
     Raises NetworkError, and the leader's own errors.
     """
     request = operating.ControlsRequest(camera=camera, wanted=dict(wanted))
-    return (await _ask(leader, request, operating.ControlsAnswer)).state
-
-
-async def tell_stamp(leader: Address, camera: str, stamp: StampAccuracy) -> bool:
-    """Let a camera's node go by what was measured of its stamps; whether it keeps it for the next time.
-
-    Raises NetworkError, and the leader's own errors.
-    """
-    order = operating.KeepStamp(camera=camera, stamp=stamp)
-    return (await _ask(leader, order, operating.StampKept)).kept
+    return (await ask_leader(leader, request, operating.ControlsAnswer)).state
 
 
 async def give_order(leader: Address, order: operating.Order) -> tuple[str, ...]:
@@ -70,17 +62,7 @@ async def give_order(leader: Address, order: operating.Order) -> tuple[str, ...]
 
     Raises NetworkError, and the leader's own errors.
     """
-    return (await _ask(leader, order, operating.Done, ORDER_TIMEOUT_S)).names
-
-
-async def ask_invitation(leader: Address, role: Role) -> pairing.Invited:
-    """Return a code by which one machine becomes known to the leader. Raises NetworkError."""
-    return await _ask(leader, pairing.Invite(role=role), pairing.Invited)
-
-
-async def ask_phone_invitation(leader: Address) -> operating.PhoneInvited:
-    """Return the page of the next phone. Raises NetworkError, and the leader's errors."""
-    return await _ask(leader, operating.InvitePhone(), operating.PhoneInvited, ORDER_TIMEOUT_S)
+    return (await ask_leader(leader, order, operating.Done)).names
 
 
 async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
@@ -97,11 +79,6 @@ async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIte
                 yield answer.burst
                 if answer.burst.done:
                     return
-
-
-async def _ask(leader: Address, request: Message, kind: type[A], timeout_s: float = ANSWER_TIMEOUT_S) -> A:
-    async with await connect(leader, messages.FromLeader) as channel:
-        return await ask(channel, request, kind, timeout_s)
 
 
 ISO_OF_GAIN_1 = 100

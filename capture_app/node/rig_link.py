@@ -10,19 +10,10 @@ from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.asking import receive_answer
-from capture_app.node.requests import (
-    ControlledCamera,
-    ask_burst,
-    ask_detail,
-    ask_invitation,
-    ask_phone_invitation,
-    give_order,
-    match_cameras,
-)
+from capture_app.node.requests import A, ControlledCamera, ask_burst, ask_leader, give_order, match_cameras
 from capture_app.node.wire import messages, operating
-from capture_app.node.wire.pairing import Invited
-from capture_app.node.wire.status import BurstStatus, NewsLine, NodeDetail, Preview, RigStatus
-from capture_app.trust.known_machines import Role
+from capture_app.node.wire.message import Message
+from capture_app.node.wire.status import BurstStatus, NewsLine, Preview, RigStatus
 
 
 class LinkLost(Struct, frozen=True):
@@ -95,45 +86,17 @@ class RigLink:
         """Take a burst and yield its progress until it is done; leaving it early does not cancel it."""
         return ask_burst(self.leader, request)
 
-    async def cancel_burst(self, burst: int) -> None:
-        """Wait no longer for the images of a burst: it is saved with what has come."""
-        await give_order(self.leader, operating.CancelBurst(burst=burst))
+    async def order(self, order: operating.Order) -> None:
+        """Return when the leader has done it."""
+        await give_order(self.leader, order)
 
-    async def invite(self) -> Invited:
-        """Make a code by which one further machine with a camera becomes known to the leader."""
-        return await ask_invitation(self.leader, Role.CAMERA)
-
-    async def invite_phone(self) -> operating.PhoneInvited:
-        """Serve the page by which the next phone becomes a camera; asked again, the present one."""
-        return await ask_phone_invitation(self.leader)
-
-    async def end_burst(self, burst: int) -> None:
-        """Let a recording, or a long burst, end now: it is saved with what was taken."""
-        await give_order(self.leader, operating.EndBurst(burst=burst))
-
-    async def add_camera(self, spec: str, name: str | None = None) -> None:
-        """Start a camera of the leader's machine; returns when its process runs, before it has joined."""
-        await give_order(self.leader, operating.AddCamera(spec=spec, name=name))
-
-    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
-        """Start so many further simulated cameras on the leader's machine."""
-        await give_order(self.leader, operating.AddSimulated(cameras=cameras, scene=scene))
-
-    async def remove_camera(self, name: str) -> None:
-        """End a node of the leader's (`NodeStatus.on_leader`), or forget one that is lost."""
-        await give_order(self.leader, operating.RemoveCamera(name=name))
-
-    async def detail(self, name: str) -> NodeDetail:
-        """Ask a node for what is too much for the status: once or twice a second, not more."""
-        return await ask_detail(self.leader, name)
+    async def ask(self, request: Message, kind: type[A]) -> A:
+        """Return the leader's answer of that kind: once or twice a second, not more."""
+        return await ask_leader(self.leader, request, kind)
 
     async def match_cameras(self, source: str) -> list[ControlledCamera]:
         """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
         return await match_cameras(self.leader, source)
-
-    async def stop_rig(self) -> None:
-        """End the leader's process and the cameras that are its children; bursts are saved as they are."""
-        await give_order(self.leader, operating.StopRig())
 
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
         match message:

@@ -18,6 +18,7 @@ from textual.screen import Screen
 
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import LinkLost, RigLink
+from capture_app.node.wire.operating import StopRig
 from capture_app.node.wire.status import NewsLine, RigStatus
 from capture_app.rig_process import AttachedRig
 from capture_app.sync.wire.messages import NodeState
@@ -274,7 +275,7 @@ class SimulshotApp(App[None]):
     @work(group="leaving", exclusive=True)
     async def _stop_rig(self) -> None:
         try:
-            await asyncio.wait_for(self._source.stop_rig(), STOP_TIMEOUT_S)
+            await asyncio.wait_for(self._source.order(StopRig()), STOP_TIMEOUT_S)
         except (SimulshotError, TimeoutError) as error:
             self.exit(message=printable(f"The rig may still run: {error or 'it did not answer'}"))
         else:

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 from capture_app.node.requests import ask_status
 from capture_app.node.rig_link import RigLink
+from capture_app.node.wire.operating import StopRig
 from capture_app.rig_process import start_rig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.terminal import talk
@@ -62,7 +63,7 @@ async def take_pictures(out: Path, folder: Path) -> None:
             await asyncio.sleep(5)
             save(app, out / "tui-sessions.svg")
     finally:
-        await link.stop_rig()
+        await link.order(StopRig())
 
 
 async def until(holds: Callable[[], bool]) -> None:

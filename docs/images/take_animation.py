@@ -17,6 +17,7 @@ from screen_drawing import draw_screen
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink
+from capture_app.node.wire.operating import AddSimulated
 from capture_app.sync.wire.messages import NodeState
 from capture_app.terminal import talk
 from capture_app.tui.app import SimulshotApp
@@ -79,7 +80,7 @@ async def play(folder: Path) -> None:
         LeaderOptions(sessions=folder, host="127.0.0.1", port=0, spool=folder / "spool")
     ) as leader:
         link = RigLink(leader.own_address)
-        await link.add_simulated(CAMERAS)
+        await link.order(AddSimulated(cameras=CAMERAS))
         app = SimulshotApp(link, settings=Settings(choices=PLAN), sessions=folder)
         async with app.run_test(size=SIZE):
             app.switch_mode("shoot")

@@ -37,6 +37,7 @@ from tests.waiting import patience
 pytestmark = pytest.mark.usefixtures("open_rig")
 
 NODE = 5
+OF_A = DetailRequest(camera="a")
 """The run of the node."""
 
 
@@ -122,7 +123,7 @@ async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: Lead
         assert decoded.shape == (30, 40, 3)
         assert abs(int(decoded.mean()) - 200) < 3
         assert picture.asked == [40]
-        assert (await link.detail("a")).samples == ((5, 6),)
+        assert (await link.ask(OF_A, DetailAnswer)).detail.samples == ((5, 6),)
     finally:
         running.cancel()
 
@@ -189,16 +190,16 @@ async def test_a_node_is_asked_for_what_all_operators_together_want(leader: Lead
 async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None:
     link = RigLink(leader.own_address)
     with pytest.raises(IncompleteError, match="a shows nothing"):
-        await link.detail("a")
+        await link.ask(OF_A, DetailAnswer)
     async with await connect(leader.own_address, FromLeader) as node:
         await node.send(ViewfinderOpened(camera="a", instance=NODE))
         await node.send(Vitals(fps=30.0))
-        asked = [asyncio.ensure_future(link.detail("a")) for _ in range(2)]
+        asked = [asyncio.ensure_future(link.ask(OF_A, DetailAnswer)) for _ in range(2)]
         await receive(node, DetailRequest)
         await node.send(DetailAnswer(detail=NodeDetail(camera="a", spool="/spool")))
         async with patience("the updates that follow"):
-            assert [(await one).spool for one in asked] == ["/spool", "/spool"]
-        gone = asyncio.ensure_future(link.detail("a"))
+            assert [(await one).detail.spool for one in asked] == ["/spool", "/spool"]
+        gone = asyncio.ensure_future(link.ask(OF_A, DetailAnswer))
         await receive(node, DetailRequest)
     with pytest.raises(IncompleteError, match="a shows nothing"):
         await gone
@@ -212,10 +213,10 @@ async def test_a_silent_node_is_told_to_all_who_ask(
     async with await connect(leader.own_address, FromLeader) as node:
         await node.send(ViewfinderOpened(camera="a", instance=NODE))
         await node.send(Vitals(fps=30.0))
-        first_one = asyncio.ensure_future(RigLink(leader.own_address).detail("a"))
+        first_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, DetailAnswer))
         await receive(node, DetailRequest)
         await asyncio.sleep(0.2)
-        second_one = asyncio.ensure_future(RigLink(leader.own_address).detail("a"))
+        second_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, DetailAnswer))
         async with patience("both answers"):
             told = await asyncio.gather(first_one, second_one, return_exceptions=True)
         assert [type(one) for one in told] == [IncompleteError, IncompleteError]

@@ -13,7 +13,11 @@ from textual.renderables.digits import DIGITS, DIGITS3X3
 
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.operating import PhoneInvited
+from capture_app.node.wire.operating import (
+    InvitePhone,
+    PhoneInvited,
+)
+from capture_app.node.wire.pairing import Invite, Invited
 from capture_app.text import printable
 from capture_app.trust.pairing import show_code
 from capture_app.tui.question import BoxDialog
@@ -126,7 +130,7 @@ class PhonesScreen(GuideScreen):
         shown = ""
         while True:
             try:
-                invited = await self._source.invite_phone()
+                invited = await self._source.ask(InvitePhone(), PhoneInvited)
                 if invited.url != shown:
                     self._show_steps(invited, came=bool(shown))
                     shown = invited.url

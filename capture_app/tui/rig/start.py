@@ -2,7 +2,7 @@
 
 import asyncio
 import textwrap
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -20,6 +20,7 @@ from capture_app.cameras.specs import DRIVERS
 from capture_app.net.address import DEFAULT_PORT
 from capture_app.node.leader.local_nodes import VIEWS
 from capture_app.node.rig_link import RigLink
+from capture_app.node.wire.operating import AddCamera, AddSimulated, Order
 from capture_app.text import count, printable
 from capture_app.tui.rig.joining import (
     InviteScreen,
@@ -228,7 +229,7 @@ class StartPanel(Vertical):
     def action_simulate(self) -> None:
         """Start simulated cameras."""
         words = f"Starting {count(self._cameras, 'simulated camera')} …"
-        self._start("simulated", self._source.add_simulated(self._cameras, self._scene), words)
+        self._start("simulated", AddSimulated(cameras=self._cameras, scene=self._scene), words)
 
     def action_more(self, step: int) -> None:
         """Change how many cameras are simulated."""
@@ -259,7 +260,7 @@ class StartPanel(Vertical):
         self._highlight(choice)
 
     def _start_camera(self, camera: CameraListing) -> None:
-        self._start(camera.spec, self._source.add_camera(camera.spec), f"Starting {camera.spec} …")
+        self._start(camera.spec, AddCamera(spec=camera.spec), f"Starting {camera.spec} …")
 
     @work(exclusive=True, group="offers")
     async def action_rescan(self) -> None:
@@ -276,12 +277,12 @@ class StartPanel(Vertical):
         self._explain()
 
     @work(group="start")
-    async def _start(self, choice: str, order: Awaitable[None], words: str) -> None:
+    async def _start(self, choice: str, order: Order, words: str) -> None:
         self._settings.remember(CHOICE, choice)
         self.say_busy(words)
         until_there = ""
         with telling(self):
-            await order
+            await self._source.order(order)
             # Said until they are there: their list takes this panel's place then.
             until_there = f"{words} They join as soon as they are open, within half a minute."
         self.say_busy(until_there)

@@ -13,6 +13,7 @@ from textual.content import Content
 from capture_app.errors import SimulshotError
 from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
 from capture_app.node.rig_link import LinkLost, RigLink
+from capture_app.node.wire.operating import RemoveCamera
 from capture_app.node.wire.status import NewsLine, NodeStatus, RigStatus
 from capture_app.rig_process import start_rig
 from capture_app.sync.wire.messages import NodeState
@@ -268,7 +269,7 @@ class RigView(ModeView):
                 return
         if node is not None:
             with telling(self):
-                await self._source.remove_camera(node.name)
+                await self._source.order(RemoveCamera(name=node.name))
 
 
 def _is_calm(status: RigStatus) -> bool:

@@ -1,7 +1,6 @@
 """The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet."""
 
 import asyncio
-from collections.abc import Awaitable
 from contextlib import aclosing
 from typing import Any, ClassVar
 
@@ -17,6 +16,7 @@ from capture_app.errors import SimulshotError
 from capture_app.node.motion_watch import MotionWatch, watch_motion
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.operating import CancelBurst, EndBurst, Order
 from capture_app.node.wire.status import BurstStatus, NodeStatus, Preview, RigStatus
 from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
@@ -144,7 +144,7 @@ class ShootView(ModeView):
         if self._under_way:
             self.action_stop()
         elif newest is not None and newest.recording and not newest.done:
-            self._order(self._rig.end_burst(newest.burst))
+            self._order(EndBurst(burst=newest.burst))
         else:
             self._begin(self.plan_panel.plan.request())
 
@@ -212,12 +212,12 @@ class ShootView(ModeView):
         )
         answer = await self.app.push_screen_wait(question)
         if answer is not None:
-            self._order(self._rig.cancel_burst(int(answer)))
+            self._order(CancelBurst(burst=int(answer)))
 
     @work(group="orders")
-    async def _order(self, order: Awaitable[None]) -> None:
+    async def _order(self, order: Order) -> None:
         with telling(self):
-            await order
+            await self._rig.order(order)
 
     @work(group="asking")
     async def _begin(self, request: BurstRequest, *, retake_of: str = "") -> None:

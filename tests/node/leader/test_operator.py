@@ -17,7 +17,13 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.news import NewsLog
 from capture_app.node.requests import ask_status, give_order
 from capture_app.node.rig_link import LinkLost, RigLink, Update
-from capture_app.node.wire.operating import AddSimulated, RemoveCamera
+from capture_app.node.wire.operating import (
+    AddCamera,
+    AddSimulated,
+    CancelBurst,
+    RemoveCamera,
+    StopRig,
+)
 from capture_app.node.wire.status import BurstStatus, NewsLine, RigStatus
 from capture_app.sync.rig.events import BurstRefused, NodeJoined, NodeLost
 
@@ -120,7 +126,7 @@ async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Pat
     async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
         link = RigLink(leader.own_address)
         updates = link.updates()
-        await link.add_camera("sim:webcam,scale=0.1", "desk")
+        await link.order(AddCamera(spec="sim:webcam,scale=0.1", name="desk"))
 
         def shows_desk(update: Update) -> bool:
             return isinstance(update, RigStatus) and [n.name for n in update.nodes] == ["desk"]
@@ -129,14 +135,14 @@ async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Pat
         assert isinstance(status, RigStatus)
         assert status.nodes[0].on_leader
         with pytest.raises(BadInputError, match="desk is here already"):
-            await link.add_camera("sim:webcam", "desk")
+            await link.order(AddCamera(spec="sim:webcam", name="desk"))
         with pytest.raises(BadInputError, match="unknown simulated camera 'nope'"):
-            await link.add_camera("sim:nope")
+            await link.order(AddCamera(spec="sim:nope"))
         with pytest.raises(BadInputError, match="unknown camera 'what'"):
-            await link.add_camera("what")
+            await link.order(AddCamera(spec="what"))
         with pytest.raises(BadInputError, match="no node named nobody"):
-            await link.remove_camera("nobody")
-        await link.remove_camera("desk")
+            await link.order(RemoveCamera(name="nobody"))
+        await link.order(RemoveCamera(name="desk"))
         assert (await ask_status(leader.own_address)).nodes == ()
         await updates.aclose()
 
@@ -168,7 +174,7 @@ async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
 
 
 async def test_an_operator_ends_the_leader(leader: LeaderNode) -> None:
-    await RigLink(leader.own_address).stop_rig()
+    await RigLink(leader.own_address).order(StopRig())
     async with asyncio.timeout(PATIENCE_S):
         await leader.orders.stop_wanted.wait()
 
@@ -176,7 +182,7 @@ async def test_an_operator_ends_the_leader(leader: LeaderNode) -> None:
 async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None:
     link = RigLink(leader.own_address)
     with pytest.raises(BadInputError, match="burst 7 is not under way"):
-        await link.cancel_burst(7)
+        await link.order(CancelBurst(burst=7))
     with pytest.raises(BadInputError, match="no node named a"):
         await give_order(leader.own_address, RemoveCamera(name="a"))
 

@@ -7,6 +7,7 @@ import pytest
 from textual.command import Command, CommandList, CommandPalette
 
 from capture_app.errors import NetworkError
+from capture_app.node.wire.operating import StopRig
 from capture_app.node.wire.status import BurstStatus
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.keys import HelpScreen, keys_file_text, known_actions, unknown_names
@@ -99,7 +100,7 @@ async def test_a_rig_of_this_machine_is_left_or_stopped_as_the_user_says(key: st
         assert not rig.asked
         await pilot.press("q", key)
         await settle(pilot)
-    assert rig.asked == ([("stop_rig",)] if stopped else [])
+    assert rig.asked == ([("order", StopRig())] if stopped else [])
     assert app.return_code == 0
 
 
@@ -118,7 +119,7 @@ async def test_nothing_is_asked_where_nothing_is_lost() -> None:
     assert not await leaves_at_once(make_app(FakeRig(5), started=True))
     empty = FakeRig(0)
     assert await leaves_at_once(make_app(empty, started=True))
-    assert empty.asked == [("stop_rig",)]
+    assert empty.asked == [("order", StopRig())]
     assert not elsewhere.asked
 
 
@@ -135,7 +136,7 @@ async def test_a_burst_under_way_is_spoken_of_and_a_rig_that_will_not_stop_too()
         await pilot.press("s")
         await settle(pilot)
     assert app.return_code == 0
-    assert rig.asked == [("stop_rig",)]
+    assert rig.asked == [("order", StopRig())]
 
 
 async def test_leaving_twice_needs_no_answer() -> None:

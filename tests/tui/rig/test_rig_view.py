@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import BadInputError
+from capture_app.node.wire.operating import RemoveCamera
+from capture_app.node.wire.pairing import Invite
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.joining import large
@@ -110,7 +112,7 @@ async def test_a_lost_camera_is_removed_by_a_key_and_one_elsewhere_is_not() -> N
         assert toasts(app) == ["cam00 runs on another machine (192.168.1.7:50112) (stop it there)"]
         await pilot.press("end", "delete")
         await settle(pilot)
-        assert rig.asked == [("remove_camera", "cam04")]
+        assert rig.asked == [("order", RemoveCamera(name="cam04"))]
         assert "cam04" not in text(app, ROWS)
         rig.change("cam03", state=NodeState.LOST)
         rig.failure = BadInputError("cam03 is back")
@@ -183,7 +185,7 @@ async def test_a_code_for_another_machine_is_large_wherever_one_looks_at_the_rig
         assert any("--leader" in line for line in shown)
         await pilot.press("i")
         await settle(pilot)
-        assert rig.asked == [("invite",), ("invite",)]
+        assert rig.asked == [("ask", Invite())] * 2
 
 
 async def test_of_a_leader_that_is_gone_one_thing_is_said() -> None:

@@ -13,6 +13,7 @@ from capture_app.errors import BadInputError, DiskFullError, IncompleteError
 from capture_app.node.motion_watch import MotionWatch
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.operating import CancelBurst, EndBurst
 from capture_app.node.wire.status import BurstAhead, BurstStatus, Preview
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
@@ -240,7 +241,7 @@ async def test_bursts_ahead_are_cancelled_by_a_key(tmp_path: Path) -> None:
         ]
         await pilot.press("escape", "x", "2")
         await studio.settle(pilot)
-        assert [asked for asked in rig.asked if asked[0] == "cancel_burst"] == [("cancel_burst", 8)]
+        assert [asked[1] for asked in rig.asked if asked[0] == "order"] == [CancelBurst(burst=8)]
 
 
 async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_told(tmp_path: Path) -> None:
@@ -262,7 +263,7 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
         rig.failure = BadInputError("burst 1 is not under way", hint="a saved one is a session")
         await pilot.press("1")
         await studio.settle(pilot)
-        assert ("cancel_burst", 1) in rig.asked
+        assert ("order", CancelBurst(burst=1)) in rig.asked
         await studio.settle(pilot)
         assert any("not under way" in str(toast.render()) for toast in studio.app.screen.query(Toast))
         rig.saves.set()
@@ -296,7 +297,7 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         assert "80 frames, 2 on their way; Space ends it" in line_of(studio)
         await pilot.press("space")
         await studio.settle(pilot)
-        assert ("end_burst", 4) in rig.asked
+        assert ("order", EndBurst(burst=4)) in rig.asked
         assert sum(asked[0] == "burst" for asked in rig.asked) == 1
 
 

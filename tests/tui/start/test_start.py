@@ -8,6 +8,8 @@ from textual.widgets import OptionList
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.v4l2 import driver
 from capture_app.errors import CameraError, UnknownMachineError
+from capture_app.node.wire.operating import AddCamera, AddSimulated
+from capture_app.node.wire.pairing import Invite
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.joining import joining_line, qr_lines
 from capture_app.tui.settings import Settings
@@ -67,7 +69,7 @@ async def test_a_camera_is_one_key_away_and_is_the_first_choice_next_time(
         await rest(app, pilot)
         await pilot.press("e", "c")  # e is in use
         await settle(pilot)
-        assert rig.asked == [("add_camera", "v4l2:/dev/video0", None)]
+        assert rig.asked == [("order", AddCamera(spec="v4l2:/dev/video0"))]
     settings.remember("start.choice", "simulated")
     settings.save()
     app = make_app(FakeRig(0), settings=Settings.load(tmp_path))
@@ -86,7 +88,7 @@ async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> No
         assert "s  Simulate 5 cameras" in offered(app)  # that scene has no more views
         await pilot.press("-", "s")
         await settle(pilot)
-        assert rig.asked == [("add_simulated", 4, "pinwheel")]
+        assert rig.asked == [("order", AddSimulated(cameras=4, scene="pinwheel"))]
         assert "◔ syncing" in text(app, "#cameras-rows")
         assert not app.screen.query_one("#start").display
         await pilot.press("a")  # more of them, and back
@@ -129,7 +131,7 @@ async def test_inviting_shows_a_number_for_machines_that_are_not_known() -> None
         await rest(app, pilot)
         await pilot.press("i")
         await settle(pilot)
-        assert rig.asked == [("invite",)]
+        assert rig.asked == [("ask", Invite())]
         assert "1234 5678" in " ".join(text(app, "#invite-words").split())
         rig.failure = UnknownMachineError("this rig is open to anybody and needs no code")
         await pilot.press("i")
@@ -170,7 +172,7 @@ def test_a_code_is_what_was_put_in(tmp_path: Path) -> None:
 class SlowRig(FakeRig):
     """One whose cameras come later."""
 
-    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
+    def add_cameras(self, cameras: int) -> None:
         """Start their processes."""
 
 
@@ -185,6 +187,6 @@ async def test_what_was_started_stays_said_until_it_is_there() -> None:
             rig.tell()
             await settle(pilot)
             assert "Starting 5 simulated cameras" in text(app, "#start-meaning")
-        await FakeRig.add_simulated(rig, 5)
+        FakeRig.add_cameras(rig, 5)
         await settle(pilot)
         assert not app.screen.query_one("#start").display

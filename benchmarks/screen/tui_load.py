@@ -26,7 +26,7 @@ from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import RigState, Watchers
+from capture_app.node.leader.watchers import RigState, Watcher
 from capture_app.node.news import NewsLog
 from capture_app.node.requests import ask_burst, ask_status, give_order
 from capture_app.node.rig_link import RigLink
@@ -186,13 +186,13 @@ class Unchanged:
 async def _measure_idle(status: RigStatus, options: Namespace, environment: dict[str, str]) -> Condition:
     """A screen on a rig in which nothing changes."""
     idle = Condition("unchanged")
-    watchers = Watchers(cast(RigState, Unchanged(status)), NewsLog(), Viewfinders())
+    rig, viewfinders = cast(RigState, Unchanged(status)), Viewfinders()
 
     async def serve(channel: Channel[ToLeader]) -> None:
         if isinstance(await channel.receive_header(), StatusRequest):
             await channel.send(StatusAnswer(rig=status))
         else:
-            await watchers.serve(channel)
+            await Watcher(channel, rig, NewsLog(), viewfinders).serve()
 
     datagrams, listening = bind_port("127.0.0.1", 0)
     server = TransferServer[ToLeader](ToLeader, serve)

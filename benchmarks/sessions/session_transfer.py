@@ -114,7 +114,7 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
     nobody: Any = None
-    service = LeaderService(nobody, cast(Any, OneBurst(session)), nobody, nobody, nobody, nobody)
+    service = LeaderService(nobody, cast(Any, OneBurst(session)), None, nobody, nobody)
     server: TransferServer[ToLeader] = TransferServer(ToLeader, service.serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)

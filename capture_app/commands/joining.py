@@ -19,7 +19,7 @@ from capture_app.trust.pairing import parse_code, show_code
 from capture_app.trust.trust import Trust
 
 if TYPE_CHECKING:
-    from capture_app.net.discovery import ReachableLeader
+    from capture_app.net.discovery import FoundLeader
     from capture_app.node.wire.operating import PhoneInvited
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -186,11 +186,12 @@ def find_leader() -> Address:
         return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
 
     leader = choose_leader(run_until_stopped(search_leaders(own, log_line)), can_ask=sys.stdin.isatty())
-    log_line(f"found a leader at {leader.address} ({leader.name})")
-    return leader.address
+    address = leader.addresses[0]
+    log_line(f"found a leader at {address} ({leader.name})")
+    return address
 
 
-def choose_leader(found: "Sequence[ReachableLeader]", *, can_ask: bool) -> "ReachableLeader":
+def choose_leader(found: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLeader":
     """Return the leader that was found; of several the one that the user names.
 
     Raises NetworkError where there are several and nobody to ask.
@@ -198,10 +199,10 @@ def choose_leader(found: "Sequence[ReachableLeader]", *, can_ask: bool) -> "Reac
     if len(found) == 1:
         return found[0]
     if not can_ask:
-        names = ", ".join(f"{one.address} ({one.name})" for one in found)
+        names = ", ".join(f"{one.addresses[0]} ({one.name})" for one in found)
         raise NetworkError(f"several leaders are in this network: {names}", hint="choose one by --leader")
     for number, one in enumerate(found, 1):
-        talk(f"{number}  {one.address}  {one.name}{'' if one.is_known else '  (not paired)'}")
+        talk(f"{number}  {one.addresses[0]}  {one.name}{'' if one.is_known else '  (not paired)'}")
     which = click.IntRange(1, len(found))
     chosen: int = click.prompt("Several leaders are here. Which", type=which, default=1, err=True)
     return found[chosen - 1]

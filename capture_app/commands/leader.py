@@ -198,13 +198,13 @@ async def _run_leader(
                 address = {"leader": str(node.address), "port": node.address.port}
                 print_json_line({"event": "listening", **address, "sessions": str(sessions)})
             for spec in cameras:
-                await node.orders.carry_out(AddCamera(spec=spec))
+                await node.service.carry_out(AddCamera(spec=spec))
             record.enter_context(recorded_rig(node.own_address, sessions, log))
             async with contextlib.AsyncExitStack() as phones:
                 if with_phones:
                     ask = functools.partial(ask_leader, node.own_address, InvitePhone(), PhoneInvited)
                     await phones.enter_async_context(inviting_phones(ask, as_json))
-                await node.orders.stop_wanted.wait()
+                await node.service.stop_wanted.wait()
             log_line("stopped by an operator")
 
 

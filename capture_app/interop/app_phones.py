@@ -10,7 +10,8 @@ from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS, PERIOD_NS, TIME_PORT
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
-from capture_app.node.leader.followers import FollowedRig, RigFollower, Take
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.leader.followers import FollowedRig, RigFollower
 from capture_app.node.news import FollowerNews
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
@@ -71,7 +72,7 @@ class AppPhones(RigFollower):
         """The phones that are or were here lately."""
         return self._engine.statuses(self._clock.now_ns())
 
-    def take_part(self, take: Take) -> None:
+    def take_part(self, take: BurstSession) -> None:
         """Have the phones that are here take their pictures of a burst, or their videos."""
         if not (phones := len(self._engine.present())):
             return
@@ -111,7 +112,7 @@ class AppPhones(RigFollower):
         which = f"{len(taken)} of {count(len(instants_ns), 'instant')}"
         return f"take {which}: one each half a second at most"
 
-    def _begin_recording(self, take: Take) -> None:
+    def _begin_recording(self, take: BurstSession) -> None:
         task = asyncio.create_task(self._record(take))
         self._recordings.add(task)
         task.add_done_callback(self._recordings.discard)
@@ -128,7 +129,7 @@ class AppPhones(RigFollower):
         self._engine.set_exposure(exposure_ns, iso)
         self._turn()
 
-    async def _record(self, take: Take) -> None:
+    async def _record(self, take: BurstSession) -> None:
         self._engine.start_recording()
         self._turn()
         try:

@@ -7,18 +7,17 @@ header    one message, tagged JSON
 payload   an image and what belongs to it
 
 All of it is in TLS, by which each end proves its key before either says a word, but where a port is open to
-anybody. Strangers must not use a port up: it keeps so many streams, and each has so long.
+anybody. Strangers must not use a port up: each stream has so long.
 """
 
 import asyncio
 import asyncio.sslproto
 import contextlib
-import resource
 import socket
 import ssl
 import struct
 from collections.abc import AsyncIterator
-from contextlib import suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Self, TypeVar, cast
 
@@ -34,24 +33,6 @@ GREETING = b"SSH1"
 # Each stream of TLS has a buffer of that size from its first moment on: with asyncio's own 256 KiB strangers
 # could use the memory up.
 asyncio.sslproto.SSLProtocol.max_size = 1 << 15
-
-
-async def identify_peer(writer: asyncio.StreamWriter, trust: Trust, timeout_s: float) -> Peer:
-    """Speak TLS on a stream that has come, see who it is, and greet it. Raises OSError where it does not.
-
-    To be called before anything of the stream is read.
-    """
-    context = trust.server_context()
-    if context is not None:
-        plain: Any = writer.transport
-        try:
-            await writer.start_tls(context, ssl_handshake_timeout=timeout_s)
-        except AttributeError as error:
-            # Asyncio's own, where the peer went away in that very moment: it leaves no transport to close.
-            cast(Any, writer)._transport = plain
-            raise ConnectionResetError("the peer went away") from error
-        writer.write(GREETING)
-    return trust.peer(_certificate(writer))
 
 
 async def open_identified(
@@ -114,17 +95,7 @@ def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
     return None if tls is None else tls.getpeercert(binary_form=True)
 
 
-MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
-"""A node has two open at most; those below a relay have the address of the relay."""
-MOST_OF_ONE_MACHINE = 200
-"""A machine of cameras, each with two, takes no room of others."""
-RESERVED = 32
-"""Beyond all, for operators, whom it is seen to be only when they are here."""
-MOST_SILENT = 96
-"""How many may have said nothing yet: TLS takes memory from a stream's first moment on."""
-WANTED_FILES = 8192
 MAX_HEADER_BYTES = 1 << 20
-FILES_OF_A_STREAM, OTHER_FILES = 2, 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,85 +113,6 @@ class Patience:
 
 
 FOR_EVER = Patience(first_s=None, idle_s=None, message_s=None, header_bytes=MAX_HEADER_BYTES)
-
-
-class OpenStreams:
-    """The streams of one port. For a new one room is made by one that has said nothing, or else is not known.
-
-    Of several the oldest; those of nodes that have joined stay.
-    """
-
-    def __init__(self, most: int = MOST_STREAMS, most_of_one_address: int = MOST_OF_ONE_ADDRESS) -> None:
-        self._most, self._most_of_one_address = most, most_of_one_address
-        self._streams: dict[str, list[Channel[Any]]] = {}
-
-    def __len__(self) -> int:
-        return sum(map(len, self._streams.values()))
-
-    def admit(self, stream: "Channel[Any]") -> bool:
-        """Whether a new stream may stay; another one may be broken off for it."""
-        own = self._streams.get(stream.host, [])
-        silent = [[one for one in streams if not one.has_spoken] for streams in self._streams.values()]
-        if sum(map(len, silent)) >= MOST_SILENT:
-            admitted = self._make_room(max(silent, key=len))
-        elif len(own) >= self._most_of_one_address:
-            admitted = self._make_room(own)
-        elif len(self) >= self._most:
-            # Whoever has the most is the likeliest to have too many.
-            admitted = any(map(self._make_room, sorted(self._streams.values(), key=len, reverse=True)))
-        else:
-            admitted = True
-        if not admitted and len(self) < self._most + RESERVED:
-            admitted = stream.is_beyond = True
-        if admitted:
-            self._streams.setdefault(stream.host, []).append(stream)
-        return admitted
-
-    def admit_peer(self, stream: "Channel[Any]") -> bool:
-        """Whether it may stay, now that it is seen whose it is; one that was less of use may go for it."""
-        who = stream.who
-        if who.pin and (who.may(Role.OPERATOR) or (who.may(Role.RELAY) and not stream.is_beyond)):
-            return True
-        stays = not stream.is_beyond
-        own = [one for all_of in self._streams.values() for one in all_of if who.pin and one.who == who]
-        if stays and len(own) > MOST_OF_ONE_MACHINE:
-            spare = next((one for one in own if not one.is_known), stream)
-            spare.abort()
-            self.remove(spare)
-            stays = spare is not stream
-        return stays
-
-    def remove(self, stream: "Channel[Any]") -> None:
-        """Forget a stream that has ended, or was never admitted."""
-        own = self._streams.get(stream.host, [])
-        with suppress(ValueError):
-            own.remove(stream)
-        if not own:
-            self._streams.pop(stream.host, None)
-
-    def _make_room(self, streams: "list[Channel[Any]]") -> bool:
-        strangers = [
-            one for one in streams if not (one.is_known or (one.who.pin and one.who.may(Role.OPERATOR)))
-        ]
-        stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
-        if stream is None:
-            return False
-        stream.abort()
-        self.remove(stream)
-        return True
-
-
-def allowed_streams() -> int:
-    """Return how many streams this process has files for, after it has asked for as many as it may have."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft != resource.RLIM_INFINITY:
-        wanted = WANTED_FILES if hard == resource.RLIM_INFINITY else min(WANTED_FILES, hard)
-        if wanted > soft:
-            with suppress(OSError, ValueError):
-                resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
-                soft = wanted
-        return max(1, min(MOST_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
-    return MOST_STREAMS
 
 
 MAGIC = b"SSH1"
@@ -262,25 +154,32 @@ class Channel(Generic[M]):
         where = writer.get_extra_info("peername") or ("?", 0)
         self.peer = Address(str(where[0]), int(where[1]))
         """Address of the other end; TLS does not tell it any more when the stream has ended."""
+        self.host = self.peer.host
+        self.unread = 0
+        """How many bytes of the last message's payload are still to be read."""
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
-        self._unread = 0
         self._patience = patience
 
-    @property
-    def host(self) -> str:
-        """Host of the other end."""
-        return self.peer.host
-
-    @property
-    def unread(self) -> int:
-        """How many bytes of the last message's payload are still to be read."""
-        return self._unread
-
     async def identify(self, trust: Trust) -> None:
-        """See who has come, before anything of the stream is read. Raises OSError where it does not show."""
-        self.who = await identify_peer(self._writer, trust, self._patience.first_s or CONNECT_TIMEOUT_S)
+        """Speak TLS on a stream that has come, see who it is, and greet it. Raises OSError where it does not.
+
+        To be called before anything of the stream is read.
+        """
+        writer, context = self._writer, trust.server_context()
+        if context is not None:
+            plain: Any = writer.transport
+            try:
+                await writer.start_tls(
+                    context, ssl_handshake_timeout=self._patience.first_s or CONNECT_TIMEOUT_S
+                )
+            except AttributeError as error:
+                # Asyncio's own, where the peer went away just then: it leaves no transport to close.
+                cast(Any, writer)._transport = plain
+                raise ConnectionResetError("the peer went away") from error
+            writer.write(GREETING)
+        self.who = trust.peer(_certificate(writer))
 
     def trust(self) -> None:
         """Take messages of any allowed length from now on: the peer is known."""
@@ -299,18 +198,27 @@ class Channel(Generic[M]):
         message = await self.receive_header()
         return None if message is None else (message, b"".join([chunk async for chunk in self.payload()]))
 
-    async def _read_prefix(self) -> bytes | None:
+    @asynccontextmanager
+    async def _reading(self, patience_s: float | None, too_slow: str) -> AsyncIterator[None]:
         try:
-            async with asyncio.timeout(self._patience.idle_s if self.has_spoken else self._patience.first_s):
-                return await self._reader.readexactly(_PREFIX.size)
+            async with asyncio.timeout(patience_s):
+                yield
         except TimeoutError as error:
-            raise NetworkError("the peer was silent for too long") from error
+            raise NetworkError(too_slow) from error
         except asyncio.IncompleteReadError as error:
-            if error.partial:
-                raise NetworkError(_BROKEN) from error
-            return None
+            raise NetworkError(_BROKEN) from error
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
+
+    async def _read_prefix(self) -> bytes | None:
+        patience_s = self._patience.idle_s if self.has_spoken else self._patience.first_s
+        async with self._reading(patience_s, "the peer was silent for too long"):
+            try:
+                return await self._reader.readexactly(_PREFIX.size)
+            except asyncio.IncompleteReadError as error:
+                if error.partial:
+                    raise
+        return None
 
     async def receive_header(self) -> M | None:
         """Read one message without its payload, for `payload` to read; what it left is skipped.
@@ -330,14 +238,9 @@ class Channel(Generic[M]):
                 f"a message of {header_bytes} + {payload_bytes} bytes is over the limit of "
                 f"{self._patience.header_bytes} + {MAX_PAYLOAD_BYTES}"
             )
-        try:
-            async with asyncio.timeout(self._patience.message_s):
-                header = await self._reader.readexactly(header_bytes)
-        except TimeoutError as error:
-            raise NetworkError(_TOO_SLOW) from error
-        except (asyncio.IncompleteReadError, OSError) as error:
-            raise NetworkError(_BROKEN) from error
-        self._unread = payload_bytes
+        async with self._reading(self._patience.message_s, _TOO_SLOW):
+            header = await self._reader.readexactly(header_bytes)
+        self.unread = payload_bytes
         try:
             # What a peer says reaches screens and logs: none of it may steer a terminal.
             message = self._decoder.decode(printable_json(header))
@@ -350,17 +253,12 @@ class Channel(Generic[M]):
 
     async def payload(self) -> AsyncIterator[bytes]:
         """Yield the last message's payload as it comes in. Raises NetworkError where it breaks off."""
-        while self._unread:
-            try:
-                async with asyncio.timeout(self._patience.message_s):
-                    chunk = await self._reader.read(min(self._unread, CHUNK_BYTES))
-            except TimeoutError as error:
-                raise NetworkError(_TOO_SLOW) from error
-            except OSError as error:
-                raise NetworkError(f"the transfer broke off: {error}") from error
+        while self.unread:
+            async with self._reading(self._patience.message_s, _TOO_SLOW):
+                chunk = await self._reader.read(min(self.unread, CHUNK_BYTES))
             if not chunk:
                 raise NetworkError(_BROKEN)
-            self._unread -= len(chunk)
+            self.unread -= len(chunk)
             yield chunk
 
     async def send(

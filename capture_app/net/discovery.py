@@ -14,7 +14,7 @@ import socket
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 from zeroconf import Error, IPVersion, ServiceStateChange, Zeroconf
@@ -129,15 +129,18 @@ DETAILS_MS = 3000
 
 @dataclass(frozen=True, slots=True)
 class FoundLeader:
-    """A leader or a relay as it is announced, by anybody; texts are printable."""
+    """A leader or a relay as it is announced, by anybody, or one of this machine; texts are printable."""
 
     name: str
     addresses: tuple[Address, ...]
-    version: str
-    """The version of its simulshot."""
+    """Where it may be reached; of one that has answered the one where it did."""
+    version: str = ""
+    """The version of its simulshot; empty for one of this machine."""
     is_relay: bool = False
     pin: str = ""
     """That it says it has; its streams have to prove it."""
+    is_known: bool = True
+    """Whether this machine knows a leader of that pin, or asks nobody for a pin."""
 
 
 class LeaderBrowser:
@@ -235,22 +238,9 @@ NOBODY = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ReachableLeader:
-    """A leader that answers at an address."""
-
-    name: str
-    address: Address
-    version: str = ""
-    """The version of its simulshot, as it says; empty for one of this machine."""
-    is_known: bool = True
-    """Whether this machine knows a leader of the pin that it says it has, or asks nobody for a pin."""
-    is_relay: bool = False
-
-
 async def search_leaders(
     own: Callable[[], Sequence[Address]], tell: Callable[[str], None], *, trust: Trust | None = None
-) -> list[ReachableLeader]:
+) -> list[FoundLeader]:
     """Wait until there is a leader that answers, and return all of them; relays only where there is none.
 
     Where `trust`, else that of this user, knows some of them, these are all. `own` are the addresses at which
@@ -264,7 +254,7 @@ async def search_leaders(
             await browser.refresh()
             mine = await first_to_answer(own(), OWN_S)
             if mine is not None:
-                return [ReachableLeader("this machine", mine)]
+                return [FoundLeader("this machine", (mine,))]
             await asyncio.sleep(max(0.0, began_s + OTHERS_S - time.monotonic()))
             found = browser.found
             answered = await _answering(found, trust or Trust.of_user())
@@ -280,23 +270,17 @@ async def search_leaders(
             await asyncio.sleep(max(0.0, asked_s + ASK_EVERY_S - time.monotonic()))
 
 
-async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[ReachableLeader]:
+async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLeader]:
     """Return those that answer, each at the address that answers first."""
     addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in found))
     return [
-        ReachableLeader(
-            name=leader.name,
-            address=address,
-            version=leader.version,
-            is_known=_knows(trust, leader.pin),
-            is_relay=leader.is_relay,
-        )
+        replace(leader, addresses=(address,), is_known=_knows(trust, leader.pin))
         for leader, address in zip(found, addresses, strict=True)
         if address is not None
     ]
 
 
-def _best(answered: Sequence[ReachableLeader]) -> list[ReachableLeader]:
+def _best(answered: Sequence[FoundLeader]) -> list[FoundLeader]:
     """Return those that are known, where some are, and of these the leaders, where some are."""
     known = [one for one in answered if one.is_known] or list(answered)
     return [one for one in known if not one.is_relay] or known

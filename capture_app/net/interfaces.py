@@ -1,29 +1,26 @@
 """The addresses of this machine's own network interfaces, as Linux tells them."""
 
 import contextlib
-import fcntl
 import ipaddress
 import socket
-import struct
+from collections.abc import Iterator
 from pathlib import Path
 
-_SIOCGIFFLAGS = 0x8913
-_SIOCGIFADDR = 0x8915
-_IFF_UP = 0x1
-_IFF_LOOPBACK = 0x8
-_REQUEST_BYTES = 40
-_GLOBAL_SCOPE = "00"
-_IF_INET6 = Path("/proc/net/if_inet6")
+import ifaddr
+
+_IFF_UP, _IFF_LOOPBACK = 0x1, 0x8
+_NETWORKS = Path("/sys/class/net")
 
 
 def own_hosts(family: socket.AddressFamily) -> list[str]:
     """Return the addresses of the interfaces that are up, without loopback; empty if not known."""
-    return _hosts_v4() if family == socket.AF_INET else _hosts_v6()
+    version = 4 if family == socket.AF_INET else 6
+    return [str(host) for _, host in _named_hosts() if host.version == version]
 
 
 def interface_of(address: str) -> str | None:
-    """Return the name of the interface that has an IPv4 address; None where none has, or it is not known."""
-    return next((name for name, host in _named_hosts_v4() if host == address), None)
+    """Return the name of the interface that has an address; None where none has, or it is not known."""
+    return next((name for name, host in _named_hosts() if str(host) == address), None)
 
 
 def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> str | None:
@@ -35,31 +32,12 @@ def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> 
     return None
 
 
-def _hosts_v4() -> list[str]:
-    return [host for _, host in _named_hosts_v4()]
-
-
-def _named_hosts_v4() -> list[tuple[str, str]]:
-    hosts = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        for _, name in socket.if_nameindex():
-            request = struct.pack(f"{_REQUEST_BYTES}s", name.encode()[:15])
-            try:
-                (flags,) = struct.unpack_from("@H", fcntl.ioctl(probe, _SIOCGIFFLAGS, request), 16)
-                if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
-                    host = socket.inet_ntoa(fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24])
-                    hosts.append((name, host))
-            except OSError:
-                # An interface without an IPv4 address, or one that has just gone.
-                continue
-    return hosts
-
-
-def _hosts_v6() -> list[str]:
-    try:
-        lines = _IF_INET6.read_text().splitlines()
-    except OSError:
-        return []
-    fields = (line.split() for line in lines)
-    found = (line for line in fields if len(line) == 6 and line[3] == _GLOBAL_SCOPE)
-    return [str(ipaddress.IPv6Address(int(line[0], 16))) for line in found]
+def _named_hosts() -> Iterator[tuple[str, ipaddress.IPv4Address | ipaddress.IPv6Address]]:
+    for adapter in ifaddr.get_adapters():
+        with contextlib.suppress(OSError):
+            flags = int((_NETWORKS / adapter.name / "flags").read_text(), 16)
+            if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
+                found = (ip.ip if isinstance(ip.ip, str) else ip.ip[0] for ip in adapter.ips)
+                hosts = map(ipaddress.ip_address, found)
+                # What is good on one link only would have to be told with its interface.
+                yield from ((adapter.name, one) for one in hosts if one.version == 4 or not one.is_link_local)

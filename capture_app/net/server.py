@@ -1,8 +1,13 @@
-"""A leader's port: one number for UDP and TCP, and a server for the streams that come to it."""
+"""A leader's port: one number for UDP and TCP, and a server for the streams that come to it.
+
+Strangers must not use a port up: it keeps so many streams.
+"""
 
 import asyncio
+import resource
 import socket
-from collections.abc import Awaitable, Callable
+from collections import defaultdict
+from collections.abc import Awaitable, Callable, Iterable
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
@@ -10,18 +15,21 @@ import msgspec
 
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.net.channel import (
-    CHUNK_BYTES,
-    MOST_OF_ONE_ADDRESS,
-    MOST_STREAMS,
-    Channel,
-    OpenStreams,
-    Patience,
-    allowed_streams,
-)
-from capture_app.trust.trust import Peer, Trust
+from capture_app.net.channel import CHUNK_BYTES, Channel, Patience
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import STRANGER, Peer, Trust
 
 M = TypeVar("M")
+MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
+"""A node has two open at most; those below a relay have the address of the relay."""
+MOST_OF_ONE_MACHINE = 200
+"""A machine of cameras, each with two, takes no room of others."""
+RESERVED = 32
+"""Beyond all, for operators, whom it is seen to be only when they are here."""
+MOST_SILENT = 96
+"""How many may have said nothing yet: TLS takes memory from a stream's first moment on."""
+WANTED_FILES = 8192
+FILES_OF_A_STREAM, OTHER_FILES = 2, 128
 PATIENCE = Patience()
 KNOWN_EVERY_S = 1.0
 """Between two looks at which machines are still known."""
@@ -30,7 +38,8 @@ KNOWN_EVERY_S = 1.0
 class TransferServer(Generic[M]):
     """Accepts streams on a bound socket and hands each to `serve` until it returns.
 
-    A peer that breaks the protocol loses its own stream and nothing else.
+    A peer that breaks the protocol loses its own stream and nothing else. For a new one room is made by one
+    that has said nothing, or else is not known; of several the oldest. Those of nodes that have joined stay.
     """
 
     def __init__(
@@ -48,14 +57,14 @@ class TransferServer(Generic[M]):
         `trust` is what this end goes by, else its user's.
         """
         self._trust = trust or Trust.of_user()
-        self._shown: dict[Channel[M], Peer] = {}
-        """Who each stream was when its key was seen."""
+        self._open: dict[Channel[M], Peer] = {}
+        """The streams, the oldest first, and who each was when its key was seen."""
         self._watching: asyncio.Task[None] | None = None
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
         self._serve = serve
         self._server: asyncio.Server | None = None
         self._streams: set[asyncio.Task[None]] = set()
-        self._open = OpenStreams(min(most, allowed_streams()), most_of_one_address)
+        self._most, self._most_of_one_address = min(most, allowed_streams()), most_of_one_address
         self._patience = patience
 
     async def start(self, listening: socket.socket) -> None:
@@ -79,7 +88,7 @@ class TransferServer(Generic[M]):
         task = asyncio.current_task()
         assert task is not None
         channel = Channel(reader, writer, self._decoder, self._patience)
-        if not self._open.admit(channel):
+        if not self._admit(channel):
             channel.abort()
             return
         self._streams.add(task)
@@ -89,18 +98,61 @@ class TransferServer(Generic[M]):
         try:
             async with channel:
                 await channel.identify(self._trust)
-                if not self._open.admit_peer(channel):
+                if not self._admit_peer(channel):
                     channel.abort()
                     return
-                self._shown[channel] = channel.who
+                self._open[channel] = channel.who
                 await self._serve(channel)
         except (SimulshotError, OSError, asyncio.CancelledError):
             # asyncio's own callback on this task would print a cancellation as an error.
             pass
         finally:
             self._streams.discard(task)
-            self._open.remove(channel)
-            self._shown.pop(channel, None)
+            self._open.pop(channel, None)
+
+    def _admit(self, stream: Channel[M]) -> bool:
+        """Whether a new stream may stay; another one may be broken off for it."""
+        own = [one for one in self._open if one.host == stream.host]
+        silent = [one for one in self._open if not one.has_spoken]
+        admitted = True
+        if len(silent) >= MOST_SILENT:
+            admitted = self._make_room(_by_host(silent)[0])
+        elif len(own) >= self._most_of_one_address:
+            admitted = self._make_room(own)
+        elif len(self._open) >= self._most:
+            # Whoever has the most is the likeliest to have too many.
+            admitted = any(map(self._make_room, _by_host(self._open)))
+        if not admitted and len(self._open) < self._most + RESERVED:
+            admitted = stream.is_beyond = True
+        if admitted:
+            self._open[stream] = STRANGER
+        return admitted
+
+    def _admit_peer(self, stream: Channel[M]) -> bool:
+        """Whether it may stay, now that it is seen whose it is; one that was less of use may go for it."""
+        who = stream.who
+        if who.pin and (who.may(Role.OPERATOR) or (who.may(Role.RELAY) and not stream.is_beyond)):
+            return True
+        stays = not stream.is_beyond
+        own = [one for one in self._open if who.pin and one.who == who]
+        if stays and len(own) > MOST_OF_ONE_MACHINE:
+            spare = next((one for one in own if not one.is_known), stream)
+            self._break_off(spare)
+            stays = spare is not stream
+        return stays
+
+    def _make_room(self, streams: Iterable[Channel[M]]) -> bool:
+        strangers = [
+            one for one in streams if not (one.is_known or (one.who.pin and one.who.may(Role.OPERATOR)))
+        ]
+        stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
+        if stream is not None:
+            self._break_off(stream)
+        return stream is not None
+
+    def _break_off(self, stream: Channel[M]) -> None:
+        stream.abort()
+        self._open.pop(stream, None)
 
     async def _watch_known(self) -> None:
         """Break off streams of machines that were removed, or may do something else from now on."""
@@ -108,9 +160,30 @@ class TransferServer(Generic[M]):
             await asyncio.sleep(KNOWN_EVERY_S)
             # Where the file of known machines is damaged just now, the next look tells.
             with suppress(SimulshotError):
-                for channel, shown in tuple(self._shown.items()):
+                for channel, shown in tuple(self._open.items()):
                     if shown.pin and self._trust.peer_of(shown.pin).roles != shown.roles:
                         channel.abort()
+
+
+def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
+    """Streams by the host of the other end, the most first."""
+    of: defaultdict[str, list[Channel[M]]] = defaultdict(list)
+    for stream in streams:
+        of[stream.host].append(stream)
+    return sorted(of.values(), key=len, reverse=True)
+
+
+def allowed_streams() -> int:
+    """Return how many streams this process has files for, after it has asked for as many as it may have."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != resource.RLIM_INFINITY:
+        wanted = WANTED_FILES if hard == resource.RLIM_INFINITY else min(WANTED_FILES, hard)
+        if wanted > soft:
+            with suppress(OSError, ValueError):
+                resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+                soft = wanted
+        return max(1, min(MOST_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
+    return MOST_STREAMS
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:

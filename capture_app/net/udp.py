@@ -12,11 +12,12 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Iterable
-from typing import Protocol
 
 from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
+from capture_app.sync.engine import Engine
+from capture_app.sync.rig.time_client import TimeClient
 
 # Linux's number, which the socket module does not have; the stamp is a timespec of CLOCK_REALTIME.
 SO_TIMESTAMPNS = 35
@@ -75,40 +76,10 @@ MAX_BYTES = 2048
 MAX_ROUND = 64
 
 
-class TimedEngine(Protocol):
-    """What has one timer; all times in ns of the node's own clock."""
-
-    def next_timer(self) -> int | None:
-        """Return when to call `handle_timer`."""
-
-    def handle_timer(self, now_ns: int) -> None:
-        """Do what has become due."""
-
-
-class Engine(TimedEngine, Protocol):
-    """What the pump needs of an engine."""
-
-    def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
-        """Take in one datagram."""
-
-    def datagrams_to_send(self, now_ns: int) -> Iterable[tuple[bytes, tuple[str, int]]]:
-        """Return what is due, stamped with `now_ns`."""
-
-
-class PeerEngine(TimedEngine, Protocol):
-    """An engine that talks to one peer only."""
-
-    def receive_datagram(self, data: bytes, now_ns: int) -> None:
-        """Take in one datagram."""
-
-    def datagrams_to_send(self, now_ns: int) -> list[bytes]:
-        """Return what is due, stamped with `now_ns`."""
-
-
 class SinglePeerEngine:
     """An engine that talks to one peer, at that peer's address; datagrams of others are ignored."""
 
-    def __init__(self, engine: PeerEngine, peer: Address) -> None:
+    def __init__(self, engine: TimeClient, peer: Address) -> None:
         self._engine = engine
         self._peer = peer
         self.next_timer = engine.next_timer

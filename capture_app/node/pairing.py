@@ -5,23 +5,28 @@ import socket
 import time
 from typing import Any
 
-from capture_app.errors import UnknownMachineError
+from capture_app.errors import BadInputError, SimulshotError, UnknownMachineError
 from capture_app.names import name_like
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.asking import ask
-from capture_app.node.news import Log
+from capture_app.node.news import NewsLog
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
 from capture_app.sync.rig.roster import Member
+from capture_app.sync.wire.principal import Principal
 from capture_app.trust.identity import pin_of
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import GOOD_FOR_S, Candidate, Invitations
+from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import ANYBODY, Peer, Trust
 
 OPEN_NEEDS_NO_CODE = "this rig is open to anybody and needs no code"
+LOOK_EVERY_NS = 1_000_000_000
 SAID_AGAIN_S = 30.0
 """Strangers are told of so often at most: they shall not fill a screen."""
+Asked = pairing.FromStranger | pairing.Invite | pairing.SpeaksFor | messages.KeyRequest
+"""What leaders and relays answer alike."""
 OF_CAMERAS = (
     messages.NodeStream
     | messages.CameraReport
@@ -53,13 +58,33 @@ def check_allowed(who: Peer, message: Message) -> None:
 
 
 class Enrolment:
-    """Makes machines known that have a code, or whose pin was added here."""
+    """Makes machines known that have a code, or whose pin was added here, and gives nodes of them keys."""
 
-    def __init__(self, trust: Trust, log: Log) -> None:
-        self._trust, self._log = trust, log
+    def __init__(self, trust: Trust, news: NewsLog, sealed: SealedLeader | None = None) -> None:
+        """`sealed` is None where datagrams are not sealed."""
+        self._trust, self._news, self._sealed = trust, news, sealed
+        self._seen_version: int | None = None
+        self._due_ns: int | None = None
         self._invitations = Invitations(time.monotonic)
         self._said_s = -SAID_AGAIN_S
         self._name = name_like(socket.gethostname().split(".")[0], "leader")
+
+    def look(self, now_ns: int) -> None:
+        """Do now and then what is due with keys; `now_ns` is the node's own clock."""
+        if self._sealed is None or (self._due_ns is not None and now_ns < self._due_ns):
+            return
+        self._due_ns = now_ns + LOOK_EVERY_NS
+        for refused in self._sealed.refusals.take_news(now_ns):
+            self._news.note(refused)
+        try:
+            machines, version = self._trust.known.all(), self._trust.known.version
+        except SimulshotError:
+            # A damaged file is told of where machines are made known.
+            return
+        if version != self._seen_version:
+            self._seen_version = version
+            may_join = {machine.pin for machine in machines if {Role.CAMERA, Role.RELAY} & {*machine.roles}}
+            self._sealed.keys.revoke_all_but({self._trust.identity.pin, *may_join})
 
     def invite(self, role: Role) -> pairing.Invited:
         """Make a code for one machine. Raises UnknownMachineError where machines need none."""
@@ -68,8 +93,8 @@ class Enrolment:
         invitation = self._invitations.invite(role)
         return pairing.Invited(code=invitation.code, good_for_s=GOOD_FOR_S)
 
-    async def answer(self, channel: Channel[Any], message: pairing.FromStranger) -> None:
-        """Answer a machine that wants to be known.
+    async def answer(self, channel: Channel[Any], message: Asked) -> None:
+        """Answer a machine that wants to be known or a key, or an operator who lets one in.
 
         Raises UnknownMachineError, BadInputError, DiskError, and NetworkError where the stream breaks off.
         """
@@ -80,6 +105,26 @@ class Enrolment:
                 await self._answer_word(channel, message)
             case pairing.PairingProof():
                 raise UnknownMachineError("a proof comes after a word")
+            case pairing.Invite():
+                await channel.send(self.invite(message.role))
+            case pairing.SpeaksFor():
+                channel.who = peer_of(message, channel.who)
+            case messages.KeyRequest():
+                await channel.send(self.hand_out(channel.who, message))
+
+    def hand_out(self, who: Peer, request: messages.KeyRequest) -> messages.KeyAnswer:
+        """Give a key to a node of a machine that may ask for it.
+
+        Raises BadInputError where there is none, UnknownMachineError where that machine was removed since it
+        opened its stream.
+        """
+        if self._sealed is None:
+            raise BadInputError("datagrams are not sealed here", hint="this rig is OPEN: it asks nobody")
+        machine, role = self._trust.known.find(who.pin), Role.RELAY if request.is_relay else Role.CAMERA
+        if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
+            raise UnknownMachineError(f"this machine is not known here as {role} any more")
+        principal = Principal(request.name, request.instance, who.pin, request.is_relay)
+        return messages.KeyAnswer(grant=self._sealed.keys.grant(principal))
 
     async def _answer_enrolment(self, channel: Channel[Any], message: pairing.EnrolRequest) -> None:
         known = None if self._trust.is_open else self._trust.known.find(pin_of(message.certificate))
@@ -88,13 +133,13 @@ class Enrolment:
             now_s = time.monotonic()
             if now_s - self._said_s >= SAID_AGAIN_S:
                 self._said_s = now_s
-                self._log.say(
+                self._news.say(
                     f"a machine at {channel.host} wants to join and is not known here;"
                     " if it is yours, show it a code: capture-app trust invite"
                 )
             raise UnknownMachineError("the leader does not know this machine")
         if machine != known:
-            self._log.say(f"{machine.name} is known from now on")
+            self._news.say(f"{machine.name} is known from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
 
     async def _answer_word(self, channel: Channel[Any], message: pairing.PairingWord) -> None:
@@ -112,11 +157,11 @@ class Enrolment:
         try:
             proof = self._invitations.accept(attempt, said.proof)
         except UnknownMachineError:
-            self._log.say(f"a machine at {channel.host} tried a wrong code")
+            self._news.say(f"a machine at {channel.host} tried a wrong code")
             raise
         role = attempt.invitation.role
         machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
-        self._log.say(f"{machine.name} at {channel.host} is known as {role} from now on")
+        self._news.say(f"{machine.name} at {channel.host} is known as {role} from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))
 
 

@@ -3,27 +3,27 @@
 import asyncio
 import random
 import secrets
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from socket import socket
 from typing import Any, Self
 
-from capture_app.clock import HostClock, HostRate, NodeClock
+from capture_app.clock import HostRate
 from capture_app.errors import BadInputError, DiskError, NetworkError, TryAgainError, UnknownMachineError
-from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
+from capture_app.net.address import ANY_HOST, Address, reachable_host, resolve
 from capture_app.net.channel import Channel, connect
 from capture_app.net.interfaces import own_hosts
-from capture_app.net.multicast import BeaconSender, send_due_beacon
+from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import refusal_of
 from capture_app.node.join_watch import JoinWatch
-from capture_app.node.keys import KeyIssuer, KeyRequester
-from capture_app.node.leader.followers import RigFollower, SharedGrid
+from capture_app.node.keys import KeyRequester
+from capture_app.node.leader.followers import SharedGrid
+from capture_app.node.leader.options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
-from capture_app.node.news import FollowerNews, NewsLog, follower_line
-from capture_app.node.pairing import Enrolment, check_allowed, is_node, peer_of, speaks_for
+from capture_app.node.news import FollowerNews, follower_line
+from capture_app.node.pairing import Enrolment, check_allowed, is_node, speaks_for
 from capture_app.node.wire import pairing
 from capture_app.node.wire.messages import (
     FromLeader,
@@ -43,29 +43,17 @@ from capture_app.sync.tree.member import TreeMemberConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
-from capture_app.trust.trust import Trust
 
 UPSTREAM_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RelayOptions:
-    """What a relay is given by whoever starts it."""
+class RelayOptions(PortOptions):
+    """What a relay is given besides."""
 
     name: str
     parents: tuple[Address, ...]
     """Leaders or relays of one rig, asked in turn, the best one first."""
-    host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
-    port: int = DEFAULT_PORT
-    beacons: BeaconSender | None = None
-    """Sends beacons, so that nodes which hear this relay's packets together agree with each other."""
-    followers: Sequence[RigFollower] = ()
-    """Other programs that are told the rig's grid."""
-    trust: Trust = field(default_factory=Trust.of_user)
-    """Whom it lets in and follows."""
-    clock: NodeClock = field(default_factory=HostClock)
-    news: NewsLog = field(default_factory=NewsLog)
-    """Takes what happens."""
 
 
 class RelayNode:
@@ -85,8 +73,7 @@ class RelayNode:
         self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
         """Further addresses of this machine that nodes may join it at."""
         self._sealed = None if options.trust.is_open else SealedRelay(engine)
-        self._enrolment = Enrolment(options.trust, options.news)
-        self._keys = KeyIssuer(options.trust, self._sealed, options.news)
+        self._enrolment = Enrolment(options.trust, options.news, self._sealed)
         self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
         self._pump = Pump(self._sealed or engine, options.clock, self._drain)
         self._requester: KeyRequester | None = None
@@ -208,14 +195,15 @@ class RelayNode:
             try:
                 check_allowed(below.who, message)
                 match message:
-                    case pairing.EnrolRequest() | pairing.PairingWord() | pairing.PairingProof():
+                    case (
+                        pairing.EnrolRequest()
+                        | pairing.PairingWord()
+                        | pairing.PairingProof()
+                        | pairing.Invite()
+                        | pairing.SpeaksFor()
+                        | KeyRequest()
+                    ):
                         await self._enrolment.answer(below, message)
-                    case pairing.Invite():
-                        await below.send(self._enrolment.invite(message.role))
-                    case pairing.SpeaksFor():
-                        below.who = peer_of(message, below.who)
-                    case KeyRequest():
-                        await below.send(self._keys.hand_out(below.who, message))
                     case NodeStream() | ViewfinderOpened() if not is_node(
                         below.who, self._engine.leader.members.get(message.camera), message.instance
                     ):
@@ -261,7 +249,7 @@ class RelayNode:
         rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         now_ns = self._clock.now_ns()
         send_due_beacon(self.options.beacons, self._engine.leader, now_ns, self._sealed)
-        self._keys.look(now_ns)
+        self._enrolment.look(now_ns)
         if self._requester is not None:
             self._requester.look()
         while (event := self._engine.next_event()) is not None and not self._is_leaving:

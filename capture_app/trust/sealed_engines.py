@@ -4,9 +4,9 @@ What is not sealed, or not by whom it says it is, never reaches the engine. Each
 before it leaves, so that only its own seal stands between its stamp and the socket.
 """
 
-from collections.abc import Iterator
-from typing import Protocol
+from collections.abc import Iterable, Iterator
 
+from capture_app.sync.engine import Engine
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import (
@@ -27,26 +27,10 @@ NOT_PAIRED = "this rig takes paired nodes only: start this one without --open"
 MOST_NOTICES = 64
 
 
-class ClientEngine(Protocol):
-    """An engine that talks to leaders, one after the other."""
-
-    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram."""
-
-    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return what is due, stamped with `now_ns`."""
-
-    def next_timer(self) -> int:
-        """Return when to call `handle_timer`."""
-
-    def handle_timer(self, now_ns: int) -> None:
-        """Do what has become due."""
-
-
 class SealedClient:
     """A client, with a key for each of its leaders; asks for those it lacks in `keys.wanted`."""
 
-    def __init__(self, engine: ClientEngine) -> None:
+    def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self.keys = LeaderKeys()
         self.refusals = Refusals()
@@ -164,7 +148,7 @@ def _opened_by_client(data: bytes, leader: Address, keys: LeaderKeys, refusals: 
         return None
 
 
-def _sealed(datagrams: list[tuple[bytes, Address]], keys: ClientKeys | LeaderKeys) -> Sealed:
+def _sealed(datagrams: Iterable[tuple[bytes, Address]], keys: ClientKeys | LeaderKeys) -> Sealed:
     for message, address in datagrams:
         data = keys.seal(message, address)
         if data is not None:

@@ -17,7 +17,7 @@ from capture_app.commands.joining import choose_leader, find_leader
 from capture_app.commands.node import node
 from capture_app.errors import ExitCode, NetworkError
 from capture_app.net.address import Address
-from capture_app.net.discovery import ReachableLeader
+from capture_app.net.discovery import FoundLeader
 from capture_app.net.server import bind_port
 from capture_app.rig_process import recorded_rig
 from capture_app.sync.wire.codec import version_answer
@@ -181,8 +181,8 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
 
 def test_of_several_leaders_the_user_names_one() -> None:
     found = [
-        ReachableLeader("studio-47010", Address("10.0.0.1", 47010)),
-        ReachableLeader("hall-47010", Address("10.0.0.2", 47010), is_known=False),
+        FoundLeader("studio-47010", (Address("10.0.0.1", 47010),)),
+        FoundLeader("hall-47010", (Address("10.0.0.2", 47010),), is_known=False),
     ]
     assert choose_leader(found[:1], can_ask=False) is found[0]
     with pytest.raises(NetworkError, match=r"several leaders .* 10.0.0.2:47010 \(hall-47010\)"):

@@ -12,5 +12,5 @@ if __name__ == "__main__":
     search = search_leaders(lambda: (), lambda line: print("said", line, flush=True), trust=trust)
     found = asyncio.run(search)
     for leader in found:
-        print("found", leader.address, leader.name, ascii(leader.version), flush=True)
+        print("found", leader.addresses[0], leader.name, ascii(leader.version), flush=True)
     sys.exit(0)

@@ -116,7 +116,7 @@ async def test_this_machines_own_leader_comes_first() -> None:
     said: list[str] = []
     async with answering() as leader:
         (found,) = await search_leaders(lambda: (closed_port(), leader), said.append)
-    assert (found.address, said) == (leader, [])
+    assert (found.addresses[0], said) == (leader, [])
 
 
 def test_what_only_this_machine_reaches_is_not_announced() -> None:

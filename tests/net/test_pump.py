@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -109,7 +110,7 @@ async def test_the_timer_fires_not_before_it_is_due() -> None:
 
 async def test_a_client_listens_to_its_leader_only(other: socket.socket) -> None:
     received: list[bytes] = []
-    client = SimpleNamespace(
+    client: Any = SimpleNamespace(
         receive_datagram=lambda data, now_ns: received.append(data),
         datagrams_to_send=lambda now_ns: [b"hello"],
         next_timer=lambda: None,

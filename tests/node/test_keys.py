@@ -7,10 +7,10 @@ import pytest
 
 from capture_app.errors import DiskError
 from capture_app.net.channel import connect
-from capture_app.node.keys import KeyIssuer
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.news import NewsLog
+from capture_app.node.pairing import Enrolment
 from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.wire.codec import decode, encode
@@ -158,11 +158,11 @@ async def test_a_leader_that_cannot_keep_a_certificate_ends_no_node(
 async def test_a_leader_whose_disk_fails_for_a_moment_ends_no_node(
     tmp_path: Path, leader: LeaderNode, trust: Trust, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def hand_out(desk: KeyIssuer, who: Peer, request: KeyRequest) -> KeyAnswer:
+    def hand_out(desk: Enrolment, who: Peer, request: KeyRequest) -> KeyAnswer:
         raise DiskError("its disk cannot be read")
 
     machine = introduced(tmp_path, trust, "machine")
-    monkeypatch.setattr(KeyIssuer, "hand_out", hand_out)
+    monkeypatch.setattr(Enrolment, "hand_out", hand_out)
     async with sealed_node(leader.own_address, machine) as node:
         await until(lambda: "its disk cannot be read" in node.time.why_joining)
         monkeypatch.undo()

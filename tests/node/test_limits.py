@@ -10,7 +10,8 @@ import msgspec
 import pytest
 
 from capture_app.errors import DiskFullError, NetworkError
-from capture_app.net.channel import MAX_HEADER_BYTES, MOST_OF_ONE_MACHINE, connect
+from capture_app.net.channel import MAX_HEADER_BYTES, connect
+from capture_app.net.server import MOST_OF_ONE_MACHINE
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.snapshots import MOST_OF_A_PAGE
 from capture_app.node.requests import ask_status

@@ -11,7 +11,8 @@ import pytest
 
 from capture_app.errors import UnknownMachineError
 from capture_app.net.address import Address
-from capture_app.net.channel import MOST_SILENT, Channel, Patience, connect
+from capture_app.net.channel import Channel, Patience, connect
+from capture_app.net.server import MOST_SILENT
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.net.echoes import Ping, Pong, echo, serving

@@ -144,7 +144,7 @@ class ActiveBursts:
 
     def __init__(self, options: LeaderOptions, engine: Leader, pump: Pump) -> None:
         self.options, self.engine = options, engine
-        self._pump, self._news = pump, options.news
+        self.pump, self._news = pump, options.news
         self.saved: deque[str] = deque(maxlen=REMEMBERED)
         """Paths of the newest sessions of this run, newest last: every status tells them."""
         self.newest: BurstSession | None = None
@@ -268,7 +268,7 @@ class ActiveBursts:
         except SimulshotError as error:
             await session.finish_now(error.what, silent=False)
             raise
-        self._pump.turn()
+        self.pump.turn()
         return session
 
     @property

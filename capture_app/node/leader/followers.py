@@ -3,17 +3,16 @@
 A leader or a relay starts and closes its followers, and knows no more of them than this.
 """
 
-import asyncio
 from dataclasses import dataclass
 from typing import Protocol
 
 from capture_app.clock import NodeClock
+from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.news import FollowerNews
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.rig.frame_selection import Burst
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +33,6 @@ class FollowedRig(Protocol):
         """Tell what happened to a follower."""
 
 
-class Take(Protocol):
-    """A burst under way."""
-
-    @property
-    def burst(self) -> Burst:
-        """As it is ordered now: a recording ends earlier than it was first ordered."""
-
-    @property
-    def finished(self) -> asyncio.Event:
-        """Set when it is over."""
-
-
 class RigFollower:
     """Other programs of one kind that follow a rig while this is started; by itself it takes no pictures."""
 
@@ -57,7 +44,7 @@ class RigFollower:
         """Let them go. Calling it twice is harmless."""
         raise NotImplementedError
 
-    def take_part(self, take: Take) -> None:
+    def take_part(self, take: BurstSession) -> None:
         """Have those that can take their part of a burst."""
 
     def take_alone(self, request: BurstRequest) -> str:

@@ -10,12 +10,10 @@ from capture_app.net.address import Address, own_machine_address, reachable_host
 from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
-from capture_app.node.keys import KeyIssuer
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.readiness import RateReview, reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
@@ -47,8 +45,7 @@ class LeaderNode:
         self._engine, self._clock, self._names = engine, options.clock, names
         self._rates = RateReview()
         self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
-        self._keys = KeyIssuer(options.trust, sealed, self.news)
-        self.enrolment = Enrolment(options.trust, self.news)
+        self.enrolment = Enrolment(options.trust, self.news, sealed)
         self._pump = Pump(sealed or engine, options.clock, self._drain)
         self.bursts = ActiveBursts(options, engine, self._pump)
         self._local: LocalNodes | None = None
@@ -56,9 +53,8 @@ class LeaderNode:
             self._local = LocalNodes(self.own_address, options.spool, self.news, self.address.host)
         viewfinders = Viewfinders()
         self._rig = RigState(self.address, self.bursts, viewfinders, self._local, self._rates)
-        self.orders = OperatorOrders(engine, self.bursts, self._local, self._pump)
-        service = LeaderService(self._rig, self.bursts, self.orders, viewfinders, self.enrolment, self._keys)
-        self._server = TransferServer(ToLeader, service.serve, trust=options.trust)
+        self.service = LeaderService(self._rig, self.bursts, self._local, viewfinders, self.enrolment)
+        self._server = TransferServer(ToLeader, self.service.serve, trust=options.trust)
 
     @classmethod
     async def start(cls, options: LeaderOptions) -> Self:
@@ -137,7 +133,7 @@ class LeaderNode:
     def _drain(self) -> None:
         now_ns = self._clock.now_ns()
         send_due_beacon(self.options.beacons, self._engine, now_ns, self._sealed)
-        self._keys.look(now_ns)
+        self.enrolment.look(now_ns)
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, BurstRefused):
                 self.bursts.note_refusal(event)

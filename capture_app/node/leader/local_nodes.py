@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Self
 
 import msgspec
-from msgspec import Struct
 
 from capture_app.cameras.rtsp.passwords import hide_password
 from capture_app.cameras.specs import parse_spec
@@ -22,15 +21,6 @@ from capture_app.node.wire.operating import PhoneInvited
 
 PHONES_START_TIMEOUT_S = 30.0
 EVENT = "invitation"
-
-
-class _Line(Struct, frozen=True):
-    """A line of what it prints."""
-
-    event: str
-    url: str = ""
-    fingerprint: str = ""
-    good_for_s: int = 0
 
 
 class LocalPhones:
@@ -83,13 +73,14 @@ class LocalPhones:
         assert child.process.stdout is not None
         async for raw in child.process.stdout:
             try:
-                line = msgspec.json.decode(raw, type=_Line)
+                line = msgspec.json.decode(raw)
             except ValueError:
                 continue
-            if line.event == EVENT:
-                until_s = asyncio.get_running_loop().time() + line.good_for_s
-                told = PhoneInvited(url=line.url, fingerprint=line.fingerprint, good_for_s=line.good_for_s)
-                self._invited = told, until_s
+            if line["event"] == EVENT:
+                told = PhoneInvited(
+                    url=line["url"], fingerprint=line["fingerprint"], good_for_s=line["good_for_s"]
+                )
+                self._invited = told, asyncio.get_running_loop().time() + told.good_for_s
                 self._news_came.set()
         if self._invited is not None:
             self._news.add("the server of phones has ended; invite a phone to start it again", level="error")

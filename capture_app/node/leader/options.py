@@ -1,4 +1,4 @@
-"""How a leader is to run."""
+"""How a leader is to run, or a relay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,28 +15,34 @@ from capture_app.trust.trust import Trust
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeaderOptions:
-    """What a leader is given by whoever starts it."""
+class PortOptions:
+    """What whoever listens for nodes is given by whoever starts it."""
 
-    sessions: Path
     host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
     port: int = DEFAULT_PORT
     """UDP and TCP; 0 for a free one."""
-    or_free_port: bool = False
-    """Another port is taken where that one is in use."""
-    rig: RigConfig = field(default_factory=RigConfig)
     beacons: BeaconSender | None = None
     """Sends beacons, so that nodes which hear the same multicast packets agree with each other."""
     followers: Sequence[RigFollower] = ()
-    """Other programs that are led, too: started and closed with the leader."""
+    """Other programs that are told the rig's grid: started and closed with it."""
+    trust: Trust = field(default_factory=Trust.of_user)
+    """Whom it lets in, and follows."""
+    clock: NodeClock = field(default_factory=HostClock)
+    news: NewsLog = field(default_factory=NewsLog)
+    """Takes what happens."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaderOptions(PortOptions):
+    """What a leader is given besides."""
+
+    sessions: Path
+    or_free_port: bool = False
+    """Another port is taken where that one is in use."""
+    rig: RigConfig = field(default_factory=RigConfig)
     resume: Sequence[Path] | None = None
     """The interrupted sessions to finish; None for all."""
     return_ns: int = RETURN_NS
     """How long nodes have to come back with what they hold of them."""
     spool: Path | None = None
     """A folder for the images of nodes on this machine, which operators may have it run then."""
-    trust: Trust = field(default_factory=Trust.of_user)
-    """Whom it lets in."""
-    clock: NodeClock = field(default_factory=HostClock)
-    news: NewsLog = field(default_factory=NewsLog)
-    """Takes what happens."""

@@ -6,7 +6,7 @@ from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
 from capture_app.clock import HostRate, NodeClock
-from capture_app.errors import DiskError, DiskFullError, IncompleteError
+from capture_app.errors import DiskFullError, IncompleteError
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.news import off_rate_line
 from capture_app.node.wire.messages import SpoolSpace
@@ -23,29 +23,9 @@ MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
 CHECK_EVERY_S = 0.1
 COARSE_WAIT_S = 5.0
 """A clock that has just become less accurate than asked for may be better again within so long."""
-LOOK_EVERY_NS = 10_000_000_000
 GUESSED_PIXELS_PER_BYTE = 4
 """What a camera's JPEG is taken to have before any of its images is known."""
 MARGIN = 1.1
-
-
-class FolderRoom:
-    """What is free on the disk of a folder, looked up now and then: a status need not follow each byte."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._free_bytes: int | None = None
-        self._looked_ns = 0
-
-    def free_bytes(self, now_ns: int) -> int | None:
-        """Return it as of `now_ns`, or of a few seconds before; None where the disk does not answer."""
-        if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
-            self._looked_ns = now_ns
-            try:
-                self._free_bytes = free_bytes(self._folder)
-            except DiskError:
-                self._free_bytes = None
-        return self._free_bytes
 
 
 def shortfall(view: ClientView, *, why: bool = False) -> str:

@@ -7,6 +7,7 @@ from capture_app.errors import (
     BadInputError,
     DiskError,
     NetworkError,
+    NotAvailableError,
     SimulshotError,
     TryAgainError,
     UnknownMachineError,
@@ -14,15 +15,15 @@ from capture_app.errors import (
 from capture_app.net.channel import Channel
 from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.keys import KeyIssuer
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.node.leader.orders import OperatorOrders
+from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.settings import RigSettings
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import RigState, Watchers
-from capture_app.node.pairing import Enrolment, check_allowed, is_node, peer_of
+from capture_app.node.leader.watchers import RigState, Watcher
+from capture_app.node.pairing import Enrolment, check_allowed, is_node
 from capture_app.node.wire import messages, operating, pairing
 
+FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 UNDECIDED_S = 0.1
 """How long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
 WorkingOn = dict[tuple[int, int], tuple[BurstSession, str]]
@@ -36,14 +37,15 @@ class LeaderService:
         self,
         rig: RigState,
         bursts: ActiveBursts,
-        orders: OperatorOrders,
+        local: LocalNodes | None,
         viewfinders: Viewfinders,
         enrolment: Enrolment,
-        keys: KeyIssuer,
     ) -> None:
-        self._rig, self._bursts, self._orders, self._viewfinders = rig, bursts, orders, viewfinders
-        self._enrolment, self._keys = enrolment, keys
-        self._watchers = Watchers(rig, bursts.options.news, viewfinders)
+        """`local` starts nodes on this machine; None where this leader does not."""
+        self.stop_wanted = asyncio.Event()
+        """Set when an operator wants this leader to end."""
+        self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
+        self._enrolment = enrolment
         self._settings = RigSettings(bursts.options.sessions, viewfinders, bursts.options.news)
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
         """The one stream of each node that brings images."""
@@ -123,14 +125,15 @@ class LeaderService:
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
     ) -> None:
         match message:
-            case pairing.EnrolRequest() | pairing.PairingWord() | pairing.PairingProof():
+            case (
+                pairing.EnrolRequest()
+                | pairing.PairingWord()
+                | pairing.PairingProof()
+                | pairing.Invite()
+                | pairing.SpeaksFor()
+                | messages.KeyRequest()
+            ):
                 await self._enrolment.answer(channel, message)
-            case pairing.Invite():
-                await channel.send(self._enrolment.invite(message.role))
-            case pairing.SpeaksFor():
-                channel.who = peer_of(message, channel.who)
-            case messages.KeyRequest():
-                await channel.send(self._keys.hand_out(channel.who, message))
             case messages.CameraReport():
                 await channel.send(await self._take_report(message, channel.who.pin, working_on))
             case messages.NodeStream():
@@ -164,7 +167,7 @@ class LeaderService:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
             case operating.WatchRequest():
-                await self._watchers.serve(channel)
+                await Watcher(channel, self._rig, self._bursts.options.news, self._viewfinders).serve()
             case operating.ViewfinderOpened():
                 giving = asyncio.create_task(self._settings.give(message.camera))
                 try:
@@ -187,6 +190,70 @@ class LeaderService:
                 | operating.StopRig()
                 | operating.ExposeAppPhones()
             ):
-                await channel.send(await self._orders.carry_out(message))
+                await channel.send(await self.carry_out(message))
             case _:
                 raise NetworkError(f"a {type(message).__name__} was not expected here")
+
+    # What operators ask beside taking bursts
+
+    async def carry_out(self, order: operating.Order) -> operating.Done | operating.PhoneInvited:
+        """Do what is asked, and return when it is done. Raises the errors of what is asked."""
+        names: tuple[str, ...] = ()
+        match order:
+            case operating.AddCamera(spec=spec, name=name):
+                names = (await self._nodes().add_camera(spec, name, self._taken()),)
+            case operating.AddSimulated(cameras=cameras, scene=scene):
+                names = await self._nodes().add_simulated(cameras, scene, taken=self._taken())
+            case operating.RemoveCamera(name=name):
+                await self._remove(name)
+            case operating.CancelBurst(burst=burst):
+                await self._bursts.cancel(burst)
+            case operating.EndBurst(burst=number):
+                await self._bursts.end(number)
+                self._bursts.pump.turn()
+            case operating.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
+                for follower in self._bursts.options.followers:
+                    follower.expose(exposure_ns, iso)
+            case operating.InvitePhone():
+                return await self._nodes().phones.invitation()
+            case operating.StopRig():
+                self._bursts.options.news.add("stopped by an operator")
+                self.stop_wanted.set()
+        return operating.Done(names=names)
+
+    def _nodes(self) -> LocalNodes:
+        if self._local is None:
+            raise NotAvailableError(
+                "this leader runs no cameras", hint="start them with capture-app node on their machine"
+            )
+        return self._local
+
+    def _taken(self) -> list[str]:
+        """Names of nodes that are here, and of other machines; a lost one may come back under its name."""
+        here = [name for name in self._bursts.engine.members if self._is_here(name)]
+        trust = self._bursts.options.trust
+        own_pin = "" if trust.is_open else trust.identity.pin
+        return here + [name for name, pin in self._bursts.engine.owners.items() if pin != own_pin]
+
+    def _is_here(self, name: str) -> bool:
+        member = self._bursts.engine.members.get(name)
+        return member is not None and not member.lost
+
+    async def _remove(self, name: str) -> None:
+        if self._local is not None and name in self._local.names:
+            await self._local.remove(name)
+            # It says goodbye as it ends; one that had to be killed is noticed by its silence.
+            for _ in range(FORGET_CHECKS):
+                if not self._is_here(name):
+                    break
+                await asyncio.sleep(FORGET_CHECK_S)
+            if name not in self._bursts.engine.members:
+                return
+        if self._is_here(name):
+            where = self._bursts.engine.members[name].address[0]
+            raise BadInputError(
+                f"{name} runs on {where}, not as a process of the leader's",
+                hint="stop its capture-app node there",
+            )
+        self._bursts.engine.forget(name)
+        self._bursts.pump.turn()

@@ -1,21 +1,25 @@
 """The streams of operators that watch a rig: its status whenever it changes, its news, and previews."""
 
 import asyncio
+from contextlib import suppress
 
 from msgspec.structs import replace
 
+from capture_app.errors import DiskError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.readiness import FolderRoom, RateReview, rig_advice
+from capture_app.node.leader.readiness import RateReview, rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.news import NewsLog
 from capture_app.node.wire.messages import StatusAnswer, ToLeader
 from capture_app.node.wire.operating import NewsAnswer, PreviewSeen, PreviewsWanted
 from capture_app.node.wire.status import RigStatus
+from capture_app.session.files.disk import free_bytes
 
+LOOK_EVERY_NS = 10_000_000_000
 TICK_S = 0.1
 """A status is sent at most once in so long."""
 KEEPALIVE_S = 3.0
@@ -36,7 +40,8 @@ class RigState:
         """`address` is where nodes join; `local` are those of this machine, None where it runs none."""
         self._address, self._bursts, self._viewfinders = address, bursts, viewfinders
         self._local, self._rates = local, rates
-        self._room = FolderRoom(bursts.options.sessions)
+        self._free_bytes: int | None = None
+        self._looked_ns = 0
 
     def status(self, after: str | None = None) -> RigStatus:
         """All of it at this moment; of the nodes a page, those `after` that name, where that is given."""
@@ -64,44 +69,29 @@ class RigState:
             app_phones=tuple(status for follower in options.followers for status in follower.statuses()),
             sessions=tuple(bursts.saved),
             sessions_folder=str(options.sessions.absolute()),
-            disk_free_bytes=self._room.free_bytes(now_ns),
+            disk_free_bytes=self._room(now_ns),
         )
 
+    def _room(self, now_ns: int) -> int | None:
+        """What is free on the sessions' disk, looked up now and then: a status need not follow each byte.
 
-class Watchers:
-    """Tells any number of operators what changes; costs nothing while nobody watches."""
-
-    def __init__(self, rig: RigState, news: NewsLog, viewfinders: Viewfinders) -> None:
-        self._rig = rig
-        self._news = news
-        self._viewfinders = viewfinders
-
-    async def serve(self, channel: Channel[ToLeader]) -> None:
-        """Tell one operator what changes until it closes its stream."""
-        watcher = _Watcher(channel, self._rig, self._news, self._viewfinders)
-        channel.allow_silence()
-        telling = asyncio.create_task(watcher.tell())
-        try:
-            while (message := await channel.receive_header()) is not None:
-                if isinstance(message, PreviewSeen):
-                    watcher.on_their_way.discard(message.camera)
-                elif isinstance(message, PreviewsWanted):
-                    watcher.wish = message
-                    await self._viewfinders.want(watcher, message)
-        finally:
-            telling.cancel()
-            await asyncio.gather(telling, return_exceptions=True)
-            await self._viewfinders.want(watcher, None)
+        None where the disk does not answer.
+        """
+        if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
+            self._looked_ns, self._free_bytes = now_ns, None
+            with suppress(DiskError):
+                self._free_bytes = free_bytes(self._bursts.options.sessions)
+        return self._free_bytes
 
 
-class _Watcher:
-    """One operator's stream."""
+class Watcher:
+    """Tells one operator what changes; costs nothing while nobody watches."""
 
     def __init__(
         self, channel: Channel[ToLeader], rig: RigState, news: NewsLog, viewfinders: Viewfinders
     ) -> None:
-        self.wish: PreviewsWanted | None = None
-        self.on_their_way: set[str] = set()
+        self._wish: PreviewsWanted | None = None
+        self._on_their_way: set[str] = set()
         """Cameras whose last preview the operator has not seen yet."""
         self._channel = channel
         self._rig = rig
@@ -110,8 +100,23 @@ class _Watcher:
         self._due_s: dict[str, float] = {}
         self._shown: dict[str, int] = {}
 
-    async def tell(self) -> None:
-        """Send what has changed, until cancelled or the stream breaks off."""
+    async def serve(self) -> None:
+        """Tell what changes until the operator closes the stream."""
+        self._channel.allow_silence()
+        telling = asyncio.create_task(self._tell())
+        try:
+            while (message := await self._channel.receive_header()) is not None:
+                if isinstance(message, PreviewSeen):
+                    self._on_their_way.discard(message.camera)
+                elif isinstance(message, PreviewsWanted):
+                    self._wish = message
+                    await self._viewfinders.want(self, message)
+        finally:
+            telling.cancel()
+            await asyncio.gather(telling, return_exceptions=True)
+            await self._viewfinders.want(self, None)
+
+    async def _tell(self) -> None:
         loop = asyncio.get_running_loop()
         told: RigStatus | None = None
         told_s, news_ns = 0.0, 0
@@ -130,20 +135,20 @@ class _Watcher:
             await asyncio.sleep(max(TICK_S / 2, began_s + TICK_S - loop.time()))
 
     async def _send_pictures(self, now_s: float) -> None:
-        wish = self.wish
+        wish = self._wish
         if wish is None or not wish.fps:
             return
         for picture in self._viewfinders.pictures(wish.cameras):
             camera = picture.frame.camera
             if (
-                camera in self.on_their_way
+                camera in self._on_their_way
                 or picture.number <= self._shown.get(camera, 0)
                 or now_s < self._due_s.get(camera, 0.0)
             ):
                 continue
             self._shown[camera] = picture.number
             self._due_s[camera] = now_s + 0.9 / wish.fps  # a tick is not exact
-            self.on_their_way.add(camera)
+            self._on_their_way.add(camera)
             await self._channel.send(picture.frame, picture.jpeg)
 
 

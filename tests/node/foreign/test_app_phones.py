@@ -7,6 +7,7 @@ import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -15,6 +16,7 @@ from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import BadInputError, NetworkError
 from capture_app.interop.app_phones import AppPhones
 from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
+from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.news import FollowerNews, News, news_line
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.importers.recording import ImportOptions, import_recording
@@ -33,6 +35,11 @@ class Take:
 
     burst: Burst
     finished: asyncio.Event = field(default_factory=asyncio.Event)
+
+
+def a_take(burst: Burst) -> BurstSession:
+    """One of which phones look at the burst and its end only."""
+    return cast(BurstSession, Take(burst))
 
 
 class Listener:
@@ -97,7 +104,7 @@ async def test_a_phone_takes_part_in_a_burst_and_its_pictures_are_imported(
     assert abs(rig.one.error_us()) * 1000 < status.hard_bound_ns + 1_000_000
     now_ns = time.monotonic_ns()
     instants = [now_ns + 3 * S, now_ns + 3 * S + S // 4, now_ns + 6 * S]
-    rig.phones.take_part(Take(burst_of(*instants)))
+    rig.phones.take_part(a_take(burst_of(*instants)))
     await until(lambda: len(rig.one.phone.pictures) == 2)
     assert "told to take 2 of 3 instants" in rig.lines
     assert "phone a3f1 has the time" in rig.lines
@@ -110,7 +117,7 @@ async def test_a_phone_takes_part_in_a_burst_and_its_pictures_are_imported(
 
 async def test_a_phone_records_until_the_recording_is_ended(rig: PhoneRig) -> None:
     now_ns = time.monotonic_ns()
-    take = Take(burst_of(now_ns + S, now_ns + 3600 * S, video=True))
+    take = a_take(burst_of(now_ns + S, now_ns + 3600 * S, video=True))
     rig.phones.take_part(take)
     await until(lambda: rig.one.phone.recordings == ["start"])
     take.burst = replace(take.burst, instants_ns=(now_ns + 1,))
@@ -119,7 +126,7 @@ async def test_a_phone_records_until_the_recording_is_ended(rig: PhoneRig) -> No
 
 async def test_a_recording_ends_with_the_leader(rig: PhoneRig) -> None:
     now_ns = time.monotonic_ns()
-    rig.phones.take_part(Take(burst_of(now_ns + S, now_ns + 3600 * S, video=True)))
+    rig.phones.take_part(a_take(burst_of(now_ns + S, now_ns + 3600 * S, video=True)))
     await until(lambda: rig.one.phone.recordings == ["start"])
     await rig.phones.close()
     await until(lambda: rig.one.phone.recordings == ["start", "stop"])
@@ -152,7 +159,7 @@ async def test_without_phones_nothing_is_said(tmp_path: Path) -> None:
     listener = Listener()
     phones = AppPhones(f"{HOST}.4", aligns=False)
     phones.start(HostClock(), listener)
-    phones.take_part(Take(burst_of(time.monotonic_ns() + S)))
+    phones.take_part(a_take(burst_of(time.monotonic_ns() + S)))
     await phones.close()
     assert phones.take_alone(BurstRequest(frames=1)) == ""
     assert listener.news == []

@@ -176,7 +176,7 @@ async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
 async def test_an_operator_ends_the_leader(leader: LeaderNode) -> None:
     await RigLink(leader.own_address).order(StopRig())
     async with asyncio.timeout(PATIENCE_S):
-        await leader.orders.stop_wanted.wait()
+        await leader.service.stop_wanted.wait()
 
 
 async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None:

@@ -91,7 +91,7 @@ async def test_an_old_session_that_lacks_images_takes_them_from_its_camera_alone
     burst = run, session.burst.number
     assert Session.open(session.folder).manifest.missing
     async with leading(tmp_path, trust) as leader:
-        await leader.orders.carry_out(RemoveCamera(name="cam0"))
+        await leader.service.carry_out(RemoveCamera(name="cam0"))
         async with joined(leader.own_address, THIEF, trust=thief):
             answers = await bring(leader.own_address, thief, THIEF, burst, FIVE)
         assert len(granted(answers)) == 1, "the stream itself is its own"
@@ -129,7 +129,7 @@ async def test_the_name_of_a_camera_below_a_relay_is_its_owners_when_it_is_silen
                 await until(lambda: all(n.state != "lost" for n in leader.status().nodes))
             # Once it is freed by hand, another machine can have it, also below the relay that knew it.
             await until(lambda: any(n.state == "lost" for n in leader.status().nodes))
-            await leader.orders.carry_out(RemoveCamera(name="cam0"))
+            await leader.service.carry_out(RemoveCamera(name="cam0"))
             async with joined(where, ("cam0", 4444), trust=thief):
                 await until(lambda: any(n.name == "cam0" for n in leader.status().nodes))
 
@@ -147,11 +147,11 @@ async def test_a_name_is_free_when_it_is_removed_and_not_while_its_camera_is_her
     async with leading(tmp_path, trust) as leader:
         async with joined(leader.own_address, CAM, trust=owner):
             with pytest.raises(BadInputError, match="runs on"):
-                await leader.orders.carry_out(RemoveCamera(name="cam0"))
+                await leader.service.carry_out(RemoveCamera(name="cam0"))
         await until(lambda: all(node.state == "lost" for node in leader.status().nodes))
-        await leader.orders.carry_out(RemoveCamera(name="cam0"))
+        await leader.service.carry_out(RemoveCamera(name="cam0"))
         with pytest.raises(BadInputError, match="no node named cam0"):
-            await leader.orders.carry_out(RemoveCamera(name="cam0"))
+            await leader.service.carry_out(RemoveCamera(name="cam0"))
         assert isinstance(await say_hello(leader.own_address, thief, *THIEF), Welcome)
     async with leading(tmp_path, trust) as leader:
         assert isinstance(await say_hello(leader.own_address, owner, *CAM), JoinRefusal), "kept on disk"

@@ -100,7 +100,7 @@ class InviteScreen(GuideScreen):
         """Show a further code."""
         line = ("To join from another machine, type there:", ""), (self._line, "bold $secondary"), ("", "")
         try:
-            invited = await self._source.invite()
+            invited = await self._source.ask(Invite(), Invited)
         except SimulshotError as error:
             self.show(self._line, *line, (str(error).capitalize(), "$warning"))
             return

@@ -24,7 +24,7 @@ from typing import Any, Generic, Self, TypeVar, cast
 import msgspec
 
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
-from capture_app.net.address import Address
+from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.text import UNREADABLE, printable_json
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
@@ -373,8 +373,9 @@ async def connect(
         raise NetworkError(what, hint=hint) from error
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
+        port = "" if address.port == DEFAULT_PORT else f" --port {address.port}"
         raise NetworkError(
-            f"no leader at {address}: {reason}", hint="start one with: capture-app leader"
+            f"no leader at {address}: {reason}", hint=f"start one with: capture-app leader{port}"
         ) from error
     channel = Channel[Any](reader, writer, msgspec.json.Decoder(messages))
     channel.who = who

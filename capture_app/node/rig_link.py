@@ -1,13 +1,14 @@
 """A screen's connection to a leader: updates in, orders out; it is opened again whenever it is lost."""
 
 import asyncio
+import shlex
 from collections.abc import AsyncGenerator, AsyncIterator
 from typing import Any
 
 from msgspec import Struct
 
-from capture_app.errors import NetworkError, SimulshotError
-from capture_app.net.address import Address
+from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.net.address import Address, parse_address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.asking import receive_answer
 from capture_app.node.requests import A, ControlledCamera, ask_burst, ask_leader, give_order, match_cameras
@@ -31,6 +32,15 @@ SILENCE_S = 10.0
 RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 
+def start_again(rig: RigStatus) -> str:
+    """What to type so that a rig whose leader is gone is led again."""
+    if rig.relay is not None:
+        return "is its relay still there?"
+    port, folder = parse_address(rig.leader).port, shlex.quote(rig.sessions_folder or "sessions")
+    line = f"capture-app rig start --port {port} --sessions {folder}"
+    return f"if it has ended, start it again on its machine: {line}"
+
+
 class RigLink:
     """A leader and its cameras. All but `updates` raise SimulshotError: the leader's own, or NetworkError."""
 
@@ -40,6 +50,8 @@ class RigLink:
         self._channel: Channel[Any] | None = None
         self._wish: operating.PreviewsWanted | None = None
         self._news_ns = 0
+        self._rig: RigStatus | None = None
+        """As it was told last."""
 
     async def updates(self) -> AsyncGenerator[Update, None]:
         """Yield what changes, for ever: for one reader at a time.
@@ -63,7 +75,8 @@ class RigLink:
                             yield update
             except SimulshotError as error:
                 if not failures:
-                    yield LinkLost(str(error))
+                    rig = None if isinstance(error, UnknownMachineError) else self._rig
+                    yield LinkLost(str(error) if rig is None else f"{error.what}; {start_again(rig)}")
             finally:
                 self._channel = None
             await asyncio.sleep(RETRY_S[min(failures, len(RETRY_S) - 1)])
@@ -101,6 +114,7 @@ class RigLink:
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
         match message:
             case messages.StatusAnswer():
+                self._rig = message.rig
                 yield message.rig
             case operating.NewsAnswer():
                 for line in message.lines:

@@ -24,7 +24,7 @@ from capture_app.sync.rig.frame_selection import Burst
 from capture_app.text import count
 
 SAID_AFTER_S = 1.0
-"""A wait for the disk that takes longer is told."""
+"""A wait for the disk, or for cameras, that takes longer is told."""
 
 
 class BurstSession:
@@ -50,6 +50,8 @@ class BurstSession:
         self._writer = writer
         self._disk = disk
         self._lost = lost
+        self._now_ns = 0
+        """The leader's time, when silence was looked for last."""
         self._shares = {share.name: share for share in shares}
         self._choice = InstantChoice(burst, None if writer.plan is None else writer.plan.chosen)
         self._committing = asyncio.Lock()
@@ -316,6 +318,7 @@ class BurstSession:
 
     async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
         """Wait no longer for cameras without a stream, or lost (name to reason), or stalled."""
+        self._now_ns = now_ns
         for name, share in self._shares.items():
             share.note_arrivals(now_ns)
             if reason := share.why_silent(lost, now_ns):
@@ -410,10 +413,15 @@ class BurstSession:
         images, seconds = self._intake.waiting()
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
-        if self._choice.is_committed or not any(self._told.values()):
+        late = [of for _, of in sorted(self._shares.items()) if not of.is_complete(self._choice)]
+        untold = [of.name for of in late if not of.told]
+        if untold and not self._choice.is_committed and len(untold) < len(self._shares):
+            return f"waiting to hear from {', '.join(untold)}"
+        # Of a long burst the next frame may be hours away, and one of an earlier run has other times.
+        since_ns = self._now_ns - self.burst.instants_ns[-1]
+        if not late or self.burst.streamed or self._lost is not None or since_ns < SAID_AFTER_S * 1e9:
             return ""
-        undecided = [name for name, of in self._shares.items() if not of.told and not of.given_up]
-        return f"waiting to hear from {', '.join(undecided)}" if undecided else ""
+        return f"waiting for pictures of {', '.join(of.name for of in late)}"
 
 
 async def _receive_frame(upload: ImageUpload, payload: AsyncIterator[bytes]) -> StoredImage:

@@ -14,6 +14,8 @@ from capture_app.session.writing.session_writer import SessionWriter
 from tests.node.bursts import DISK, IMAGE, burst_session, pieces, report, upload
 from tests.waiting import until
 
+S = 1_000_000_000
+
 
 class SlowWriter(SessionWriter):
     """Takes one batch at a time, each until it is let go on; instant 3 finds no room."""
@@ -91,4 +93,16 @@ async def test_whose_report_is_waited_for_is_told(tmp_path: Path) -> None:
     assert session.status.message == "", "nobody has told anything yet"
     await session.accept_report(report("a", 0, 1), now_ns=0)
     assert session.status.message == "waiting to hear from cam03"
+    await session.suspend()
+
+
+async def test_whose_pictures_are_waited_for_is_told_a_second_after_the_last_instant(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "cam03")
+    last_ns = session.burst.instants_ns[-1]
+    await session.give_up_silent_cameras({}, last_ns + S // 2)
+    assert session.status.message == ""
+    await session.give_up_silent_cameras({}, last_ns + S)
+    assert session.status.message == "waiting for pictures of a, cam03"
+    await session.accept_report(report("a"), now_ns=0)
+    assert session.status.message == "waiting for pictures of cam03"
     await session.suspend()

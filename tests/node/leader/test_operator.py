@@ -80,6 +80,8 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
     lost = await next_of(updates, lambda update: isinstance(update, LinkLost))
     assert isinstance(lost, LinkLost)
     assert "closed the connection" in lost.reason
+    port, folder = first.own_address.port, (tmp_path / "sessions").absolute()
+    assert lost.reason.endswith(f": capture-app rig start --port {port} --sessions {folder}")
     async with await leader_at(tmp_path / "sessions", first.own_address.port) as second:
         await next_of(updates, lambda update: isinstance(update, RigStatus))
         second.news.add("of the second run")

@@ -39,7 +39,6 @@ class Attempt:
 
     invitation: Invitation
     key: bytes
-    pin: str
 
 
 class Invitations:
@@ -84,7 +83,7 @@ class Invitations:
 
         half = SPAKE2_B(invitation.code.encode(), idA=pin.encode(), idB=own_pin.encode())
         own_share: bytes = half.start()
-        return own_share, Attempt(invitation, _finish(half, share), pin)
+        return own_share, Attempt(invitation, _finish(half, share))
 
     def accept(self, attempt: Attempt, proof: bytes) -> bytes:
         """Return the leader's own proof for a machine that knew the code, which is spent by that.

@@ -55,12 +55,6 @@ class BurstSender:
                 self._answer.cancel()
                 await asyncio.gather(self._answer, return_exceptions=True)
 
-    async def introduce(self, opening: messages.NodeStream) -> None:
-        """Say whose stream this is. Raises NetworkError where the leader does not know that node."""
-        answer = await self.ask(opening)
-        if isinstance(answer, messages.Refusal):
-            raise NetworkError(answer.what, hint=answer.hint)
-
     async def ask(
         self,
         message: messages.NodeStream | messages.CameraReport | messages.SpoolSpace,

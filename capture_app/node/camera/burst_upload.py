@@ -12,6 +12,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from capture_app.cameras.base import CapturedFrame
+from capture_app.errors import CameraError
 from capture_app.node.camera.spool import SpooledBurst
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.files.disk import disk_error
@@ -20,21 +21,17 @@ from capture_app.session.format.manifest import ImageRecord, MissingImage, image
 from capture_app.sync.rig.frame_selection import RING_BYTES, SelectedFrame
 
 
-class EncodingError(Exception):
-    """A frame that could not be turned into an image file."""
-
-
 def encode_frame(
     report: CameraReport, picked: SelectedFrame[CapturedFrame], *, with_truth: bool = True
 ) -> tuple[ImageUpload, bytes]:
-    """Return an image's header and its bytes, ground truth behind them. Raises EncodingError."""
+    """Return an image's header and its bytes, ground truth behind them. Raises CameraError."""
     frame = picked.frame
     try:
         image = frame.picture.encode()
         truth = b"" if frame.truth is None or not with_truth else frame.truth.encode()
     except Exception as error:
         # Drivers and encoders raise what they like; one bad frame must not end the node.
-        raise EncodingError(f"the frame could not be encoded: {error}") from error
+        raise CameraError(f"the frame could not be encoded: {error}") from error
     camera, name = report.plan.camera, report.plan.camera.name
     record = ImageRecord(
         camera=name,

@@ -9,14 +9,14 @@ from typing import Any
 
 from capture_app.cameras.base import CapturedFrame
 from capture_app.cameras.pictures import lower_priority
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import CameraError, NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_sender import BurstSender, PausedError, PostponedError
-from capture_app.node.camera.burst_upload import BurstUpload, EncodingError, encode_frame
+from capture_app.node.camera.burst_upload import BurstUpload, encode_frame
 from capture_app.node.camera.spool import Spool
 from capture_app.node.news import Log
-from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream
+from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream, Refusal
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig.frame_selection import SelectedFrame
 from capture_app.text import count
@@ -169,7 +169,7 @@ class Uploader:
         try:
             loop = asyncio.get_running_loop()
             image = await loop.run_in_executor(self._thread, self._encode, burst, picked)
-        except EncodingError as error:
+        except CameraError as error:
             burst.report_lost([picked.instant], str(error))
             self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
         # While it was encoded, the leader may have refused the burst.
@@ -244,7 +244,8 @@ class Uploader:
                 async with await connect(self.leader, FromLeader, trust=self._trust) as channel:
                     self._stream = channel
                     sender = BurstSender(channel, self._news, self._log, self._waiting)
-                    await sender.introduce(self._opening)
+                    if isinstance(refusal := await sender.ask(self._opening), Refusal):
+                        raise NetworkError(refusal.what, hint=refusal.hint)
                     while self._waiting or self._space_is_due:
                         if self._space_is_due:
                             await self._tell_space(sender)

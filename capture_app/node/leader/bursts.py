@@ -336,20 +336,18 @@ class ActiveBursts:
         is another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its session
         is in use.
         """
-        session = await self._find_session(message)
-        session.check_machine(message.camera, pin)
-        return session
-
-    async def _find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
         of_this_run = message.leader == self.engine.config.instance
         if of_this_run and message.burst in self._cancelled:
             raise CancelledBurstError(f"burst {message.burst} was cancelled")
         session = self._bursts.get(message.burst) if of_this_run else None
-        if session is not None and not session.finished.is_set():
-            return session
-        if isinstance(message, ImageUpload):
-            return self.resumed.open_session_of(message)
-        return await self.resumed.reopen(message, self.now_ns())
+        if session is None or session.finished.is_set():
+            session = (
+                self.resumed.open_session_of(message)
+                if isinstance(message, ImageUpload)
+                else await self.resumed.reopen(message, self.now_ns())
+            )
+        session.check_machine(message.camera, pin)
+        return session
 
     async def answer_finished(self, report: CameraReport, pin: str) -> ReportAck | None:
         """Answer a report of a saved session that has all images of its camera: nothing of it is changed."""

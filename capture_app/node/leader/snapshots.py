@@ -14,7 +14,6 @@ from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import MAX_DEPTH, WITHOUT_CAMERA, NodeState, Report
 from capture_app.text import count
 
-_UNKNOWN = Vitals()
 MOST_OF_A_PAGE = 250
 
 
@@ -32,7 +31,7 @@ def node_statuses(
     return tuple(
         NodeStatus(
             **asdict(_with_disk(view.report, known.get(view.name))),
-            **asdict((vitals or {}).get(view.name, _UNKNOWN)),
+            **asdict((vitals or {}).get(view.name, Vitals())),
             disk_free_bytes=space.free_bytes if (space := known.get(view.name)) else None,
             on_leader=view.name in local,
             name=view.name,

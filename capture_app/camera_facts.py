@@ -10,7 +10,7 @@ Text = Annotated[str, Meta(max_length=200)]
 Count = Annotated[int, Meta(ge=0)]
 Positive = Annotated[int, Meta(gt=0)]
 
-SIMULATED = "sim"
+SIMULATED, PHONE = "sim", "phone"
 """The kind of every simulated camera."""
 MOST_STAMP_NS = 10_000_000_000
 """No stamp is further from its light, and none less surely known."""

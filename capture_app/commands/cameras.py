@@ -213,7 +213,7 @@ def add(
 @leader_option
 @json_option
 def remove(name: str, leader: Address, as_json: bool) -> None:
-    """End the camera NAME that the leader's machine runs, or forget one that is lost."""
+    """End the camera NAME that the leader's machine runs, put a phone off, or forget one that is lost."""
     from capture_app.node.requests import give_order
     from capture_app.node.wire.operating import RemoveCamera
 

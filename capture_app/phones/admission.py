@@ -38,6 +38,8 @@ class Admission:
         """Digests of the secrets that phones came by, and of those phones' keys."""
         self._phones: dict[str, Admitted] = {}
         self._tickets: dict[str, tuple[Admitted, float]] = {}
+        self._put_off: set[str] = set()
+        """Digests of the keys of phones that were taken off the rig."""
 
     @property
     def secret(self) -> str:
@@ -62,6 +64,10 @@ class Admission:
         if digest in self._phones:
             # It may have been told another secret meanwhile, which stays good for the next phone.
             return self._phones[digest]
+        if digest in self._put_off and (not secret or offered in self._spent):
+            raise UnknownMachineError(
+                "The leader has put this phone off. To come back, scan the code that it shows now."
+            )
         if not secret:
             raise UnknownMachineError(
                 "This phone is not known here yet: scan the code that the leader shows."
@@ -80,6 +86,11 @@ class Admission:
         self._spent[offered] = digest
         self._renew()
         return admitted
+
+    def put_off(self, admitted: Admitted) -> None:
+        """Let a phone in again by a new secret only."""
+        self._put_off.add(admitted.key)
+        self._phones.pop(admitted.key, None)
 
     def ticket(self, admitted: Admitted) -> str:
         """Return what opens one stream of that phone, soon."""

@@ -173,6 +173,7 @@ class PhoneNodes:
                 log=Log(lambda line: self._talk(f"{phone.name}: {line}"), name=phone.name),
                 spool=self._spool,
                 profiles=DeviceProfiles(),
+                put_off=phone.put_off,
             )
             node = CameraNode(options)
             tasks = [

@@ -5,6 +5,7 @@ The listening end of the phones' server: strangers take little of it, and not fo
 
 import asyncio
 import contextlib
+import functools
 import logging
 import socket
 import ssl
@@ -241,6 +242,7 @@ class PhoneGateway:
         is_new = phone is None
         if phone is None:
             phone = self._phones[admitted.key] = Phone(admitted.name, time.monotonic_ns, hello)
+            phone.put_off = functools.partial(self._put_off, admitted)
         phone.link_opened(send, hello)
         if is_new:
             self._on_phone(phone)
@@ -262,10 +264,20 @@ class PhoneGateway:
             phone.link_closed(send, by_user=link.close_code == LEFT)
 
     def _replace_link(self, admitted: Admitted, link: web.WebSocketResponse) -> None:
-        former, self._link_of[admitted.key] = self._link_of.get(admitted.key), link
-        if former is not None and not former.closed:
-            # Two pages would tell of two clocks.
-            closing = asyncio.create_task(former.close(code=REPLACED, message=_REPLACED))
+        # Two pages would tell of two clocks.
+        self._close_link(admitted, _REPLACED)
+        self._link_of[admitted.key] = link
+
+    def _put_off(self, admitted: Admitted) -> None:
+        self._admission.put_off(admitted)
+        if (phone := self._phones.pop(admitted.key, None)) is not None:
+            phone.said_goodbye = True
+        self._close_link(admitted, _PUT_OFF)
+
+    def _close_link(self, admitted: Admitted, why: bytes) -> None:
+        link = self._link_of.get(admitted.key)
+        if link is not None and not link.closed:
+            closing = asyncio.create_task(link.close(code=REPLACED, message=why))
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
 
@@ -297,6 +309,7 @@ async def _say_no_server(request: web.Request, response: web.StreamResponse) -> 
     response.headers.popall("Server", None)
 
 
+_PUT_OFF = b"The leader has put this phone off. To come back, scan the code that it shows now."
 _REPLACED = b"This phone takes part by another page of it. Close one of them."
 _POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src data:;"

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from math import hypot
 
 from capture_app.camera_facts import (
+    PHONE,
     CameraFacts,
     Control,
     ControlState,
@@ -104,7 +105,6 @@ class PhoneClock:
 
 _log = logging.getLogger(__name__)
 
-KIND = "phone"
 ORDER_S = 10.0
 MOST_EXPOSURE_US = 1e7
 PATIENCE_S = 15.0
@@ -131,7 +131,9 @@ class Phone:
         self.back = asyncio.Event()
         """Set while one is."""
         self.said_goodbye = False
-        """Whether its user ended it."""
+        """Whether its user ended it, or the leader's."""
+        self.put_off: Callable[[], None] = lambda: None
+        """Closes its page's link, and keeps it off until it comes by a new code."""
         self._now_ns = now_ns
         self._send: Send | None = None
         self._hello, self.page = hello, hello.page
@@ -160,7 +162,7 @@ class Phone:
         exposed_ns = period_ns if exposure_ns is None else min(exposure_ns, period_ns)
         half_ns = (exposed_ns + period_ns + DELIVERY_NS) // 2
         return CameraFacts(
-            kind=KIND,
+            kind=PHONE,
             model=" ".join(filter(None, (self._hello.model or browser, opened.label)))[:200],
             width=opened.width,
             height=opened.height,
@@ -275,7 +277,7 @@ class Phone:
         """The connection is closed; that of a page that another has replaced is nothing."""
         if self._send is not send:
             return
-        self._send, self.said_goodbye = None, by_user
+        self._send, self.said_goodbye = None, self.said_goodbye or by_user
         self.back.clear()
         self.gone.set()
         self._stand_still(NEVER)

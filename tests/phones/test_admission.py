@@ -37,6 +37,17 @@ def test_a_phone_comes_back_under_its_name_without_a_secret() -> None:
     assert admission.admit("", ours, "other") == came
 
 
+def test_a_phone_that_was_put_off_stays_off_until_it_scans_another_code() -> None:
+    admission, ours = Admission(HandClock()), key()
+    secret = admission.secret
+    admission.put_off(admission.admit(secret, ours, "left"))
+    for again in ("", secret):
+        with pytest.raises(UnknownMachineError, match="put this phone off"):
+            admission.admit(again, ours, "left")
+    assert admission.admit(admission.secret, ours, "left").name == "left"
+    assert admission.admit("", ours, "left").name == "left"
+
+
 def test_a_phone_whose_answer_was_lost_may_ask_again_by_the_same_secret() -> None:
     admission, ours = Admission(HandClock()), key()
     secret = admission.secret

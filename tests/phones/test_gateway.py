@@ -12,7 +12,8 @@ import pytest
 
 from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
 from capture_app.errors import SimulshotError
-from capture_app.node.requests import ask_controls
+from capture_app.node.requests import ask_controls, give_order
+from capture_app.node.wire.operating import RemoveCamera
 from capture_app.phones.gateway import MOST_GREETED, REPLACED
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
@@ -113,6 +114,22 @@ async def test_controls_are_set_by_the_page_and_told(place: Place) -> None:
     assert "the browser refuses it" in refused.problems[Control.EXPOSURE]
     (image,) = (await burst(place, 1)).manifest.images
     assert image.exposure_ns == 4_000_000
+
+
+async def test_a_phone_that_an_operator_puts_off_stays_off(place: Place) -> None:
+    phone = await place.phone()
+    await phone.join()
+    await phone.open_camera()
+    await until(lambda: place.state("left") not in (None, NodeState.FAILED))
+    async with patience("the order to put it off"):
+        while place.state("left") is not None:
+            with contextlib.suppress(SimulshotError):  # its viewfinder may not be open yet
+                await give_order(place.leader.own_address, RemoveCamera(name="left"))
+            await asyncio.sleep(0.05)
+    status, body = await phone.ask()
+    assert (status, "put this phone off" in body["words"]) == (403, True)
+    again = await place.phone(key=phone.key)
+    assert await again.join() == "left"
 
 
 async def test_who_has_no_secret_gets_nothing(place: Place) -> None:

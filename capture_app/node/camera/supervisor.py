@@ -200,6 +200,8 @@ class NodeOptions:
     """Whom it follows."""
     log: Log = field(default_factory=Log)
     """Takes what a user may see."""
+    put_off: Callable[[], None] = lambda: None
+    """Called when an operator takes it off the rig, where whoever starts it can see to that."""
 
 
 class CameraSupervisor:

@@ -24,6 +24,7 @@ from capture_app.node.wire.operating import (
     PreviewFrame,
     PreviewSeen,
     PreviewsWanted,
+    PutOff,
     StampKept,
     ViewfinderOpened,
     Vitals,
@@ -138,6 +139,8 @@ class Viewfinder:
                     await channel.send(
                         StampKept(camera=self._name, kept=self._node.keep_stamp(message.stamp))
                     )
+                case PutOff() if message.camera == self._name:
+                    self._node.options.put_off()
                 case Refusal():
                     raise NetworkError(message.what)
                 case _:

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 
+from capture_app.camera_facts import PHONE
 from capture_app.errors import (
     BadInputError,
     DiskError,
@@ -240,17 +241,22 @@ class LeaderService:
         return member is not None and not member.lost
 
     async def _remove(self, name: str) -> None:
-        if self._local is not None and name in self._local.names:
+        members, is_local = self._bursts.engine.members, self._local is not None and name in self._local.names
+        is_phone = self._is_here(name) and members[name].camera.kind == PHONE
+        if self._local is not None and is_local:
             await self._local.remove(name)
+        elif is_phone:
+            await self._viewfinders.put_off(name)
+        if is_local or is_phone:
             # It says goodbye as it ends; one that had to be killed is noticed by its silence.
             for _ in range(FORGET_CHECKS):
                 if not self._is_here(name):
                     break
                 await asyncio.sleep(FORGET_CHECK_S)
-            if name not in self._bursts.engine.members:
+            if name not in members:
                 return
         if self._is_here(name):
-            where = self._bursts.engine.members[name].address[0]
+            where = members[name].address[0]
             raise BadInputError(
                 f"{name} runs on {where}, not as a process of the leader's",
                 hint="stop its capture-app node there",

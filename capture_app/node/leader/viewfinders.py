@@ -17,6 +17,7 @@ from capture_app.node.wire.operating import (
     PreviewFrame,
     PreviewSeen,
     PreviewsWanted,
+    PutOff,
     StampKept,
     ToViewfinder,
     ViewfinderOpened,
@@ -135,6 +136,13 @@ class Viewfinders:
             stream.asked[kind] = answer
             await _send(stream.channel, request)
             return await _answer(stream, name, answer)
+
+    async def put_off(self, camera: str) -> None:
+        """Have a phone's node end. Raises IncompleteError where that has no stream open."""
+        stream = self._streams.get(camera)
+        if stream is None:
+            raise _closed(camera)
+        await _send(stream.channel, PutOff(camera=camera))
 
     async def _ask(self, name: str) -> None:
         """Ask a node for what all operators together want of it, where that has changed."""

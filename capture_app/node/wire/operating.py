@@ -125,6 +125,12 @@ class KeepStamp(Message, frozen=True, kw_only=True, tag="keep-stamp"):
     stamp: StampAccuracy
 
 
+class PutOff(Message, frozen=True, kw_only=True, tag="put-off"):
+    """An operator has taken a phone off the rig: it stays off until it is let in anew."""
+
+    camera: Name
+
+
 class StampKept(Message, frozen=True, kw_only=True, tag="stamp-kept"):
     """A node goes by what it was told of its stamps; whether it could keep it, too."""
 
@@ -177,4 +183,4 @@ FromOperator = (
 )
 FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept
 ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept | PhoneInvited | Done
-ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp
+ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | PutOff

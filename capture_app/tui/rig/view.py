@@ -10,6 +10,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.content import Content
 
+from capture_app.camera_facts import PHONE
 from capture_app.errors import SimulshotError
 from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
 from capture_app.node.rig_link import LinkLost, RigLink
@@ -259,7 +260,7 @@ class RigView(ModeView):
         """Take the chosen camera off the rig."""
         node = self._cameras.chosen
         if node is not None and node.state is not NodeState.LOST:
-            if not node.on_leader:
+            if not node.on_leader and node.camera.kind != PHONE:
                 words = f"{node.name} runs on another machine ({node.address})"
                 self.post_message(Mishap(SimulshotError(words, hint="stop it there")))
                 return

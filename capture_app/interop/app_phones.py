@@ -112,7 +112,7 @@ class AppPhones(RigFollower):
         which = f"{len(taken)} of {count(len(instants_ns), 'instant')}"
         return f"take {which}: one each half a second at most"
 
-    def _begin_recording(self, take: BurstSession) -> None:
+    def _begin_recording(self, take: "BurstSession | _Alone") -> None:
         task = asyncio.create_task(self._record(take))
         self._recordings.add(task)
         task.add_done_callback(self._recordings.discard)
@@ -129,7 +129,7 @@ class AppPhones(RigFollower):
         self._engine.set_exposure(exposure_ns, iso)
         self._turn()
 
-    async def _record(self, take: BurstSession) -> None:
+    async def _record(self, take: "BurstSession | _Alone") -> None:
         self._engine.start_recording()
         self._turn()
         try:

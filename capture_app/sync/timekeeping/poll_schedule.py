@@ -3,8 +3,7 @@
 Whether a clock is known as well as was asked for, and whether asking on quickly still helps.
 """
 
-from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from capture_app.sync.clock.time_map import TimeMap
 
@@ -23,13 +22,8 @@ class Progress(NamedTuple):
     """Whether the clock is known as well as was asked for."""
 
 
-class PollSchedule(ABC):
-    """The times of requests and estimates; `now_ns` is the node's own clock, all times in ns."""
-
-    least_samples: ClassVar[int]
-    """The time is not estimated from fewer samples."""
-    synced_samples: ClassVar[int]
-    """With fewer the clock does not count as synchronized, however good it seems."""
+class _Due:
+    """When a node's next request and its next estimate are due, in ns of its own clock."""
 
     def __init__(self) -> None:
         self.request_due_ns = self.estimate_due_ns = NEVER_NS
@@ -38,25 +32,8 @@ class PollSchedule(ABC):
         self.leader_pace_ns = 0
         """Mean time between two requests of a node that the leader can bear; 0 for any."""
 
-    @abstractmethod
-    def begin(self, now_ns: int) -> None:
-        """Start anew with another leader."""
-
-    @abstractmethod
     def restart(self, now_ns: int) -> None:
         """Ask as often as at first again: a clock has stepped."""
-
-    @abstractmethod
-    def request_sent(self, now_ns: int, progress: Progress) -> bool:
-        """Note a request, and fix when the next is due; whether it is time to report to the leader, too."""
-
-    @abstractmethod
-    def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
-        """Note a reply, not yet in `progress`; whether the next request is to be sent at once."""
-
-    @abstractmethod
-    def estimated(self, now_ns: int) -> None:
-        """Note that the time was estimated, and fix when it is next."""
 
     def is_unanswered(self, now_ns: int) -> bool:
         """Whether so much went unanswered that the leader must be gone."""
@@ -76,10 +53,11 @@ BACKLOG_NS = 100 * _MS
 ESTIMATE_EVERY_NS = 100 * _MS
 
 
-class SteadySchedule(PollSchedule):
+class SteadySchedule(_Due):
     """Many requests in quick succession, then one each `pace_ns`, on the grid of this node's slot."""
 
     least_samples, synced_samples = 1, FIRST_SAMPLES
+    """With fewer samples the time is not estimated, or the clock does not count as synchronized."""
 
     def __init__(
         self,
@@ -100,9 +78,6 @@ class SteadySchedule(PollSchedule):
         """Ask and estimate, in this node's slot: many may have begun together."""
         pace_ns = max(self._first_pace_ns, self.leader_pace_ns)
         self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(self.slot * pace_ns)
-
-    def restart(self, now_ns: int) -> None:
-        """The pace is that of a clock that is not synchronized anyway."""
 
     def request_sent(self, now_ns: int, progress: Progress) -> bool:
         """Fix when the next is due: what a late timer has missed is made up for, but never at once."""
@@ -160,7 +135,7 @@ GROWTH = 1.2
 estimate is extrapolated by more than a fifth of the time that the clock was watched."""
 
 
-class RoundSchedule(PollSchedule):
+class RoundSchedule(_Due):
     """Rounds of requests in quick succession, ever further apart: a leader of many bears it, radios sleep."""
 
     least_samples = synced_samples = LEAST_EXCHANGES
@@ -216,6 +191,9 @@ class RoundSchedule(PollSchedule):
     def is_unanswered(self, now_ns: int) -> bool:
         """Whether a whole round went unanswered."""
         return now_ns >= self.estimate_due_ns and self._replies == 0
+
+
+PollSchedule = SteadySchedule | RoundSchedule
 
 
 CLOCK_SHARE = 1.0

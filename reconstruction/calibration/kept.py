@@ -88,7 +88,15 @@ class CalibrationShelf:
         best = max(range(len(known)), key=lambda i: ranked[i], default=None)
         if best is None or known[best][0] < max(2, (len(modes) + 1) // 2):
             return None
-        return _of_modes(known[best][1], modes)
+        kept = known[best][1]
+        # Without cameras that are set otherwise now.
+        same = {
+            name: camera
+            for name, camera in kept.calibration.cameras.items()
+            if kept.modes.get(name) == modes.get(name)
+        }
+        calibration = msgspec.structs.replace(kept.calibration, cameras=same)
+        return msgspec.structs.replace(kept, calibration=calibration)
 
     def _path(self, modes: dict[str, CameraMode]) -> Path:
         key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
@@ -115,17 +123,6 @@ def camera_modes(dataset: Dataset) -> dict[str, CameraMode]:
         name: CameraMode(kind=of.kind, model=of.model, width=of.width, height=of.height)
         for name, of in facts.items()
     }
-
-
-def _of_modes(kept: KeptCalibration, modes: dict[str, CameraMode]) -> KeptCalibration:
-    """Without cameras that are set otherwise now."""
-    cameras = {
-        name: camera
-        for name, camera in kept.calibration.cameras.items()
-        if kept.modes.get(name) == modes.get(name)
-    }
-    calibration = msgspec.structs.replace(kept.calibration, cameras=cameras)
-    return msgspec.structs.replace(kept, calibration=calibration)
 
 
 def _read(path: Path) -> KeptCalibration | None:

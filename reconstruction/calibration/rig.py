@@ -126,6 +126,11 @@ class Rig:
         """The unit of length of every depth."""
         return self.calibration.unit if self.calibration else ""
 
+    @property
+    def middle_features(self) -> dict[str, Features]:
+        """`features` of the middle of the session."""
+        return self.features(len(self.dataset.instants_ns) // 2)
+
     def calibrate(self) -> None:
         """Set the views: the session's own, else found from its images.
 

@@ -118,8 +118,9 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
     elif source is CalibrationSource.KEPT:
         kept = CalibrationShelf().find(dataset)
         if kept is None:
+            modes = (f"{name} {of.width}x{of.height}" for name, of in sorted(camera_modes(dataset).items()))
             raise BadInputError(
-                f"no calibration is kept of these cameras in these modes: {describe_modes(dataset)}",
+                f"no calibration is kept of these cameras in these modes: {', '.join(modes)}",
                 hint="reconstruct calibrate keeps one; another session's can be given by its path",
             )
         found = kept.with_origin
@@ -127,7 +128,7 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
         found = read_calibration(dataset, Path(source))
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig, views = Rig(dataset, Path(scratch)), calibrated_views(dataset, found)
-        check = check_rig(views, rig.features(_middle(rig)))
+        check = check_rig(views, rig.middle_features)
         return Candidate(found, _still_points(rig, views), check=check)
 
 
@@ -157,13 +158,6 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
     return Calibration(cameras=found.cameras, unit=found.unit, source=source)
 
 
-def describe_modes(dataset: Dataset) -> str:
-    """A session's cameras and their modes in words."""
-    return ", ".join(
-        f"{name} {mode.width}x{mode.height}" for name, mode in sorted(camera_modes(dataset).items())
-    )
-
-
 def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
     """Sessions that show the board to a session's cameras; without paths the session itself.
 
@@ -183,13 +177,9 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
 
 def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
     """Points at rest that pairs of cameras share, at the middle of the burst."""
-    features = rig.features(_middle(rig))
+    features = rig.middle_features
     return {
         (a, b): match_features(features[a], features[b])
         for a, b in combinations([name for name in features if name in views], 2)
         if angle_deg(views[a].axis, views[b].axis) < MAX_AXIS_ANGLE_DEG
     }
-
-
-def _middle(rig: Rig) -> int:
-    return len(rig.dataset.instants_ns) // 2

@@ -148,7 +148,10 @@ class Comparison:
         if no_views is None:
             if self.timing is None and not self.panorama.found.skipped:
                 self.timing = self._measure_timing(self.panorama.found.pair)
-            self._measure_rig_timing()
+            if len(self.rig.views) > 2:
+                self.progress.step("lateness of all cameras")
+                reference = self.timing.reference if self.timing is not None else None
+                self.rig_timing = self.times.measure_rig(reference)
             self._run(self.triangulation)
         else:
             if self.panorama.found.skipped and isinstance(no_views, NotAvailableError):
@@ -213,13 +216,6 @@ class Comparison:
         self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
         return self.times.measure_pair(pair)
 
-    def _measure_rig_timing(self) -> None:
-        """Where there are more cameras than the pair."""
-        if len(self.rig.views) > 2:
-            self.progress.step("lateness of all cameras")
-            reference = self.timing.reference if self.timing is not None else None
-            self.rig_timing = self.times.measure_rig(reference)
-
     def _run_poses(self, moving: float) -> None:
         """Estimate poses if asked for or if much moves; `moving` is the share of moving pixels."""
         asked, share = self.options.poses, wording.share(moving, decimals=0)
@@ -244,16 +240,11 @@ class Comparison:
             found.append(ConditionResult(name=condition.name, offsets_ms=late_ms, studies=studies))
         if self.against is not None:
             self.progress.step(f"session {self.against.name}")
-            rig = self._calibrated_like_ours(self.against)
+            # By its own calibration, else by this one's.
+            rig = Rig(self.against, self.folder / STAGES, self.offset.step)
+            if calibration := self.against.calibration() or self.rig.calibration:
+                rig.use_calibration(calibration)
             studies = tuple(study.compare_session(rig) for study in made)
             session = str(self.against.session.folder)
             found.append(ConditionResult(name=self.against.name, session=session, studies=studies))
         return tuple(found)
-
-    def _calibrated_like_ours(self, other: Dataset) -> Rig:
-        """Another session's cameras by its own calibration, else by this one's."""
-        rig = Rig(other, self.folder / STAGES, self.offset.step)
-        calibration = other.calibration() or self.rig.calibration
-        if calibration is not None:
-            rig.use_calibration(calibration)
-        return rig

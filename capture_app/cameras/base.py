@@ -83,6 +83,7 @@ class Camera(ABC):
     """A camera driver. All methods are called on the event loop and must not block it."""
 
     _clock_of_node: NodeClock = HostClock()
+    _facts: CameraFacts
     _on_frame: OnFrame
     _on_failure: OnFailure
 
@@ -100,9 +101,14 @@ class Camera(ABC):
             )
 
     @property
-    @abstractmethod
     def facts(self) -> CameraFacts:
-        """What this camera is and can do, known once it has started, mostly as soon as it is open."""
+        """What this camera is and can do, known once it has started, mostly as soon as it is open.
+
+        Raises CameraError before that.
+        """
+        if not hasattr(self, "_facts"):
+            raise CameraError("this camera is known when it was started")
+        return self._facts
 
     @property
     def calibration(self) -> CameraCalibration | None:

@@ -5,7 +5,7 @@ import threading
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from capture_app.cameras.v4l2.kernel import PixelFormat
 from capture_app.session.reading.decoding import decode_image, encode_image
@@ -48,10 +48,13 @@ class JpegPicture:
 class PixelPicture(ABC):
     """A picture that is no JPEG yet."""
 
+    data: Any
+    """What it is made of, in memory."""
+
     @property
-    @abstractmethod
     def held_bytes(self) -> int:
         """How much memory it takes."""
+        return memoryview(self.data).nbytes
 
     @abstractmethod
     def pixels(self, width: int | None) -> "NDArray[np.uint8]":
@@ -83,11 +86,6 @@ class RawPicture(PixelPicture):
 
     data: bytes
     layout: PixelFormat
-
-    @property
-    def held_bytes(self) -> int:
-        """How much memory it takes."""
-        return len(self.data)
 
     def pixels(self, width: int | None) -> "NDArray[np.uint8]":
         """See `PixelPicture.pixels`."""

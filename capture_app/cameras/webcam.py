@@ -39,17 +39,12 @@ MISS_PAUSE_S = 0.05
 class WebcamPicture(PixelPicture):
     """A picture in memory, BGR uint8 (H, W, 3)."""
 
-    image: "NDArray[np.uint8]"
-
-    @property
-    def held_bytes(self) -> int:
-        """How much memory it takes."""
-        return self.image.nbytes
+    data: "NDArray[np.uint8]"
 
     def pixels(self, width: int | None) -> "NDArray[np.uint8]":
         """See `PixelPicture.pixels`."""
-        step = step_to(self.image.shape[1], width)
-        return self.image[::step, ::step]
+        step = step_to(self.data.shape[1], width)
+        return self.data[::step, ::step]
 
 
 class Webcam:
@@ -99,7 +94,6 @@ class WebcamCamera(Camera):
     def __init__(self, open_webcam: Callable[[], Webcam]) -> None:
         """`open_webcam` may block; it is called on a thread of this camera's."""
         self._open_webcam = open_webcam
-        self._facts: CameraFacts | None = None
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
         self._has_failed = False
@@ -107,13 +101,6 @@ class WebcamCamera(Camera):
         self._restarted: asyncio.Future[None] | None = None
         self._loop: asyncio.AbstractEventLoop
         self._begun: asyncio.Future[None]
-
-    @property
-    def facts(self) -> CameraFacts:
-        """What this camera is and can do. Raises CameraError before it was started."""
-        if self._facts is None:
-            raise CameraError("a webcam is known when it was started")
-        return self._facts
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Open and stream. Raises CameraError where it is missing or gives no pictures."""

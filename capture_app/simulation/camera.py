@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import KELVIN, MICROSECONDS, TIMES, CameraFacts, Control, ControlState
+from capture_app.camera_facts import KELVIN, MICROSECONDS, TIMES, Control, ControlState
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.pictures import JpegPicture
 from capture_app.clock import NodeClock
@@ -201,11 +201,6 @@ class SimulatedCamera(Camera):
         self._facts = facts_of(sensor.profile, width=source.width, height=source.height)
         if automatic:
             self._expose()
-
-    @property
-    def facts(self) -> CameraFacts:
-        """What this camera is and can do."""
-        return self._facts
 
     @property
     def calibration(self) -> CameraCalibration | None:

@@ -118,19 +118,11 @@ class AravisCamera(Camera):
         self._closing = threading.Event()
         self._device: AravisDevice | None = None
         self._clock: LatchedClock | ArrivalClock | None = None
-        self._facts: CameraFacts | None = None
         self._wanted_ns: deque[int] = deque()
         """Durations of one coming frame each, until they are asked for."""
         self._restore_at_ns: int | None = None
         self._numbers = FrameNumbers()
         self._loop: asyncio.AbstractEventLoop
-
-    @property
-    def facts(self) -> CameraFacts:
-        """What this camera is and can do. Raises CameraError before it was started."""
-        if self._facts is None:
-            raise CameraError("a machine-vision camera is known when it was started")
-        return self._facts
 
     @property
     def device_clock(self) -> DeviceClock | None:

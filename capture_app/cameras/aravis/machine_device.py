@@ -63,11 +63,6 @@ class MachinePicture(PixelPicture):
     height: int
     pixel_format: str
 
-    @property
-    def held_bytes(self) -> int:
-        """How much memory it takes."""
-        return len(self.data)
-
     def pixels(self, width: int | None) -> "NDArray[np.uint8]":
         """See `PixelPicture.pixels`; of 8 bits."""
         import cv2

@@ -12,7 +12,7 @@ makes all those that came back whole multiples of it is then a question of arith
 import asyncio
 import random
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
@@ -22,7 +22,7 @@ from typing import Any
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts, Control, ControlState, PhaseControl
+from capture_app.camera_facts import Control, ControlState, PhaseControl
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.libcamera.configuration import (
     KIND,
@@ -74,38 +74,16 @@ def find_row_time_us(reported_us: Iterable[int]) -> float | None:
     durations = sorted(set(reported_us))
     if len(durations) < FEWEST or durations[0] <= 0:
         return None
-    least_us, *others = durations
-    for rows in range(ceil(least_us / LONGEST_ROW_US), floor(least_us / SHORTEST_ROW_US) + 1):
-        bounds = (least_us - _BELOW_US) / rows, (least_us + _ABOVE_US) / rows
-        found = _narrowed(bounds, others)
-        if found is not None:
-            return sum(found) / 2
-    return None
-
-
-def _narrowed(bounds_us: tuple[float, float], durations_us: Sequence[int]) -> tuple[float, float] | None:
-    """The row times within these bounds that make all the durations whole rows; None for none."""
-    low_us, high_us = bounds_us
-    for at, duration_us in enumerate(durations_us):
-        fewest = floor((duration_us - _BELOW_US) / high_us) + 1
-        most = ceil((duration_us + _ABOVE_US) / low_us) - 1
-        if fewest > most:
-            return None
-        if fewest < most:
-            tried = (
-                _narrowed(_overlap((low_us, high_us), duration_us, rows), durations_us[at + 1 :])
-                for rows in range(fewest, most + 1)
-            )
-            return next(filter(None, tried), None)
-        low_us, high_us = _overlap((low_us, high_us), duration_us, fewest)
-    return (low_us, high_us) if low_us < high_us else None
-
-
-def _overlap(bounds_us: tuple[float, float], duration_us: int, rows: int) -> tuple[float, float]:
-    return (
-        max(bounds_us[0], (duration_us - _BELOW_US) / rows),
-        min(bounds_us[1], (duration_us + _ABOVE_US) / rows),
-    )
+    bounds = [(SHORTEST_ROW_US, LONGEST_ROW_US)]
+    for duration_us in durations:
+        least_us, most_us = duration_us - _BELOW_US, duration_us + _ABOVE_US
+        narrowed = [
+            (max(low_us, least_us / rows), min(high_us, most_us / rows))
+            for low_us, high_us in bounds
+            for rows in range(floor(least_us / high_us) + 1, ceil(most_us / low_us))
+        ]
+        bounds = [(low_us, high_us) for low_us, high_us in narrowed if low_us < high_us]
+    return sum(max(bounds)) / 2 if bounds else None
 
 
 SILENT_S = 5.0
@@ -185,11 +163,6 @@ class LibcameraCamera(Camera):
             on_news=self._receive,
         )
         self._stream.keep(first_exposure(controls, self._wishes))
-
-    @property
-    def facts(self) -> CameraFacts:
-        """What this camera is and can do; its rows and exposure once it streams."""
-        return self._facts
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming, and learn from the first frames. Raises CameraError where it delivers none."""

@@ -1,6 +1,6 @@
 """The controls of a camera of libcamera by their names: exposure, gain, white balance, focus, durations."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,11 +30,6 @@ class KnownControls:
         return {self._known[name][0]: value for name, value in values.items() if name in self._known}
 
 
-def frame_duration(duration_us: int) -> dict[str, Any]:
-    """The setting that lets a frame last that long."""
-    return {"FrameDurationLimits": (duration_us, duration_us)}
-
-
 def first_exposure(controls: KnownControls, wishes: CameraRequest) -> dict[str, Any]:
     """The exposure and gain that a stream starts with: the camera's own where nothing is asked."""
     asked = {"ExposureTime": wishes.exposure_us, "AnalogueGain": wishes.gain}
@@ -53,12 +48,6 @@ def held_exposure(metadata: Mapping[str, Any], wishes: CameraRequest) -> dict[st
     if colours:
         held |= {"AwbEnable": False, "ColourGains": tuple(colours)}
     return {name: value for name, value in held.items() if value is not None}
-
-
-def by_name(metadata: Mapping[Any, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Those of a request's metadata that are named."""
-    wanted = set(names)
-    return {control.name: value for control, value in metadata.items() if control.name in wanted}
 
 
 _MANUAL_FOCUS, _CONTINUOUS_FOCUS = 0, 2

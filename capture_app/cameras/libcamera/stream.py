@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture_app.cameras.base import wait_for_start
-from capture_app.cameras.libcamera.controls import KnownControls, by_name, frame_duration
+from capture_app.cameras.libcamera.controls import KnownControls
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.pictures import JpegPicture, RawPicture, picture_from_buffer
 from capture_app.cameras.v4l2.kernel import PixelFormat
@@ -186,13 +186,14 @@ class RequestStream:
         self._camera.release()
 
     def _duration(self) -> dict[str, Any]:
-        return frame_duration(self._asked_us.popleft() if self._asked_us else self.period_us)
+        duration_us = self._asked_us.popleft() if self._asked_us else self.period_us
+        return {"FrameDurationLimits": (duration_us, duration_us)}
 
     def _finish(self, request: Any) -> None:
         if not self.running or request.status != self._library.module.Request.Status.Complete:
             return
         buffer = self._buffer_of[request.cookie]
-        told = by_name(request.metadata, _TOLD)
+        told = {control.name: value for control, value in request.metadata.items() if control.name in _TOLD}
         sound = buffer.metadata.status == self._library.module.FrameMetadata.Status.Success
         frame = FinishedFrame(
             sequence=buffer.metadata.sequence,

@@ -31,7 +31,7 @@ KIND = "rtsp"
 OPTIONS = {"fps": "its frames a second, where it does not say them and they are not whole"}
 REPORTS_S, FIRST_REPORTS = 8.0, 2
 """So long, or for so many, sender reports are waited for; RFC 3550 has one come each 2.5 to 7.5 s."""
-SILENCE_S, ASK_S = 5.0, 2.0
+PICTURE_S, SILENCE_S, ASK_S = 30.0, 5.0, 2.0
 FIRST_QUESTIONS, SOON_S = 25, 0.04
 RATE_FRAMES, RATE_SHARE = 20, 0.05
 """How many frames tell whether a camera keeps the rate that it says, to within this share."""
@@ -45,22 +45,22 @@ MOST_WAITING = 30
 class VideoPicture(PixelPicture):
     """A decoded picture in the format of its video."""
 
-    frame: Any
+    data: Any
 
     @property
     def held_bytes(self) -> int:
         """How much memory it takes."""
-        return sum(plane.buffer_size for plane in self.frame.planes)
+        return sum(plane.buffer_size for plane in self.data.planes)
 
     def pixels(self, width: int | None) -> "NDArray[np.uint8]":
         """See `PixelPicture.pixels`."""
         import numpy as np
         from av.video.reformatter import VideoReformatter
 
-        step = step_to(self.frame.width, width)
+        step = step_to(self.data.width, width)
         # Its own reformatter: two threads may look at one picture.
         smaller = VideoReformatter().reformat(
-            self.frame, self.frame.width // step, self.frame.height // step, "bgr24"
+            self.data, self.data.width // step, self.data.height // step, "bgr24"
         )
         return np.asarray(smaller.to_ndarray(), np.uint8)
 
@@ -78,20 +78,12 @@ class RtspCamera(Camera):
         self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MOST_WAITING)
         """Each with its media time."""
         self._clock: SenderClock
-        self._facts: CameraFacts | None = None
         self._begun_with: list[int] = []
         """Media times of the first pictures, which are not delivered."""
         self._last_ns = self._sequence = 0
         self._has_failed = False
         self._begun_s = 0.0
         self._ready: asyncio.Future[None]
-
-    @property
-    def facts(self) -> CameraFacts:
-        """What this camera is and can do. Raises CameraError before it was started."""
-        if self._facts is None:
-            raise CameraError("an IP camera is known when it was started")
-        return self._facts
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError where it is missing, refuses or sends no pictures."""
@@ -105,7 +97,11 @@ class RtspCamera(Camera):
             self._clock = SenderClock(ticks_per_s, self._connection.round_trips_ns)
             for work in (self._receive, self._decode, self._ask):
                 self._tasks.append(asyncio.create_task(self._watched(work())))
-            await self._ready
+            async with asyncio.timeout(PICTURE_S):
+                await self._ready
+        except TimeoutError as error:
+            await self.stop()
+            raise CameraError(f"{self._connection.host} sends no picture that can be decoded") from error
         except BaseException:
             await self.stop()
             raise
@@ -168,7 +164,7 @@ class RtspCamera(Camera):
             media_ns, unit = await self._waiting.get()
             found = await loop.run_in_executor(self._worker, decoder.decode, media_ns, unit)
             for picture_ns, picture in found:
-                if self._facts is None:
+                if not self._ready.done():
                     self._begin(picture_ns, picture)
                 else:
                     self._deliver(picture_ns, picture)
@@ -191,8 +187,8 @@ class RtspCamera(Camera):
         self._facts = CameraFacts(
             kind=KIND,
             model=f"{self._connection.server or 'IP camera'}, timed by {way}"[:200],
-            width=picture.frame.width,
-            height=picture.frame.height,
+            width=picture.data.width,
+            height=picture.data.height,
             pixel_format=codec,
             period_ns=period_ns,
             timestamp_source=TimestampSource.UNKNOWN,
@@ -204,7 +200,10 @@ class RtspCamera(Camera):
 
     def _rate(self) -> float:
         """Frames a second: as asked for or as the camera says, where it keeps to that; else as it is seen."""
-        seen = 1e9 / median(after - before for before, after in pairwise(self._begun_with))
+        step_ns = median(after - before for before, after in pairwise(self._begun_with))
+        if step_ns <= 0:
+            raise CameraError("tells the same time of all its pictures")
+        seen = 1e9 / step_ns
         told = self._asked_fps or self._connection.stream.fps
         if told and abs(seen / told - 1) <= RATE_SHARE:
             return told

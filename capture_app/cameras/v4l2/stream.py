@@ -203,11 +203,6 @@ class V4L2Camera(Camera):
         self._facts = self._facts_at(self._exposure_ns)
         self._auto_priority = keep_rate_constant(device)
 
-    @property
-    def facts(self) -> CameraFacts:
-        """What this camera is and can do."""
-        return self._facts
-
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError where the device is gone, busy, or out of USB bandwidth."""
         if self._streaming or self._closing.is_set():

@@ -74,6 +74,8 @@ class IpCamera:
     """Numbers of packets that it does not send."""
     offers: str | None = None
     """Another name of the codec than that of what it sends."""
+    tells_time: bool = True
+    """Its pictures have timestamps of their own."""
     report_jump_s: float = 0.0
     """What the clock of its reports is off that of its frames."""
     true_ns: dict[int, list[int]] = field(default_factory=dict)
@@ -180,7 +182,7 @@ class IpCamera:
             true_ns = begun_ns + round(number * 1e9 / self.fps / pace)
             await asyncio.sleep((true_ns - time.monotonic_ns()) / 1e9 + self.encoding_s)
             self.true_ns.setdefault(number % len(pictures), []).append(true_ns)
-            last_ticks = ticks_at(true_ns)
+            last_ticks = ticks_at(true_ns if self.tells_time else begun_ns)
             self._send_picture(writer, pictures[number % len(pictures)], last_ticks)
             number += 1
             now_ns = time.monotonic_ns()

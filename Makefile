@@ -131,7 +131,7 @@ test-odd-inputs: $(VENV)/.installed-dev
 	$(BIN)/pytest -m "long or not long" -n auto tests/reconstruction/odd_inputs
 
 samples: $(VENV)/.installed
-	$(BIN)/capture-app sessions render --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))
+	$(BIN)/python -m benchmarks.samples --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))
 
 bench-sync: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.sync_link $(BENCH)

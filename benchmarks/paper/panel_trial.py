@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.simulated.panel_photographs import difference_ns, read_time
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
@@ -17,7 +18,6 @@ from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.panel.simulated import Image, render
 from capture_app.simulation.links import DelayLaw, GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES, SensorProfile
-from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.timekeeping.poll_schedule import NEVER_NS, Progress, SteadySchedule

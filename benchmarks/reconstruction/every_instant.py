@@ -18,7 +18,7 @@ from statistics import median
 
 import msgspec
 
-from capture_app.samples.recipe import read_recipe
+from benchmarks.samples.recipe import read_recipe
 
 RECIPE = Path(__file__).resolve().parents[2] / "sample_sessions" / "jumper"
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from capture_app.simulation.links import DelayLaw, Direction, Link
-from capture_app.simulation.rig import Timer, VirtualTime
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent

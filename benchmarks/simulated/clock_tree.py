@@ -14,9 +14,9 @@ from time import perf_counter_ns, process_time
 from typing import Protocol
 
 from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_clock
+from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.simulation.links import Channel, Link
-from capture_app.simulation.rig import Timer, VirtualTime
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
 from capture_app.sync.tree.relay import Relay

@@ -1,10 +1,9 @@
-"""`capture-app sessions`: list, show, verify and render; the other files hold the rest."""
+"""`capture-app sessions`: list, show and verify; the other files hold the rest."""
 
 from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 
 from capture_app.commands.options import ANY_PATH
 from capture_app.commands.session_changes import (
@@ -26,7 +25,7 @@ from capture_app.session.format.manifest import session_schema_text
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
-from capture_app.terminal import answer, json_option, print_json, print_line, show_count, talk
+from capture_app.terminal import answer, json_option, print_json, print_line, talk
 from capture_app.usage import examples
 
 DEFAULT_ROOT = Path("sessions")
@@ -116,45 +115,3 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
 def schema() -> None:
     """Print the JSON schema of session.json."""
     click.echo(session_schema_text(), nl=False)
-
-
-@sessions.command(epilog=examples("capture-app sessions render sample_sessions/jumper --out renders"))
-@click.argument("recipes", metavar="RECIPE...", type=ANY_PATH, nargs=-1, required=True)
-@click.option("--out", type=ANY_PATH, default=DEFAULT_ROOT, metavar="DIR", help="Folder for the sessions.")
-@click.option("--name", show_default="that in the recipe", help="Name of the session.")
-@click.option(
-    "--retake",
-    is_flag=True,
-    help="Simulate the burst again instead of using the times recorded in the recipe.",
-)
-@click.option("--replace", is_flag=True, help="Replace an earlier rendering.")
-@json_option
-def render(
-    recipes: tuple[Path, ...], out: Path, name: str | None, retake: bool, replace: bool, as_json: bool
-) -> None:
-    """Render simulated sessions. RECIPE is a recipe.json or a session that was rendered from one.
-
-    Where the recipe has no frame times yet, a simulated rig takes the burst, and the recipe.json in the
-    session records them. The same recipe always gives the same bytes.
-    """
-    from capture_app.samples.recipe import read_recipe
-    from capture_app.samples.render import render as render_recipe
-
-    if name is not None and len(recipes) > 1:
-        raise BadInputError("--name is for one recipe", hint="render the recipes one by one")
-    results = []
-    for path in recipes:
-        recipe = read_recipe(path)
-        if name is not None:
-            recipe = msgspec.structs.replace(recipe, name=name)
-        if retake:
-            recipe = msgspec.structs.replace(recipe, take=None)
-        session, same = render_recipe(recipe, out, replace=replace, progress=show_count("images"))
-        folder = str(session.folder)
-        results.append({"session": folder, "same_bytes_as_before": same})
-        if not as_json:
-            before = [f"{folder}: {'unchanged' if same else 'changed'}"]
-            for line in session_lines(session) if same is None else before:
-                print_line(line)
-    if as_json:
-        print_json({"sessions": results})

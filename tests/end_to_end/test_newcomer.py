@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.samples.recipe import CameraRecipe, Recipe
-from capture_app.samples.render import render
+from benchmarks.samples.recipe import CameraRecipe, Recipe
+from benchmarks.samples.render import render
 from capture_app.session.reading.reader import Session
 from reconstruction import cli
 from reconstruction.common.geometry import View, angle_deg, other_from_reference

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from msgspec import structs
 
+from benchmarks.simulated.virtual_rig import NodeSpec
 from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy, StampSource
 from capture_app.clock import SimulatedClock
 from capture_app.measure.camera_times import (
@@ -17,7 +18,6 @@ from capture_app.measure.camera_times import (
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec
 from tests.facts import make_facts
 from tests.simulation.rig.rigs import LAN, MS, ready_rig
 

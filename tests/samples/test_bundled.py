@@ -8,12 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.samples.__main__ import run as render_command
+from benchmarks.samples.recipe import read_recipe
+from benchmarks.samples.render import render, same_files
 from benchmarks.simulated import panel_photographs
 from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.panel import simulated
-from capture_app.samples.recipe import read_recipe
-from capture_app.samples.render import render, same_files
 from capture_app.session.format.manifest import RECIPE, row_exposures
 from capture_app.session.reading.reader import Session
 
@@ -164,7 +165,7 @@ def test_a_bad_recipe_is_refused_with_its_reason(
     content = json.loads((SAMPLES / "pinwheel" / RECIPE).read_text())
     recipe = tmp_path / RECIPE
     recipe.write_text(json.dumps({**content, **change}))
-    assert run(["sessions", "render", str(recipe), "--out", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
+    assert render_command([str(recipe), "--out", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
     error = capsys.readouterr().err
     assert reason in error
     assert len(error.splitlines()) == 1

@@ -7,10 +7,11 @@ from typing import Any
 import msgspec
 import pytest
 
+from benchmarks.samples.__main__ import run as render_command
+from benchmarks.samples.recipe import CameraRecipe, Recipe, Trigger, read_recipe
+from benchmarks.samples.render import render, same_files
 from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
-from capture_app.samples.recipe import CameraRecipe, Recipe, Trigger, read_recipe
-from capture_app.samples.render import render, same_files
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
@@ -62,15 +63,15 @@ def test_replace_says_whether_the_bytes_are_the_same(
 ) -> None:
     file = tmp_path / RECIPE
     file.write_bytes(msgspec.json.encode(recipe_of()))
-    arguments = ["sessions", "render", str(file), "--out", str(tmp_path), "--json"]
-    assert run(arguments) == ExitCode.OK
+    arguments = [str(file), "--out", str(tmp_path), "--json"]
+    assert render_command(arguments) == ExitCode.OK
     assert json.loads(capsys.readouterr().out)["sessions"][0]["same_bytes_as_before"] is None
-    assert run(arguments) == ExitCode.BAD_INPUT  # a session is never overwritten unasked
+    assert render_command(arguments) == ExitCode.BAD_INPUT  # a session is never overwritten unasked
     assert "exists already" in capsys.readouterr().err
-    assert run([*arguments, "--replace"]) == ExitCode.OK
+    assert render_command([*arguments, "--replace"]) == ExitCode.OK
     assert json.loads(capsys.readouterr().out)["sessions"][0]["same_bytes_as_before"] is True
     (tmp_path / "card" / "images" / "rig1" / "cam00" / "000000.jpg").write_bytes(b"x")
-    assert run([*arguments, "--replace"]) == ExitCode.OK
+    assert render_command([*arguments, "--replace"]) == ExitCode.OK
     assert json.loads(capsys.readouterr().out)["sessions"][0]["same_bytes_as_before"] is False
     assert run(["sessions", "verify", str(tmp_path / "card")]) == ExitCode.OK
     assert sorted(path.name for path in tmp_path.iterdir()) == ["card", RECIPE]

@@ -1,6 +1,5 @@
 """The commands of sessions write their folders whole, and mention what a killed one left."""
 
-import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -31,15 +30,6 @@ def test_sessions_list_mentions_leftovers_and_repair_removes_them(
     assert capsys.readouterr().err == ""
 
 
-def recipe(folder: Path) -> list[str]:
-    file = folder / "recipe.json"
-    cameras = [{"name": "cam00"}]
-    told = {"name": "out", "scene": "bars", "cameras": cameras, "frames": 2, "scale": 0.1, "at_s": 0.0,
-            "created": "2026-01-01T00:00:00.000Z"}  # fmt: skip
-    file.write_text(json.dumps(told))
-    return ["render", str(file), "--out", str(folder), "--replace"]
-
-
 def recording(folder: Path) -> list[str]:
     (folder / "camera").mkdir()
     cv2.imwrite(str(folder / "camera" / "1.png"), np.zeros((8, 8, 3), np.uint8))
@@ -50,7 +40,7 @@ def export(folder: Path) -> list[str]:
     return ["export", str(folder / "small"), "--to", "colmap", "--out", str(folder / "out")]
 
 
-@pytest.mark.parametrize("command", [recipe, recording, export])
+@pytest.mark.parametrize("command", [recording, export])
 def test_each_command_writes_its_folder_so(
     session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: Callable[[Path], list[str]]
 ) -> None:

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import pytest
 
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.node.leader.readiness import review_rates, rig_advice
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
 from capture_app.sync.timekeeping.rates import RateVote
 from tests.simulation.rig.rigs import LAN, S, checked_error_ns, ready_rig

@@ -3,10 +3,10 @@
 import random
 from dataclasses import replace
 
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.links import GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.rig.events import PhaseCorrected
 from capture_app.sync.rig.frame_selection import SelectedFrame

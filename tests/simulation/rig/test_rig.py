@@ -8,12 +8,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.simulation.links import GammaDelay, Link
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.wire.codec import encode

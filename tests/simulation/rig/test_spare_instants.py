@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.clock import SimulatedClock
 from capture_app.node.burst.instant_choice import CameraInstants, choose_instants
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.rig.events import BurstCancelled, FramesSelected
 from capture_app.sync.rig.frame_selection import Burst
 from tests.simulation.rig.rigs import LAN, S, ready_rig

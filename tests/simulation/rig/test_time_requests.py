@@ -6,11 +6,11 @@ from functools import partial
 
 import pytest
 
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.links import Channel, Direction, Link
 from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.timekeeping.clock_events import ClockStepped, ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule

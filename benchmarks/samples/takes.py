@@ -8,17 +8,17 @@ import random
 from collections.abc import Mapping
 from dataclasses import replace
 
+from benchmarks.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app import __version__
 from capture_app.clock import SimulatedClock, seeded_clock
 from capture_app.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.node.wire.messages import JsonValue
-from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.simulation.profiles import SensorProfile, facts_of, find_profile
 from capture_app.simulation.rendering.picture_source import PictureSource
-from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.simulation.sensor import Sensor, SensorFrame
 from capture_app.sync.rig.events import FramesSelected
 from capture_app.sync.rig.frame_selection import DROPPED

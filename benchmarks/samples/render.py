@@ -6,10 +6,10 @@ from pathlib import Path
 
 import msgspec
 
+from benchmarks.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take, Trigger
+from benchmarks.samples.takes import take_naive, take_synchronized
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
-from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take, Trigger
-from capture_app.samples.takes import take_naive, take_synchronized
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration

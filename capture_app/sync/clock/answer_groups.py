@@ -78,13 +78,15 @@ class AnswerGroups:
 
     def add(self, upper: tuple[int, int], lower: tuple[int, int], skew: float) -> bool:
         """Add the bounds of an answer, the lower with its sign turned; whether a group is complete."""
+        if self._uppers and self._uppers[-1][0] < upper[0] - self._window_ns:
+            self.clear()
         self._uppers.append(upper)
         self._lowers.append(lower)
         self._count += 1
         if len(self._uppers) < GROUP or self._count % (GROUP // 2):
             return False
-        if self._count % GROUP == 0 and self._count > GROUP:
-            # The last one was of half a group only, and of half the one before.
+        if self._count % GROUP == 0 and self._groups:
+            # The last one was of half a group only, and of half the one before; a pause may have taken it.
             self._groups.pop()
         (t0, above) = min(self._uppers, key=lambda bound: bound[1] - skew * (bound[0] - upper[0]))
         (t3, below) = min(self._lowers, key=lambda bound: bound[1] + skew * (bound[0] - upper[0]))

@@ -78,7 +78,7 @@ class AnswerGroups:
 
     def add(self, upper: tuple[int, int], lower: tuple[int, int], skew: float) -> bool:
         """Add the bounds of an answer, the lower with its sign turned; whether a group is complete."""
-        if self._uppers and self._uppers[-1][0] < upper[0] - self._window_ns:
+        if self._uppers and self._uppers[-1][0] < upper[0] - self.window_ns:
             self.clear()
         self._uppers.append(upper)
         self._lowers.append(lower)

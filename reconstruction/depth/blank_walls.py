@@ -193,14 +193,9 @@ MIN_PATCH_PX = 12
 AS_FOUND = 0
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneChoice:
-    """Each small pixel's plane: its number, `AS_FOUND` for none; and whether it is evident (bool)."""
-
-    gradients: Array
-    """Each plane's `inverse_depth_gradient` (n, 3), by its number; that of `AS_FOUND` means nothing."""
-    number: Array
-    evident: Array
+PlaneChoice = tuple[Array, Array, Array]
+"""Each plane's `inverse_depth_gradient` (n, 3), that of `AS_FOUND` means nothing; each small pixel's plane by
+its number there, `AS_FOUND` for none; and whether it is evident (bool)."""
 
 
 def choose_planes(
@@ -240,7 +235,7 @@ def choose_planes(
     number[~there] = AS_FOUND
     likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
     evident = there & ((likeness > LIKE) | _evident_patches(number, likeness))
-    return PlaneChoice(np.stack(gradients), number, evident)
+    return np.stack(gradients), number, evident
 
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
@@ -276,16 +271,16 @@ LIKE_SHADE = 2.0
 def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: PlaneChoice) -> Surface:
     """The surface with the chosen planes wherever the picture is blank (`mask`) and nothing matched."""
     size = image.view.width, image.view.height
-    number = cv2.resize(choice.number.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    evident = cv2.resize(choice.evident.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    gradients, *small = choice
+    number, evident = (cv2.resize(np.uint8(one), size, interpolation=cv2.INTER_NEAREST) for one in small)
     level, slope_x, slope_y, cost = (part.copy() for part in surface)
     laid = mask & (number != AS_FOUND) & (cost >= EVIDENT_COST)
-    gradient = choice.gradients[number[laid]]
+    gradient = gradients[number[laid]]
     rays = image.rays
     level[laid] = (gradient * rays[:, laid].T).sum(1)
     slope_x[laid] = gradient[:, 0] * (rays[0, 0, 1] - rays[0, 0, 0])
     slope_y[laid] = gradient[:, 1] * (rays[1, 1, 0] - rays[1, 0, 0])
-    sure = mask & evident
+    sure = mask & (evident > 0)
     cost[sure] = np.minimum(cost[sure], EVIDENT_COST)
     _continue_to_edges((level, slope_x, slope_y), image, mask)
     return Surface(level, slope_x, slope_y, cost)

@@ -1,7 +1,6 @@
 """A mesh of the fused cloud, cut where no points support it, and a picture of it from six places."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,17 +26,12 @@ AROUND = 0.6
 FRAME_PX = (480, 360)
 
 
-@dataclass(frozen=True)
-class MeshModel:
-    """What was made: points and triangles left, and the files' names."""
-
-    points: int
-    triangles: int
-    files: tuple[str, ...]
-
-
-def build_mesh(fused: Path, folder: Path, views: Sequence[View], *, mesh: bool = True) -> MeshModel:
+def build_mesh(
+    fused: Path, folder: Path, views: Sequence[View], *, mesh: bool = True
+) -> tuple[int, int, tuple[str, ...]]:
     """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
+
+    Returns how many points and triangles are left, and the files' names.
 
     A cloud of too few points has no mesh, and no picture of it; none has where there is to be no `mesh`.
 
@@ -57,9 +51,9 @@ def build_mesh(fused: Path, folder: Path, views: Sequence[View], *, mesh: bool =
     if not written:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
     if not len(made.triangles):
-        return MeshModel(len(cloud.points), 0, ("cloud.ply",))
+        return len(cloud.points), 0, ("cloud.ply",)
     write_image(folder / "turntable.png", turntable(o3d, made, views))
-    return MeshModel(len(cloud.points), len(made.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
+    return len(cloud.points), len(made.triangles), ("cloud.ply", "mesh.ply", "turntable.png")
 
 
 def draw_turntables(

@@ -109,11 +109,7 @@ def _overlap(view: View, other: View, depths: Array, points: list[Array]) -> Vie
     )
 
 
-class UnfitRigError(NotApplicableError):
-    """No two cameras see the scene from directions that depth could be found by."""
-
-
-def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None = None) -> UnfitRigError:
+def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None = None) -> NotApplicableError:
     """Why no two of these views are fit for depth, by the two that come nearest to it.
 
     Judged at the scene's points (n, 3) by the camera that sees them, or where nothing is known of it at all
@@ -132,7 +128,7 @@ def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None =
             if len(points.get(a, ()))
         }
     if not pairs:
-        return UnfitRigError(
+        return NotApplicableError(
             "all cameras are in one place: nothing tells near from far",
             hint="move them apart, or check the calibration",
         )
@@ -144,16 +140,16 @@ def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None =
     low, high = BEST_ANGLES_DEG
     fit = f"{low:g} to {high:g} degrees apart as seen from there"
     if angle > high and share > MIN_SHARE:
-        return UnfitRigError(
+        return NotApplicableError(
             f"the cameras are too far apart: at best, {seen}",
             hint=f"put them, or others between them, {fit}; {MAX_ANGLE_DEG:g} is too much",
         )
     if share < SPAN_SHARE:
-        return UnfitRigError(
+        return NotApplicableError(
             f"no camera sees what another sees: at best, {seen}",
             hint="turn the cameras to the same scene, or check the calibration",
         )
-    return UnfitRigError(
+    return NotApplicableError(
         f"the cameras are too close together, or the scene is too far away: at best, {seen}",
         hint=f"put them {fit}, or go nearer",
     )

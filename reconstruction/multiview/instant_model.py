@@ -21,7 +21,7 @@ from reconstruction.common.native_libraries import library_versions, require_rec
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
-from reconstruction.depth.mesh import MeshModel, build_mesh
+from reconstruction.depth.mesh import build_mesh
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import (
     choose_reference_view,
@@ -112,10 +112,12 @@ def model_instant(
     # Open3D, which looks for the cloud's neighbours, is slower to load than all the rest.
     movers = None if options.quick else score_movers(dataset, images, unit, options.instant, part / FUSED)
     marks["judging"] = time.perf_counter()
-    model = MeshModel(fused, 0, ())
+    points, triangles = fused, 0
+    files: tuple[str, ...] = ()
     if options.mesh or options.cloud:
         progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
-        model = build_mesh(part / FUSED, part, list(image_views(images).values()), mesh=options.mesh)
+        seen_by = list(image_views(images).values())
+        points, triangles, files = build_mesh(part / FUSED, part, seen_by, mesh=options.mesh)
         marks["mesh"] = time.perf_counter()
     reference = choose_reference_view(image_views(images), scene.points)
     depth = found[reference].depth
@@ -144,9 +146,9 @@ def model_instant(
         views=views,
         left_out=left_out,
         fused_points=fused,
-        cloud_points=model.points,
-        mesh_triangles=model.triangles,
-        files=(FUSED, *model.files, *(FILES if options.page else ()), "workspace", RESULT),
+        cloud_points=points,
+        mesh_triangles=triangles,
+        files=(FUSED, *files, *(FILES if options.page else ()), "workspace", RESULT),
         seconds=round(time.perf_counter() - marks["begin"], 3),
         seconds_of={
             stage: round(now - before, 3)

@@ -4,7 +4,6 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
@@ -76,11 +75,8 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str] = {}
 
 
-class Pictures(NamedTuple):
-    """One condition's pictures (BGR) by name, and what moves in them (bool) where that is known."""
-
-    images: dict[str, Array]
-    movers: dict[str, Array]
+Pictures = tuple[dict[str, Array], dict[str, Array]]
+"""One condition's pictures (BGR) by name, and what moves in them (bool) where that is known."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +134,9 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
 def _save_panorama(
     stitcher: PanoramaStitcher, late: Collection[str], shown: Pictures, condition: str, folder: Path
 ) -> ConditionPanorama:
-    layers = stitcher.layers(shown.images)
-    movers = {name: stitcher.layer_mask(name, shown.movers[name]) for name in layers if name in shown.movers}
+    images, moving = shown
+    layers = stitcher.layers(images)
+    movers = {name: stitcher.layer_mask(name, moving[name]) for name in layers if name in moving}
     overlaps = Overlaps(layers, movers, stitcher.projection.canvas, late)
     picture = stitcher.compose(layers)
     return ConditionPanorama(
@@ -176,7 +173,7 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
     images: dict[str, Array] = {}
     for path in paths:
         images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)
-    return PanoramaInput({"synced": Pictures(images, {})})
+    return PanoramaInput({"synced": (images, {})})
 
 
 def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
@@ -207,9 +204,7 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
 
 def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:
     images = {name: dataset.image(name, k) for name, k in shown.items()}
-    return Pictures(
-        images, {name: motion.widened_movers(name, k) for name, k in shown.items()} if motion else {}
-    )
+    return images, {name: motion.widened_movers(name, k) for name, k in shown.items()} if motion else {}
 
 
 def _known_views(dataset: Dataset, cameras: Sequence[str]) -> dict[str, View]:

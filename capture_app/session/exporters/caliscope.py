@@ -5,7 +5,7 @@ from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.lens import distortion_of, matrix_of, rodrigues, rotation_of
-from capture_app.session.exporters.common.tables import renaming_notes, toml_table, unit_note
+from capture_app.session.exporters.common.tables import renaming_notes, toml_table
 from capture_app.session.exporters.common.videos import at_own_times, write_camera
 from capture_app.session.format.calibration import METRES, Calibration
 
@@ -29,10 +29,9 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     (recording / "timestamps.csv").write_text("".join(rows), encoding="utf-8")
     burst.notes += renaming_notes({camera: f"cam_{number}" for camera, number in numbers.items()})
     uncalibrated = "the session has no calibration: calibrate in Caliscope"
-    calibration = burst.calibration_or_note("Caliscope", uncalibrated)
+    calibration = burst.calibration_or_note("Caliscope", uncalibrated, "m")
     if calibration is not None:
         (folder / "camera_array.toml").write_text(_camera_array(numbers, calibration), encoding="utf-8")
-        burst.notes += unit_note(calibration, "m")
 
 
 def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:

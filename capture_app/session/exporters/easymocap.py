@@ -3,16 +3,15 @@
 from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
-from capture_app.session.exporters.common.tables import renaming_notes, unit_note, write_cameras, yaml_names
+from capture_app.session.exporters.common.tables import renaming_notes, write_cameras, yaml_names
 from capture_app.session.exporters.common.videos import write_paired_videos
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
     """Write the videos, as many frames each, and the cameras in metres; its pixels are OpenCV's."""
-    calibration = burst.calibration("EasyMocap")
+    calibration = burst.calibration("EasyMocap", "m")
     names = yaml_names(burst.cameras)
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
     burst.notes += renaming_notes(names)
     write_paired_videos(burst, folder, files)
     write_cameras(folder, calibration, names, centre=0.0)
-    burst.notes += unit_note(calibration, "m")

@@ -11,7 +11,6 @@ from capture_app.session.exporters.common.files import place, suffix_for, write_
 from capture_app.session.exporters.common.lens import distortion_of, matrix_of, redrawing
 from capture_app.session.exporters.common.tables import (
     renaming_notes,
-    unit_note,
     write_cameras,
     yaml_names,
 )
@@ -28,7 +27,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     either principal point a distorted camera is wrong by half a pixel. So the pictures of one are redrawn
     without its distortion. Raises BadInputError where no instant is complete.
     """
-    calibration = burst.calibration("EasyVolcap")
+    calibration = burst.calibration("EasyVolcap", "m")
     together = burst.complete_instants()
     if not together:
         raise BadInputError(f"{burst.session.folder}: no instant has an image of every camera")
@@ -55,7 +54,6 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     if redrawn:
         burst.notes.append("the pictures are redrawn without distortion")
     burst.notes += spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)
-    burst.notes += unit_note(calibration, "m")
 
 
 def _straight(camera: CameraCalibration) -> CameraCalibration:

@@ -6,7 +6,7 @@ import msgspec
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, Redraw
 from capture_app.session.exporters.common.lens import redrawing, without_k3
-from capture_app.session.exporters.common.tables import camera_tables, paired_names, renaming_notes, unit_note
+from capture_app.session.exporters.common.tables import camera_tables, paired_names, renaming_notes
 from capture_app.session.exporters.common.videos import write_paired_videos
 
 _EXACT_PX = 0.01
@@ -27,7 +27,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     }
     burst.notes += renaming_notes(ids)
     uncalibrated = "the session has no calibration: calibrate in FreeMoCap"
-    calibration = burst.calibration_or_note("FreeMoCap", uncalibrated)
+    calibration = burst.calibration_or_note("FreeMoCap", uncalibrated, "mm")
     redraws: dict[str, Redraw | None] = {}
     if calibration is not None:
         fitted = dict(calibration.cameras)
@@ -43,7 +43,6 @@ def write(burst: ExportedBurst, folder: Path) -> None:
         calibration = msgspec.structs.replace(calibration, cameras=fitted)
         text = camera_tables(calibration, ids, "mm", numbered=True)
         (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")
-        burst.notes += unit_note(calibration, "mm")
     write_paired_videos(burst, folder, files, redraws)
 
 

@@ -26,7 +26,6 @@ from capture_app.session.exporters.common.lens import (
     quaternion,
     rotation_of,
 )
-from capture_app.session.exporters.common.tables import unit_note
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
@@ -43,10 +42,8 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     `ros2 bag play` takes.
     """
     uncalibrated = "the session has no calibration: the file has images only"
-    calibration = burst.calibration_or_note("MCAP", uncalibrated)
+    calibration = burst.calibration_or_note("MCAP", uncalibrated, "m")
     (_write_bag if burst.options.ros else _write_foxglove)(burst, folder, calibration)
-    if calibration is not None:
-        burst.notes += unit_note(calibration, "m")
 
 
 def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:

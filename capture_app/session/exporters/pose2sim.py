@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
-from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note
+from capture_app.session.exporters.common.tables import camera_tables, paired_names
 from capture_app.session.exporters.common.videos import write_paired_videos
 
 
@@ -12,11 +12,10 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
     Pose2Sim pairs videos and cameras by the order of their names.
     """
-    calibration = burst.calibration("Pose2Sim")
+    calibration = burst.calibration("Pose2Sim", "m")
     names = paired_names(burst.cameras)
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
     write_paired_videos(burst, folder, files)
     (folder / "calibration").mkdir()
     text = camera_tables(calibration, names, "m")
     (folder / "calibration" / "Calib.toml").write_text(text, encoding="utf-8")
-    burst.notes += unit_note(calibration, "m")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.session.format.calibration import Calibration, CameraCalibration, check_lens
+from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration, check_lens
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
@@ -162,15 +162,15 @@ class ExportedBurst:
             )
         return data, pixels
 
-    def calibration_or_note(self, needed_by: str, note: str) -> Calibration | None:
+    def calibration_or_note(self, needed_by: str, note: str, unit: str = "") -> Calibration | None:
         """The calibration as `calibration` gives it; None where there is none, which the user is told."""
         if self.session.calibration() is not None:
-            return self.calibration(needed_by)
+            return self.calibration(needed_by, unit)
         self.notes.append(note)
         return None
 
-    def calibration(self, needed_by: str) -> Calibration:
-        """The calibration of all cameras.
+    def calibration(self, needed_by: str, unit: str = "") -> Calibration:
+        """The calibration of all cameras; the user is told where it is in no length, but written in `unit`.
 
         Raises BadInputError where there is none, where it lacks a camera, or where its numbers cannot be.
         """
@@ -192,6 +192,9 @@ class ExportedBurst:
                     f"{where} is calibrated for {made} pixels, but its images are {width}x{height}"
                 )
             check_lens(where, lens)
+        if unit and calibration.unit not in METRES:
+            note = f"the calibration is in {calibration.unit!r}; it is written as if that were {unit}"
+            self.notes.append(note)
         return calibration
 
     def _in_order(self, camera: str) -> list[ImageRecord]:

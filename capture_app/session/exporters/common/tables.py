@@ -95,12 +95,6 @@ def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
     return f"[{title}]\n{''.join(lines)}\n"
 
 
-def unit_note(calibration: Calibration, expected: str) -> list[str]:
-    """A note for the user if the calibration is in a unit that is not a length."""
-    note = f"the calibration is in {calibration.unit!r}; it is written as if that were {expected}"
-    return [] if calibration.unit in METRES else [note]
-
-
 def _content(frame: Frame, image: ImageRecord | None) -> str:
     if image is None:
         return "blank" if frame.file else "missing"

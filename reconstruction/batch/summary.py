@@ -18,7 +18,7 @@ from reconstruction.batch.rows import BatchResult, Group, Row
 from reconstruction.batch.units import RESULT
 from reconstruction.report import tables as report
 from reconstruction.report import wording
-from reconstruction.report.embedding import EmbeddedImage, embed_image
+from reconstruction.report.embedding import embed_image
 from reconstruction.report.page import Section, render_page
 from reconstruction.session.conditions import evenly_spread
 
@@ -33,7 +33,8 @@ MAX_SHEETS = 20
 class Thumbnail:
     """A small picture, and where the whole one lies beside the page."""
 
-    image: EmbeddedImage
+    image: dict[str, object]
+    """As `embed_image` packs it."""
     path: str
 
 

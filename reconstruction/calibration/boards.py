@@ -7,7 +7,7 @@ same simulated boards once corners were misread.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -96,17 +96,6 @@ LENS = 6
 """fx, fy, cx, cy, k1, k2: few boards, or boards at one angle, do not determine the higher terms."""
 
 
-@dataclass(frozen=True)
-class _Pose:
-    """Rotation vector and translation, (3,) each."""
-
-    turn: Array
-    move: Array
-
-    def stepped(self, step: Array) -> "_Pose":
-        return _Pose(self.turn + step[:3], self.move + step[3:])
-
-
 Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
 """By camera and moment, the corners' places on the board (n, 3; m) and their pixels (n, 2)."""
 
@@ -116,7 +105,7 @@ def adjust_bundle(
 ) -> dict[str, View]:
     """The views as all corners together have them; the first one stays where it is, and so do some lenses."""
     names = list(views)
-    cameras = {name: _Pose(cv2.Rodrigues(v.rotation)[0].ravel(), v.translation) for name, v in views.items()}
+    cameras = {name: _pose(view.rotation, view.translation) for name, view in views.items()}
     lenses = dict(views)
     boards = _first_boards(views, seen)
     column = {name: LENS * i for i, name in enumerate(names)}
@@ -146,10 +135,9 @@ def adjust_bundle(
             step = -np.linalg.solve(scaled, gradient)
             new_lenses = {n: _stepped_lens(lenses[n], step[column[n] : column[n] + LENS]) for n in names}
             new_cameras = {
-                n: cameras[n].stepped(step[place[n] : place[n] + 6]) if n in place else cameras[n]
-                for n in names
+                n: cameras[n] + step[place[n] : place[n] + 6] if n in place else cameras[n] for n in names
             }
-            new_boards = {m: boards[m].stepped(step[held[m] : held[m] + 6]) for m in boards}
+            new_boards = {m: boards[m] + step[held[m] : held[m] + 6] for m in boards}
             if (new := _loss(new_lenses, new_cameras, new_boards, seen)) < loss:
                 lenses, cameras, boards, loss = new_lenses, new_cameras, new_boards, new
                 damping /= 5
@@ -158,14 +146,17 @@ def adjust_bundle(
         if before - loss < ENOUGH * before:
             break
     return {
-        name: replace(
-            lenses[name], rotation=cv2.Rodrigues(cameras[name].turn)[0], translation=cameras[name].move
-        )
-        for name in names
+        name: replace(lenses[name], rotation=cv2.Rodrigues(at[:3])[0], translation=at[3:])
+        for name, at in cameras.items()
     }
 
 
-def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, _Pose]:
+def _pose(rotation: Array, translation: Array) -> Array:
+    """A rotation's vector and a translation, (6,) together."""
+    return np.concatenate([cv2.Rodrigues(rotation)[0].ravel(), translation])
+
+
+def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array]:
     """`rig_from_board` of each moment, by the camera that sees most of it."""
     best: dict[int, tuple[int, str]] = {}
     for (name, moment), (points, _) in seen.items():
@@ -177,15 +168,15 @@ def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, _Pose
         _, turn, move = cv2.solvePnP(points, pixels, view.matrix, view.distortion)
         rotation = view.rotation.T @ cv2.Rodrigues(turn)[0]
         translation = view.rotation.T @ (move.ravel() - view.translation)
-        boards[moment] = _Pose(cv2.Rodrigues(rotation)[0].ravel(), translation)
+        boards[moment] = _pose(rotation, translation)
     return boards
 
 
 def _linearized(
-    view: View, camera: _Pose, board: _Pose, points: Array, pixels: Array
+    view: View, camera: Array, board: Array, points: Array, pixels: Array
 ) -> tuple[Array, tuple[Array, Array, Array]]:
     """Errors (n, 2) in px, and their derivatives (2n, .) by lens, camera and board."""
-    turn, move, *rates = cv2.composeRT(board.turn, board.move, camera.turn, camera.move)
+    turn, move, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
     found, by = cv2.projectPoints(points, turn, move, view.matrix, view.distortion)
     turn_by_board, _, turn_by_camera, _, move_by_board, move_by_board_move = rates[:6]
     move_by_camera, move_by_camera_move = rates[6:8]
@@ -197,12 +188,12 @@ def _linearized(
 
 
 def _loss(
-    lenses: Mapping[str, View], cameras: Mapping[str, _Pose], boards: Mapping[int, _Pose], seen: Sightings
+    lenses: Mapping[str, View], cameras: Mapping[str, Array], boards: Mapping[int, Array], seen: Sightings
 ) -> float:
     total = 0.0
     for (name, moment), (points, pixels) in seen.items():
         camera, board, view = cameras[name], boards[moment], lenses[name]
-        turn, move = cv2.composeRT(board.turn, board.move, camera.turn, camera.move)[:2]
+        turn, move = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])[:2]
         found, _ = cv2.projectPoints(points, turn, move, view.matrix, view.distortion)
         size = np.linalg.norm(found.reshape(-1, 2) - pixels, axis=1)
         total += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())

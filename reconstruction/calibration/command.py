@@ -16,7 +16,7 @@ from capture_app.terminal import talk
 from capture_app.text import count
 from reconstruction.calibration.boards import count_coverage, detect_board
 from reconstruction.calibration.consistency import RigCheck
-from reconstruction.calibration.kept import CalibrationShelf, write_calibration
+from reconstruction.calibration.kept import keep_calibration, write_calibration
 from reconstruction.calibration.quality import (
     CalibrationQuality,
     judge_calibration,
@@ -32,7 +32,6 @@ from reconstruction.calibration.sources import (
     open_recordings,
 )
 from reconstruction.calibration.world import (
-    KnownDistance,
     Marks,
     World,
     in_world,
@@ -58,8 +57,8 @@ class CalibrateOptions:
     """Sessions that show the board to single cameras, for their lenses."""
     field_of_view_deg: float | None = None
     """How wide the cameras see, for structure from motion; None = by EXIF, else unknown."""
-    distance: KnownDistance | None = None
-    """Sets the scale."""
+    distance: tuple[Marks, float] | None = None
+    """Two marked points and how far apart they are in metres: sets the scale."""
     scale_by_board: bool = False
     """Set the scale by the board, where it lies in the scene."""
     ground: Path | None = None
@@ -167,8 +166,8 @@ def _candidate(dataset: Dataset, options: CalibrateOptions) -> Candidate:
 def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -> Calibration:
     views = calibrated_views(dataset, found)
     if options.distance is not None:
-        first, second = marked_points(views, options.distance.marks)
-        metres = options.distance.metres
+        marks, metres = options.distance
+        first, second = marked_points(views, marks)
         world = World(np.eye(3), np.zeros(3), metres / float(np.linalg.norm(first - second)))
         found = in_world(found, world, "m", f"scale from a distance of {metres:g} m")
     elif options.scale_by_board:
@@ -192,7 +191,7 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
 def _keep(dataset: Dataset, calibration: Calibration) -> bool:
     """Keep it for later sessions; where that cannot be, the session has it all the same."""
     try:
-        CalibrationShelf().keep(dataset, calibration)
+        keep_calibration(dataset, calibration)
     except BadInputError as error:
         talk(f"the calibration is not kept for later sessions: {error}")
         return False

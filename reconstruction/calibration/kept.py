@@ -23,8 +23,6 @@ from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
-FOLDER = "calibrations"
-
 
 class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a camera must be and how it must be set for its calibration to hold."""
@@ -52,55 +50,58 @@ class KeptCalibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         return msgspec.structs.replace(self.calibration, source=source)
 
 
-class CalibrationShelf:
-    """The kept calibrations in one folder, a file each; one that cannot be read is left alone."""
+def shelf() -> Path:
+    """The folder of the kept calibrations, a file each: in $XDG_DATA_HOME/simulshot on Linux."""
+    return user_data_path("simulshot") / "calibrations"
 
-    def __init__(self, folder: Path | None = None) -> None:
-        """`folder`: another one than the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
-        self.folder = folder or user_data_path("simulshot") / FOLDER
 
-    def keep(self, dataset: Dataset, calibration: Calibration) -> None:
-        """Keep a session's calibration in the place of what was known of these cameras.
+def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
+    """Keep a session's calibration in the place of what was known of these cameras.
 
-        Raises:
-            BadInputError: it has no scale and would replace one in metres, or cannot be written.
-        """
-        modes = {name: mode for name, mode in camera_modes(dataset).items() if name in calibration.cameras}
-        path = self._path(modes)
-        known = _read(path)
-        if known is not None and calibration.unit == "arbitrary" != known.calibration.unit:
-            raise BadInputError(
-                f"the one kept from {known.session} is in metres, and this one has no scale",
-                hint="--mark and --distance-m set it, or --scale-by-board",
-            )
-        manifest = dataset.session.manifest
-        kept = KeptCalibration(
-            modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
+    Raises:
+        BadInputError: it has no scale and would replace one in metres, or cannot be written.
+    """
+    modes = {name: mode for name, mode in camera_modes(dataset).items() if name in calibration.cameras}
+    path = _path(modes)
+    known = _read(path)
+    if known is not None and calibration.unit == "arbitrary" != known.calibration.unit:
+        raise BadInputError(
+            f"the one kept from {known.session} is in metres, and this one has no scale",
+            hint="--mark and --distance-m set it, or --scale-by-board",
         )
-        write_calibration(path, kept)
+    manifest = dataset.session.manifest
+    kept = KeptCalibration(
+        modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
+    )
+    write_calibration(path, kept)
 
-    def find(self, dataset: Dataset) -> KeptCalibration | None:
-        """The newest of those that know most of a session's cameras in their modes; two at least."""
-        modes = camera_modes(dataset)
-        found = [kept for path in sorted(self.folder.glob("*.json")) if (kept := _read(path)) is not None]
-        known = [(sum(kept.modes.get(name) == mode for name, mode in modes.items()), kept) for kept in found]
-        ranked = [(count, kept.created, kept.session) for count, kept in known]
-        best = max(range(len(known)), key=lambda i: ranked[i], default=None)
-        if best is None or known[best][0] < max(2, (len(modes) + 1) // 2):
-            return None
-        kept = known[best][1]
-        # Without cameras that are set otherwise now.
-        same = {
-            name: camera
-            for name, camera in kept.calibration.cameras.items()
-            if kept.modes.get(name) == modes.get(name)
-        }
-        calibration = msgspec.structs.replace(kept.calibration, cameras=same)
-        return msgspec.structs.replace(kept, calibration=calibration)
 
-    def _path(self, modes: dict[str, CameraMode]) -> Path:
-        key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
-        return self.folder / f"{len(modes)}-cameras-{key}.json"
+def find_calibration(dataset: Dataset) -> KeptCalibration | None:
+    """The newest of those that know most of a session's cameras in their modes; two at least.
+
+    One that cannot be read is left alone.
+    """
+    modes = camera_modes(dataset)
+    found = [kept for path in sorted(shelf().glob("*.json")) if (kept := _read(path)) is not None]
+    known = [(sum(kept.modes.get(name) == mode for name, mode in modes.items()), kept) for kept in found]
+    ranked = [(count, kept.created, kept.session) for count, kept in known]
+    best = max(range(len(known)), key=lambda i: ranked[i], default=None)
+    if best is None or known[best][0] < max(2, (len(modes) + 1) // 2):
+        return None
+    kept = known[best][1]
+    # Without cameras that are set otherwise now.
+    same = {
+        name: camera
+        for name, camera in kept.calibration.cameras.items()
+        if kept.modes.get(name) == modes.get(name)
+    }
+    calibration = msgspec.structs.replace(kept.calibration, cameras=same)
+    return msgspec.structs.replace(kept, calibration=calibration)
+
+
+def _path(modes: dict[str, CameraMode]) -> Path:
+    key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
+    return shelf() / f"{len(modes)}-cameras-{key}.json"
 
 
 def write_calibration(path: Path, calibration: Calibration | KeptCalibration) -> None:
@@ -149,7 +150,7 @@ def settle_calibration(dataset: Dataset) -> None:
         return
     if dataset.session.manifest.origin == "imported":
         return
-    kept = CalibrationShelf().find(dataset)
+    kept = find_calibration(dataset)
     if kept is None:
         return
     try:

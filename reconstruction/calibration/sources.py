@@ -23,7 +23,7 @@ from reconstruction.calibration.boards import (
     shared_corners,
 )
 from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
-from reconstruction.calibration.kept import CalibrationShelf, camera_modes
+from reconstruction.calibration.kept import camera_modes, find_calibration
 from reconstruction.calibration.quality import SharedPoints
 from reconstruction.calibration.rig import Rig, calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
@@ -116,7 +116,7 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
         if found is None:
             raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
     elif source is CalibrationSource.KEPT:
-        kept = CalibrationShelf().find(dataset)
+        kept = find_calibration(dataset)
         if kept is None:
             modes = (f"{name} {of.width}x{of.height}" for name, of in sorted(camera_modes(dataset).items()))
             raise BadInputError(

@@ -32,14 +32,6 @@ Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
 """Two points' pixels (x, y) in each of two cameras or more."""
 
 
-@dataclass(frozen=True)
-class KnownDistance:
-    """Two points that are marked, and how far apart they are in metres."""
-
-    marks: Marks
-    metres: float
-
-
 def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
     """The two points (2, 3) of the rig that are marked in the views' pictures.
 

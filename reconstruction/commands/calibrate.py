@@ -132,7 +132,6 @@ def calibrate(
     from reconstruction.calibration.command import CalibrateOptions, cover
     from reconstruction.calibration.command import calibrate as run
     from reconstruction.calibration.sources import CalibrationSource
-    from reconstruction.calibration.world import KnownDistance
 
     if bool(marks) != (distance_m is not None or vertical):
         raise click.UsageError(
@@ -148,7 +147,7 @@ def calibrate(
 
     options = CalibrateOptions(
         source=CalibrationSource.named(source),
-        distance=None if distance_m is None else KnownDistance(dict(marks), distance_m),
+        distance=None if distance_m is None else (dict(marks), distance_m),
         vertical=dict(marks) if vertical else None,
         **chosen,
     )

@@ -38,26 +38,11 @@ TOLERANCE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "delay 
 POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
 
 
-@dataclass(frozen=True)
-class Chart:
-    """Curves or bars over ticks, with what they show in words."""
-
-    axes: Axes
-    label: str
-    ticks: Sequence[tuple[float, str]]
-    curves: Sequence[tuple[str, Sequence[tuple[float, float, float, float]]]] = ()
-    """Each kind, `mover` or `static`, and its points: x, y, and y of the ends of the interval."""
-    bars: Sequence[tuple[str, float, float, float]] = ()
-    """Each condition, x, y and height."""
-    bar_width: float = 0.0
-    mark: tuple[float, str] | None = None
-    """Where on the horizontal axis something is marked, and what."""
-
-
-def tolerance_chart(tolerance: OffsetTolerance) -> Chart:
+def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
     """The share of what moves that is found, against offset; what stands still beside it, as control.
 
-    The session's own synchronization error is marked if it lies on the drawing.
+    Of each kind (`mover`, `static`) the `curves` have its points: x, y, and y of the ends of the interval.
+    The session's own synchronization error is the `mark`, x and words, if it lies on the drawing.
     """
     axes, points = TOLERANCE_AXES, tolerance.points
     offsets_ms = [point.late_ms or 0.0 for point in points]
@@ -83,17 +68,20 @@ def tolerance_chart(tolerance: OffsetTolerance) -> Chart:
     if own_us is not None and own_us / 1000 <= last:
         place = round(axes.left + 10 + scale * (own_us / 1000 - first), 1)
         mark = place, wording.microseconds(own_us)
-    return Chart(
-        axes,
-        f"Share of moving surface {what} by delay: {words}",
-        [(x, f"{ms:.0f}") for x, ms in zip(places, offsets_ms, strict=True)],
-        curves=curves,
-        mark=mark,
-    )
+    return {
+        "axes": axes,
+        "label": f"Share of moving surface {what} by delay: {words}",
+        "ticks": [(x, f"{ms:.0f}") for x, ms in zip(places, offsets_ms, strict=True)],
+        "curves": curves,
+        "mark": mark,
+    }
 
 
-def pose_chart(poses: StudyResult, sides: Sides) -> Chart:
-    """Two bars for each instant: the share of camera pairs that were placed correctly; none of no instant."""
+def pose_chart(poses: StudyResult, sides: Sides) -> dict[str, object]:
+    """Two bars for each instant: the share of camera pairs that were placed correctly; none of no instant.
+
+    Of each of the `bars`: its condition, x, y and height.
+    """
     axes = POSE_AXES
     step = (axes.width - axes.left - axes.right) / max(1, len(poses.per_instant))
     width = round(min(28.0, step * 0.36), 1)
@@ -110,4 +98,4 @@ def pose_chart(poses: StudyResult, sides: Sides) -> Chart:
         ticks.append((round(middle, 1), f"{row['instant']}"))
         told.append(f"instant {row['instant']}: {', '.join(words)}")
     label = f"Share of camera pairs placed correctly; {'; '.join(told)}"
-    return Chart(axes, label, ticks, bars=bars, bar_width=width)
+    return {"axes": axes, "label": label, "ticks": ticks, "bars": bars, "bar_width": width}

@@ -1,8 +1,8 @@
 """Pictures and clouds inside a page, packed into few bytes."""
 
 import base64
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,17 +26,10 @@ MAX_PANEL_PX = 1024
 """What is wider is made smaller: no page shows more."""
 
 
-@dataclass(frozen=True)
-class EmbeddedImage:
-    """A picture as a `data:` address, and its size, px."""
-
-    address: str
-    width: int
-    height: int
-
-
-def embed_image(path: Path, panels: int = 1, most_px: int = MAX_PANEL_PX) -> EmbeddedImage:
+def embed_image(path: Path, panels: int = 1, most_px: int = MAX_PANEL_PX) -> dict[str, object]:
     """Read a PNG or JPEG and pack it for a page, each of its `panels` side by side `most_px` wide at most.
+
+    Returns its `address` (`data:`), `width` and `height`, px.
 
     Raises:
         BadInputError: the file is missing, or is no PNG or JPEG.
@@ -58,7 +51,7 @@ def embed_image(path: Path, panels: int = 1, most_px: int = MAX_PANEL_PX) -> Emb
     quality = LOSSLESS if data.startswith(PNG) else QUALITY
     _, packed = cv2.imencode(".webp", shown, [cv2.IMWRITE_WEBP_QUALITY, quality])
     address = f"data:image/webp;base64,{base64.b64encode(packed.tobytes()).decode()}"
-    return EmbeddedImage(address, width=shown.shape[1], height=shown.shape[0])
+    return {"address": address, "width": shown.shape[1], "height": shown.shape[0]}
 
 
 def _shrink(image: Array, most: int) -> Array:
@@ -69,37 +62,13 @@ def _shrink(image: Array, most: int) -> Array:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-@dataclass(frozen=True)
-class PackedCloud:
-    """A cloud to be turned by hand, as base64: x, y, z of each point as int16, then each one's colour (RGB).
+def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) -> dict[str, Any]:
+    """Read clouds' files and pack both sides, or one (`offset`: None), to be turned by hand.
 
-    A coordinate is `middle` + `step` times the integer, along the first camera's axes (x right, y down).
-    """
-
-    data: str
-    middle: tuple[float, ...]
-    step: float
-    points: int
-    of: int
-    """Points of the whole cloud."""
-
-
-@dataclass(frozen=True)
-class CloudView:
-    """Both sides or one, what they turn about, and the focal length over the picture's width."""
-
-    files: InstantClouds
-    reference: str
-    """The camera from whose place they are seen first."""
-    cameras: int
-    synced: PackedCloud
-    offset: PackedCloud | None
-    pivot: tuple[float, ...]
-    focal: float
-
-
-def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) -> CloudView:
-    """Read the files and pack them.
+    They are seen first from the place of the `reference`, turn about the `pivot`, and have its `focal` length
+    over the picture's width. Of a side, `data` is base64: x, y, z of each point as int16, then each one's
+    colour (RGB); a coordinate is `middle` + `step` times the integer, along the reference's axes (x right, y
+    down). `points` are packed `of` so many.
 
     Raises:
         BadInputError: a file is missing or not as it was written.
@@ -113,18 +82,18 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
             sides[side] = ((points - centre) @ rotation.T, colours)
     box = np.percentile(sides["synced"][0], [CROP, 100 - CROP], axis=0)
     pivot = (np.array(clouds.pivot) - centre) @ rotation.T
-    return CloudView(
-        clouds,
-        reference,
-        cameras,
-        synced=_pack(*sides["synced"], box),
-        offset=_pack(*sides["offset"], box) if "offset" in sides else None,
-        pivot=tuple(pivot.tolist()),
-        focal=clouds.focal,
-    )
+    return {
+        "files": clouds,
+        "reference": reference,
+        "cameras": cameras,
+        "synced": _pack(*sides["synced"], box),
+        "offset": _pack(*sides["offset"], box) if "offset" in sides else None,
+        "pivot": pivot.tolist(),
+        "focal": clouds.focal,
+    }
 
 
-def _pack(points: Array, colours: Array, box: Array) -> PackedCloud:
+def _pack(points: Array, colours: Array, box: Array) -> dict[str, object]:
     """Points within the box (2, 3) only: both sides show the same part of space."""
     inside = np.nonzero(((points >= box[0]) & (points <= box[1])).all(1))[0]
     if len(inside) > MAX_POINTS:
@@ -133,6 +102,10 @@ def _pack(points: Array, colours: Array, box: Array) -> PackedCloud:
     step = max(float((box[1] - box[0]).max()) / 2 / STEPS, 1e-12)
     places = np.round((points[inside] - middle) / step).astype("<i2")
     data = places.tobytes() + np.ascontiguousarray(colours[inside], np.uint8).tobytes()
-    return PackedCloud(
-        base64.b64encode(data).decode(), tuple(middle.tolist()), step, len(inside), len(points)
-    )
+    return {
+        "data": base64.b64encode(data).decode(),
+        "middle": middle.tolist(),
+        "step": step,
+        "points": len(inside),
+        "of": len(points),
+    }

@@ -393,19 +393,9 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     return [{**dict(zip(names, one, strict=True)), "what": what} for one in both], note
 
 
-@dataclass(frozen=True)
-class Exactness:
-    """This take's error beside the lateness that its motion bears, each with what it rests on."""
-
-    error: str
-    error_source: str
-    bears: str
-    bears_source: str
-    conclusion: str
-
-
-def describe_exactness(result: CompareResult) -> Exactness:
-    """What is known of the take's error and of its motion; what is not known is said."""
+def describe_exactness(result: CompareResult) -> dict[str, str]:
+    """This take's `error` beside the lateness that its motion `bears`, each with its `*_source`: what it
+    rests on; and the `conclusion`. What is not known is said."""
     rig = result.rig_timing.cameras if result.rig_timing is not None else ()
     offset = [one for one in (result.timing, *rig) if one is not None and one.offset]
     furthest = max(offset, key=lambda one: abs(one.late_ms or 0.0), default=None)
@@ -420,7 +410,14 @@ def describe_exactness(result: CompareResult) -> Exactness:
         error, source = f"≤ {wording.microseconds(result.sync_residual_us)}", "by the session's own record"
         source += f"; {measured} by what moves" if measured else ""
     together = furthest is None and result.timing is not None and result.timing.synchronized
-    return Exactness(error, source, *_what_the_motion_bears(result, together=together))
+    bears, bears_source, conclusion = _what_the_motion_bears(result, together=together)
+    return {
+        "error": error,
+        "error_source": source,
+        "bears": bears,
+        "bears_source": bears_source,
+        "conclusion": conclusion,
+    }
 
 
 def _what_the_motion_bears(result: CompareResult, *, together: bool) -> tuple[str, str, str]:

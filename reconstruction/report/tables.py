@@ -137,21 +137,6 @@ def study_table(study: StudyResult, sides: Sides) -> Table:
     return Table(text.caption.format(**facts), columns, rows, kind="twin")
 
 
-@dataclass(frozen=True)
-class _Condition:
-    """A condition: its name, details in words, its studies and the side of them that it is."""
-
-    name: str
-    details: str
-    studies: Sequence[StudyResult]
-    side: str
-
-    def interval(self, study: str, measure: str) -> Interval | None:
-        """A measure of one of its studies."""
-        found = (one.interval(measure, self.side) for one in self.studies if one.name == study)
-        return next(found, None)
-
-
 def conditions_table(result: CompareResult) -> Table:
     """All conditions by a few measures; no rows where there are no further ones."""
     made = [one for one in result.studies if not one.skipped]
@@ -159,29 +144,22 @@ def conditions_table(result: CompareResult) -> Table:
     cameras = tuple(dict.fromkeys(name for one in made for name in one.cameras))
     late = wording.lateness(result.actual_offset_ms)
     listed = [
-        _Condition(name_sides(result, cameras).first.lower(), "", made, "synced"),
-        _Condition(late, "one camera of a pair", pairs, "offset"),
+        (name_sides(result, cameras).first.lower(), "", _intervals(made, "synced")),
+        (late, "one camera of a pair", _intervals(pairs, "offset")),
     ]
     if everybody and not any(map(_is_drawn, result.conditions)):
-        listed.append(_Condition(UNSYNCHRONIZED, EACH_DELAYED, everybody, "offset"))
+        listed.append((UNSYNCHRONIZED, EACH_DELAYED, _intervals(everybody, "offset")))
     for one in result.conditions:
         name = UNSYNCHRONIZED if _is_drawn(one) else f"session {one.name}" if one.session else one.name
-        listed.append(_Condition(name, _details(one), one.studies, "offset"))
-    columns = [
-        (study, measure, name)
-        for study, measure, name in CONDITION_COLUMNS
-        if any(one.interval(study, measure) for one in listed)
-    ]
+        listed.append((name, _details(one), _intervals(one.studies, "offset")))
+    columns = [column for column in CONDITION_COLUMNS if any(column in found for *_, found in listed)]
     rows = [
         Row(
-            one.name,
-            [
-                interval_cell(one.interval(study, measure), STUDIES[study].unit(measure))
-                for study, measure, _ in columns
-            ],
-            details=one.details,
+            name,
+            [interval_cell(found.get(column), STUDIES[column[0]].unit(column[1])) for column in columns],
+            details=details,
         )
-        for one in listed
+        for name, details, found in listed
     ]
     return Table(
         "All conditions, moving things",
@@ -189,6 +167,16 @@ def conditions_table(result: CompareResult) -> Table:
         rows if result.conditions and columns else (),
         first="Condition",
     )
+
+
+def _intervals(studies: Sequence[StudyResult], side: str) -> dict[tuple[str, str, str], Interval]:
+    """What a side of these studies has of `CONDITION_COLUMNS`."""
+    return {
+        column: found
+        for column in CONDITION_COLUMNS
+        for one in studies
+        if one.name == column[0] and (found := one.interval(column[1], side)) is not None
+    }
 
 
 def _is_drawn(one: ConditionResult) -> bool:

@@ -151,7 +151,7 @@ def test_a_sheet_shows_instants_evenly_and_lives_without_a_picture(tmp_path: Pat
     ((condition, cells),) = sheet.rows
     assert condition == "synced"
     assert cells[0] is None
-    assert all(cell.image.width == 160 and cell.path == "depth.png" for cell in cells[1:])
+    assert all(cell.image["width"] == 160 and cell.path == "depth.png" for cell in cells[1:])
 
 
 def test_no_name_becomes_markup_in_the_summary(run: Callable[..., Any], scene: Scene, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.consistency import check_rig
-from reconstruction.calibration.kept import CalibrationShelf, settle_calibration
+from reconstruction.calibration.kept import find_calibration, keep_calibration, settle_calibration, shelf
 from reconstruction.common.geometry import View
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
@@ -68,7 +68,7 @@ def calibration(views: dict[str, View], unit: str = "m") -> Calibration:
 def test_the_rig_s_calibration_is_found_and_said(
     bare: Session, reconstruct: Reconstruct, tmp_path: Path
 ) -> None:
-    CalibrationShelf().keep(Dataset(bare), calibration(RIG))
+    keep_calibration(Dataset(bare), calibration(RIG))
     out = tmp_path / "depth"
     done = reconstruct("stereo", bare.folder, "--pair", "b,c", "--out", out, "--json")
     assert done.result["calibration"].startswith("a board, kept from boards of ")
@@ -84,7 +84,7 @@ def test_a_panorama_takes_its_lenses_from_the_rig_s_calibration(
 ) -> None:
     plain = reconstruct("panorama", bare.folder, "--out", tmp_path / "plain", "--json").result
     assert plain["calibration"] == ""
-    CalibrationShelf().keep(Dataset(bare), calibration(RIG))
+    keep_calibration(Dataset(bare), calibration(RIG))
     done = reconstruct("panorama", bare.folder, "--out", tmp_path / "known", "--json")
     assert done.result["calibration"].startswith("a board, kept from boards of ")
     assert "no camera has moved" in done.err
@@ -124,7 +124,7 @@ def test_a_calibration_that_holds_is_not_blamed(features: dict[str, Features]) -
 def test_a_camera_that_moved_keeps_the_calibration_from_being_used(
     bare: Session, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    CalibrationShelf().keep(Dataset(bare), calibration({**RIG, "c": turned(RIG["c"], pitch_px=9.0)}))
+    keep_calibration(Dataset(bare), calibration({**RIG, "c": turned(RIG["c"], pitch_px=9.0)}))
     dataset = Dataset(bare)
     settle_calibration(dataset)
     assert dataset.calibration() is None
@@ -134,19 +134,18 @@ def test_a_camera_that_moved_keeps_the_calibration_from_being_used(
 
 
 def test_other_modes_and_other_rigs_get_none(bare: Session, tmp_path: Path) -> None:
-    shelf = CalibrationShelf()
-    shelf.keep(Dataset(bare), calibration(RIG))
+    keep_calibration(Dataset(bare), calibration(RIG))
     other = write_session(
         tmp_path, ROOM, {"a": RIG["a"], "x": RIG["b"]}, instants=1, calibrated=False, truth=False
     )
-    assert shelf.find(Dataset(other)) is None
+    assert find_calibration(Dataset(other)) is None
     larger = change_manifest(bare, tmp_path / "larger", "width", 640)
-    assert shelf.find(Dataset(larger)) is None
+    assert find_calibration(Dataset(larger)) is None
     # A camera less than the rig has is no matter.
     fewer = write_session(
         tmp_path / "fewer", ROOM, {n: RIG[n] for n in "bcd"}, instants=1, calibrated=False, truth=False
     )
-    assert shelf.find(Dataset(fewer)) is not None
+    assert find_calibration(Dataset(fewer)) is not None
 
 
 def change_manifest(session: Session, folder: Path, fact: str, value: object) -> Session:
@@ -159,23 +158,22 @@ def change_manifest(session: Session, folder: Path, fact: str, value: object) ->
 
 
 def test_one_without_a_scale_does_not_replace_one_in_metres(bare: Session) -> None:
-    shelf, dataset = CalibrationShelf(), Dataset(bare)
-    shelf.keep(dataset, calibration(RIG, "arbitrary"))
-    shelf.keep(dataset, calibration(RIG, "m"))
+    dataset = Dataset(bare)
+    keep_calibration(dataset, calibration(RIG, "arbitrary"))
+    keep_calibration(dataset, calibration(RIG, "m"))
     with pytest.raises(BadInputError, match="from boards is in metres"):
-        shelf.keep(dataset, calibration(RIG, "arbitrary"))
-    kept = shelf.find(dataset)
+        keep_calibration(dataset, calibration(RIG, "arbitrary"))
+    kept = find_calibration(dataset)
     assert kept is not None
     assert kept.calibration.unit == "m"
-    assert len(list(shelf.folder.glob("*.json"))) == 1
+    assert len(list(shelf().glob("*.json"))) == 1
 
 
 def test_what_cannot_be_read_is_left_alone(bare: Session) -> None:
-    shelf = CalibrationShelf()
-    shelf.keep(Dataset(bare), calibration(RIG))
-    (shelf.folder / "broken.json").write_text("{")
-    (shelf.folder / "other.json").write_text('{"schema_version": 9}')
-    assert shelf.find(Dataset(bare)) is not None
+    keep_calibration(Dataset(bare), calibration(RIG))
+    (shelf() / "broken.json").write_text("{")
+    (shelf() / "other.json").write_text('{"schema_version": 9}')
+    assert find_calibration(Dataset(bare)) is not None
 
 
 @pytest.mark.slow

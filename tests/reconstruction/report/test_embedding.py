@@ -2,6 +2,7 @@
 
 import base64
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,18 +10,18 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.common.outputs import read_points, write_points
-from reconstruction.report.embedding import MAX_POINTS, PackedCloud, view_clouds
+from reconstruction.report.embedding import MAX_POINTS, view_clouds
 from reconstruction.scores.study_result import InstantClouds
 
 TURN = cv2.Rodrigues(np.array([0.1, 0.7, -0.2]))[0]
 CENTRE = np.array([1.0, -2.0, 0.5])
 
 
-def unpack(packed: PackedCloud) -> tuple[np.ndarray, np.ndarray]:
-    data = base64.b64decode(packed.data)
-    places = np.frombuffer(data, "<i2", 3 * packed.points).reshape(-1, 3)
-    colours = np.frombuffer(data, np.uint8, offset=6 * packed.points).reshape(-1, 3)
-    return np.array(packed.middle) + packed.step * places, colours
+def unpack(packed: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    data = base64.b64decode(packed["data"])
+    places = np.frombuffer(data, "<i2", 3 * packed["points"]).reshape(-1, 3)
+    colours = np.frombuffer(data, np.uint8, offset=6 * packed["points"]).reshape(-1, 3)
+    return np.array(packed["middle"]) + packed["step"] * places, colours
 
 
 def save(out: Path, synced: np.ndarray, offset: np.ndarray) -> InstantClouds:
@@ -42,10 +43,10 @@ def test_points_come_back_in_the_first_cameras_frame(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     points = rng.uniform([-1, -1, 3], [1, 1, 6], (2_000, 3))
     view = view_clouds(save(tmp_path, points, points + 0.01), tmp_path, "cam1", 5)
-    shown, colours = unpack(view.synced)
-    assert view.pivot == pytest.approx((0, 0, 4), abs=1e-6)
-    assert view.synced.of == 2_000
-    assert 0.93 * 2_000 < view.synced.points < 2_000
+    shown, colours = unpack(view["synced"])
+    assert view["pivot"] == pytest.approx((0, 0, 4), abs=1e-6)
+    assert view["synced"]["of"] == 2_000
+    assert 0.93 * 2_000 < view["synced"]["points"] < 2_000
     apart = np.linalg.norm(shown[:, None] - points[None], axis=2)
     assert apart.min(1).max() < 1e-3
     nearest = apart.argmin(1)
@@ -57,17 +58,17 @@ def test_both_sides_show_the_same_part_of_space(tmp_path: Path) -> None:
     points = rng.uniform([-1, -1, 3], [1, 1, 6], (3_000, 3))
     stray = np.vstack([points[:100], points[100:] + 50])
     view = view_clouds(save(tmp_path, points, stray), tmp_path, "cam1", 5)
-    assert 90 <= view.offset.points <= 100
-    assert view.offset.of == 3_000
+    assert 90 <= view["offset"]["points"] <= 100
+    assert view["offset"]["of"] == 3_000
 
 
 def test_large_clouds_are_thinned_evenly(tmp_path: Path) -> None:
     points = np.random.default_rng(3).uniform([-1, -1, 3], [1, 1, 6], (80_000, 3))
     view = view_clouds(save(tmp_path, points, points[:5]), tmp_path, "cam1", 5)
-    shown, _ = unpack(view.synced)
+    shown, _ = unpack(view["synced"])
     assert len(shown) == MAX_POINTS
     assert shown.mean(0) == pytest.approx([0, 0, 4.5], abs=0.03)
-    assert len(view.synced.data) < 320_000
+    assert len(view["synced"]["data"]) < 320_000
 
 
 def test_the_file_of_points_is_a_ply_that_comes_back_whole(tmp_path: Path) -> None:

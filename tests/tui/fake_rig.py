@@ -73,6 +73,7 @@ class FakeRig(RigLink):
         self.nodes = make_rig(cameras)
         self.asked: list[tuple[object, ...]] = []
         self.failure: SimulshotError | None = None
+        self.phones_failure: SimulshotError | None = None
         """Raised by the next order."""
         self.take: Callable[[BurstRequest], Awaitable[str | None]] | None = None
         """Makes the session of a burst, and returns its path."""
@@ -205,6 +206,8 @@ class FakeRig(RigLink):
                 detail = self.details.get(name, NodeDetail(camera=name))
                 answer = operating.DetailAnswer(detail=detail)
             case operating.InvitePhone():
+                if self.phones_failure is not None:
+                    raise self.phones_failure
                 secret = f"https://192.168.1.20:47011/#{self.phones_come:022d}"
                 answer = operating.PhoneInvited(url=secret, fingerprint=":".join(["A7"] * 32), good_for_s=600)
             case _:

@@ -167,15 +167,13 @@ def test_a_comparison_takes_the_matcher_that_is_asked_for(
     assert multiview(trio, tmp_path / "stages").matcher == choose_matcher(Matcher.AUTO)
 
 
-class FlatDepth(MultiviewStudy):
+@pytest.fixture
+def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
     """No matching: depth of 2 everywhere and no cloud; the cameras of each call."""
+    calls: list[tuple[str, ...]] = []
 
-    def __init__(self, rig: Rig, max_instants: int, width: int) -> None:
-        super().__init__(rig, max_instants, width)
-        self.calls: list[tuple[str, ...]] = []
-
-    def match(self, images: Mapping[str, InputImage], sources: object, reach: object) -> InstantDepth:
-        self.calls.append(tuple(images))
+    def flat_depth(images: Mapping[str, InputImage], *_: object) -> InstantDepth:
+        calls.append(tuple(images))
         flat = np.full((120, 160), 2.0, np.float32)
         return InstantDepth(
             depth=flat,
@@ -188,6 +186,9 @@ class FlatDepth(MultiviewStudy):
             no_cloud=np.array("no fusion in this test"),
         )
 
+    monkeypatch.setattr("reconstruction.compare.multiview_study.compute_instant_depth", flat_depth)
+    return calls
+
 
 def darken(session: Session, folder: Path, images: Iterable[tuple[str, int]]) -> Session:
     """A copy of a session in which these images are black."""
@@ -199,15 +200,17 @@ def darken(session: Session, folder: Path, images: Iterable[tuple[str, int]]) ->
     return copy
 
 
-def test_instants_without_a_picture_of_every_camera_are_left_out(scene: Scene, tmp_path: Path) -> None:
+def test_instants_without_a_picture_of_every_camera_are_left_out(
+    scene: Scene, tmp_path: Path, matched: list[tuple[str, ...]]
+) -> None:
     session = write_session(tmp_path / "session", scene, VIEWS, missing={("left", 1)})
-    whole = FlatDepth(calibrated_rig(session, tmp_path / "stages"), 9, 160)
+    whole = MultiviewStudy(calibrated_rig(session, tmp_path / "stages"), 9, 160)
     whole.prepare(2, QUIET)
     found = whole.compare(Condition.parse("middle=0,left=66,right=33"), QUIET)
     # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
     assert [row["instant"] for row in found.per_instant] == [0, 2]
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
-    assert set(whole.calls) == {("left", "middle", "right")}
+    assert set(matched) == {("left", "middle", "right")}
     assert found.facts["cloud_skipped"] == "no fusion in this test"
     assert found.value("mover_points") is None
     assert found.value("mover_f_score") is None
@@ -218,9 +221,10 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(scene: Scene, t
         whole.compare(Condition.parse("left=300"), QUIET)
 
 
+@pytest.mark.usefixtures("matched")
 def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) -> None:
     session = darken(trio, tmp_path / "dark", [("left", 2)])
-    whole = FlatDepth(calibrated_rig(session, tmp_path / "stages"), 9, 160)
+    whole = MultiviewStudy(calibrated_rig(session, tmp_path / "stages"), 9, 160)
     whole.prepare(2, QUIET)
     assert len(whole.group.cameras) == 3
     found = whole.compare(Condition.parse("left=33"), QUIET)
@@ -232,16 +236,18 @@ def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> None:
+def test_more_cameras_than_needed_are_left_out(
+    scene: Scene, tmp_path: Path, matched: list[tuple[str, ...]]
+) -> None:
     views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
     session = write_session(tmp_path, scene, views, instants=3)
-    whole = FlatDepth(calibrated_rig(session, tmp_path / "stages"), 1, 160)
+    whole = MultiviewStudy(calibrated_rig(session, tmp_path / "stages"), 1, 160)
     whole.prepare(1, QUIET)
     assert whole.group.reference == "cam3"
     assert len(whole.group.cameras) == 5
     assert len(whole.group.left_out) == 2
     whole.compare(Condition.parse("cam3=33"), QUIET)
-    assert {len(cameras) for cameras in whole.calls} == {5}
+    assert {len(cameras) for cameras in matched} == {5}
 
 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:

@@ -30,9 +30,10 @@ async def test_the_start_offers_phones_and_says_why_there_are_none() -> None:
     app = make_app(rig)
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
-        rig.failure = NetworkError("cannot listen on 0.0.0.0:47011")
+        rig.phones_failure = NetworkError("cannot listen on 0.0.0.0:47011")
         await pilot.press("h")
         await until(pilot, lambda: isinstance(app.screen, PhonesScreen))
         await until(pilot, lambda: "cannot listen" in text(app, "#phones-words"))
+        rig.phones_failure = None
         # It is asked again.
         await until(pilot, lambda: "Scan the code" in text(app, "#phones-words"))

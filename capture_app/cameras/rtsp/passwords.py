@@ -7,7 +7,10 @@ from urllib.parse import quote
 
 VARIABLE = "SIMULSHOT_RTSP_PASSWORD"
 """The password of all cameras whose addresses name a user and no password."""
-_WITH_PASSWORD = re.compile(r"((?:--camera=)?rtsp://)([^:@/]*):([^/]*)@(.*)", re.IGNORECASE)
+_WITH_PASSWORD = re.compile(
+    r"((?:--camera=)?rtsp://)([^:@/]*):([^/]*|(?!\d*/|[\da-f:.]*\]).*)@(.*)", re.IGNORECASE
+)
+"""A password may hold an @; also a /, where no port stands before that and the path has no other @."""
 _WITH_USER = re.compile(r"(rtsp://)([^:@/]+)@(.*)")
 
 
@@ -17,7 +20,8 @@ def hide_password(spec: str) -> str:
     if found is None:
         return spec
     scheme, user, password, rest = found.groups()
-    os.environ[_variable(user, rest)] = password
+    # Nobody would find the host behind it as it is.
+    os.environ[_variable(user, rest)] = re.sub("[/?#]", lambda found: quote(found[0], safe=""), password)
     return f"{scheme.lower()}{user}@{rest}"
 
 

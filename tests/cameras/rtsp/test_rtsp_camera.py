@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
@@ -197,6 +198,14 @@ def test_a_password_is_in_no_spec_that_is_kept_or_shown() -> None:
     parsed = parse_spec(spec)
     assert parsed.label == "rtsp-10.0.0.9"
     assert "s3cr" not in repr(parsed)
+
+
+def test_a_password_with_a_slash_is_hidden_and_an_address_with_an_at_in_its_path_is_kept() -> None:
+    assert hide_password("rtsp://admin:s3/cr@t#?@10.0.0.7/cam") == "rtsp://admin@10.0.0.7/cam"
+    revealed = reveal_password("rtsp://admin@10.0.0.7/cam")
+    assert unquote(urlsplit(revealed).password or "") == "s3/cr@t#?"
+    for address in ("10.0.0.7:554/live@main", "10.0.0.7/live@main", "[fe80::7]:554/a@b", "[::7]/a@b"):
+        assert hide_password(f"rtsp://{address}") == f"rtsp://{address}"
 
 
 def test_a_command_line_does_not_show_it_to_other_users(tmp_path: Path) -> None:

@@ -73,8 +73,6 @@ class DeviceClock:
     hard_bound_ns: int
 
 
-ClockReading = Callable[[], int]
-"""Reads a clock, in ns."""
 OnFrame = Callable[[CapturedFrame], None]
 OnFailure = Callable[[Exception], None]
 
@@ -148,7 +146,9 @@ class Camera(ABC):
         """Stop streaming and let go of the device. Calling it twice is harmless."""
 
 
-def wait_for_start(start_ns: int, period_ns: int, closing: threading.Event, now_ns: ClockReading) -> bool:
+def wait_for_start(
+    start_ns: int, period_ns: int, closing: threading.Event, now_ns: Callable[[], int]
+) -> bool:
     """Block until that clock's time in ns, or whole periods after it where it is over; False once closing."""
     late_ns = now_ns() - start_ns
     if late_ns > 0:

@@ -1,7 +1,6 @@
 """Webcams by OpenCV: a thread waits for frames, which are stamped as they arrive."""
 
 import asyncio
-import contextlib
 import functools
 import platform
 import threading
@@ -14,6 +13,7 @@ from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, wait_for_start
 from capture_app.cameras.pictures import PixelPicture, step_to
 from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
+from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -88,27 +88,23 @@ class Webcam:
         self._capture.release()
 
 
-class WebcamCamera(Camera):
+class WebcamCamera(ThreadedCamera):
     """A webcam. It is opened when it is started, and opened anew where its stream is restarted."""
 
     def __init__(self, open_webcam: Callable[[], Webcam]) -> None:
         """`open_webcam` may block; it is called on a thread of this camera's."""
+        super().__init__(KIND)
         self._open_webcam = open_webcam
         self._thread: threading.Thread | None = None
-        self._closing = threading.Event()
         self._has_failed = False
         self._restart_ns: int | None = None
         self._restarted: asyncio.Future[None] | None = None
-        self._loop: asyncio.AbstractEventLoop
         self._begun: asyncio.Future[None]
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Open and stream. Raises CameraError where it is missing or gives no pictures."""
-        if self._thread is not None or self._closing.is_set():
-            raise CameraError("the webcam was started already", hint="open it again")
-        self._loop = asyncio.get_running_loop()
-        self._begun = self._loop.create_future()
         self.listen(on_frame, on_failure)
+        self._begun = self._loop.create_future()
         self._thread = threading.Thread(target=self._run, name="webcam", daemon=True)
         self._thread.start()
         await self._begun
@@ -131,9 +127,9 @@ class WebcamCamera(Camera):
     async def stop(self) -> None:
         """Stop streaming and let go of the webcam. Calling it twice is harmless."""
         self._closing.set()
-        self._end_restart()
+        _settle(self._restarted)
         if self._thread is not None:
-            await asyncio.get_running_loop().run_in_executor(None, self._thread.join)
+            await self._in_worker(self._thread.join)
 
     def _run(self) -> None:
         """Open the webcam and stream until it is stopped or fails."""
@@ -142,7 +138,7 @@ class WebcamCamera(Camera):
             webcam = self._open_webcam()
             first = self._next(webcam)
             self._facts = _facts(webcam, first[1])
-            self._tell(self._begin)
+            self._tell(_settle, self._begun)
             stream, sequence = 0, -1
             while not self._closing.is_set():
                 if self._restart_ns is not None:
@@ -150,7 +146,7 @@ class WebcamCamera(Camera):
                     wait_for_start(self._restart_ns, self._facts.period_ns, self._closing, time.monotonic_ns)
                     webcam = self._open_webcam()
                     self._restart_ns = None
-                    self._tell(self._end_restart)
+                    self._tell(_settle, self._restarted)
                     stream, sequence = stream + 1, -1
                 arrived_ns, pixels = self._next(webcam)
                 sequence += 1
@@ -175,30 +171,19 @@ class WebcamCamera(Camera):
             f"webcam {webcam.index} gives no pictures", hint="check its plug, then start it again"
         )
 
-    def _tell(self, news: Callable[..., None], *what: object) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
-            self._loop.call_soon_threadsafe(news, *what)
-
-    def _begin(self) -> None:
-        if not self._begun.done():
-            self._begun.set_result(None)
-
-    def _end_restart(self) -> None:
-        if self._restarted is not None and not self._restarted.done():
-            self._restarted.set_result(None)
-
-    def _deliver(self, frame: CapturedFrame) -> None:
-        if not self._closing.is_set():
-            self._on_frame(frame)
-
     def _fail(self, error: CameraError) -> None:
         # The thread still closes the webcam, and restarts nothing any more.
         self._has_failed = True
-        self._end_restart()
+        _settle(self._restarted)
         if not self._begun.done():
             self._begun.set_exception(error)
         elif not self._closing.is_set():
             self._on_failure(error)
+
+
+def _settle(awaited: asyncio.Future[None] | None) -> None:
+    if awaited is not None and not awaited.done():
+        awaited.set_result(None)
 
 
 def _facts(webcam: Webcam, pixels: "NDArray[np.uint8]") -> CameraFacts:

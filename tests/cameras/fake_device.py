@@ -58,9 +58,8 @@ class FakeDevice(VideoDevice):
         self.fd = -1
 
     def capability(self) -> v4l2.Capability:
-        return v4l2.Capability(
-            self.driver, "Fake camera", "usb-1", v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
-        )
+        flags = v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
+        return v4l2.Capability(self.driver, "Fake camera", flags)
 
     def control(self, control: int) -> int | None:
         return self.controls.get(control)
@@ -116,7 +115,7 @@ class FickleDevice(FakeDevice):
         return ("MJPG", "H264")
 
     def sizes(self, fourcc: str) -> tuple[v4l2.FrameSize, ...]:
-        return (v4l2.FrameSize(640, 640, 0, 480, 480, 0),)
+        return (v4l2.FrameSize(range(640, 641), range(480, 481)),)
 
     def intervals(self, fourcc: str, width: int, height: int) -> tuple[v4l2.FrameInterval, ...]:
         return rates(30, 15)

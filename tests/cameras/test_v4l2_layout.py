@@ -162,26 +162,26 @@ def test_enumerated_ranges_lie_where_the_kernel_puts_them() -> None:
 @pytest.mark.parametrize(
     ("name", "number"),
     [
-        ("VIDIOC_QUERYCAP", 0x80685600),
-        ("VIDIOC_ENUM_FMT", 0xC0405602),
-        ("VIDIOC_S_FMT", 0xC0D05605),
-        ("VIDIOC_REQBUFS", 0xC0145608),
-        ("VIDIOC_QUERYBUF", 0xC0585609),
-        ("VIDIOC_QBUF", 0xC058560F),
-        ("VIDIOC_DQBUF", 0xC0585611),
-        ("VIDIOC_STREAMON", 0x40045612),
-        ("VIDIOC_STREAMOFF", 0x40045613),
-        ("VIDIOC_G_PARM", 0xC0CC5615),
-        ("VIDIOC_S_PARM", 0xC0CC5616),
-        ("VIDIOC_G_CTRL", 0xC008561B),
-        ("VIDIOC_S_CTRL", 0xC008561C),
-        ("VIDIOC_QUERYCTRL", 0xC0445624),
-        ("VIDIOC_ENUM_FRAMESIZES", 0xC02C564A),
-        ("VIDIOC_ENUM_FRAMEINTERVALS", 0xC034564B),
+        ("QUERYCAP", 0x80685600),
+        ("ENUM_FMT", 0xC0405602),
+        ("S_FMT", 0xC0D05605),
+        ("REQBUFS", 0xC0145608),
+        ("QUERYBUF", 0xC0585609),
+        ("QBUF", 0xC058560F),
+        ("DQBUF", 0xC0585611),
+        ("STREAMON", 0x40045612),
+        ("STREAMOFF", 0x40045613),
+        ("G_PARM", 0xC0CC5615),
+        ("S_PARM", 0xC0CC5616),
+        ("G_CTRL", 0xC008561B),
+        ("S_CTRL", 0xC008561C),
+        ("QUERYCTRL", 0xC0445624),
+        ("ENUM_FRAMESIZES", 0xC02C564A),
+        ("ENUM_FRAMEINTERVALS", 0xC034564B),
     ],
 )
 def test_request_numbers_are_what_a_c_compiler_prints(name: str, number: int) -> None:
-    assert getattr(kernel, name) == number
+    assert kernel.request_number(name) == number
 
 
 def test_a_32_bit_system_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,6 +191,6 @@ def test_a_32_bit_system_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_sizes_in_steps_are_rounded_to_the_nearest_one() -> None:
-    size = kernel.FrameSize(16, 1920, 16, 16, 1080, 8)
+    size = kernel.FrameSize(range(16, 1921, 16), range(16, 1081, 8))
     assert size.nearest(641, 477) == (640, 480)
     assert size.nearest(9999, 1) == (1920, 16)

@@ -1,30 +1,30 @@
-"""A machine-vision camera that streams: one thread fetches frames, another one talks to the camera.
+"""A machine-vision camera that streams: one thread fetches frames, the worker talks to the camera, in order.
 
 Its stamps are of a counter of its own, and are put into this machine's monotonic clock; all in ns.
 """
 
-import asyncio
 import contextlib
 import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+
+from msgspec.structs import replace
 
 from capture_app.camera_facts import (
     CameraFacts,
     Control,
     ControlState,
-    PhaseControl,
     StampAccuracy,
     StampSource,
     TimestampSource,
 )
-from capture_app.cameras.aravis.device import AravisDevice
-from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup, MachinePicture
+from capture_app.cameras.aravis.device import KIND, AravisDevice
+from capture_app.cameras.aravis.machine_device import DeviceFrame, MachinePicture
 from capture_app.cameras.arrival_clock import ArrivalClock
-from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock, OnFailure, OnFrame
+from capture_app.cameras.base import CapturedFrame, DeviceClock, OnFailure, OnFrame
+from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.errors import CameraError
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
@@ -86,7 +86,6 @@ class FrameNumbers:
 
 _log = logging.getLogger(__name__)
 
-KIND = "aravis"
 FIRST_READINGS, READING_NS = 16, 1_000_000_000
 """How many readings of the counter come before the stream starts, and how often one comes later."""
 SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
@@ -99,30 +98,21 @@ LATE_NS = 5_000_000
 """How long after a frame is due its end is taken for granted."""
 
 
-class AravisCamera(Camera):
+class AravisCamera(ThreadedCamera):
     """A machine-vision camera, connected when it is started: that takes seconds where it is missing."""
 
-    def __init__(
-        self, connect: Callable[[], AravisDevice], row_ns: int | None = None, *, silence_ns: int = SILENCE_NS
-    ) -> None:
-        """`row_ns` is the step of its frames' durations where that is known.
-
-        A stream without a frame for `silence_ns` and some periods has failed.
-        """
+    def __init__(self, connect: Callable[[], AravisDevice], *, silence_ns: int = SILENCE_NS) -> None:
+        """A stream without a frame for `silence_ns` and some periods has failed."""
+        super().__init__(KIND)
         self._connect = connect
         self._silence_ns = silence_ns
-        self._row_ns = row_ns
-        # Every word to the camera in the order it was said, and off the event loop: answers may take seconds.
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="aravis")
         self._fetching: threading.Thread | None = None
-        self._closing = threading.Event()
         self._device: AravisDevice | None = None
         self._clock: LatchedClock | ArrivalClock | None = None
         self._wanted_ns: deque[int] = deque()
         """Durations of one coming frame each, until they are asked for."""
         self._restore_at_ns: int | None = None
         self._numbers = FrameNumbers()
-        self._loop: asyncio.AbstractEventLoop
 
     @property
     def device_clock(self) -> DeviceClock | None:
@@ -131,14 +121,13 @@ class AravisCamera(Camera):
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Exposure and gain as they stand. Raises CameraError."""
-        device = self._connected
-        return await self._loop.run_in_executor(self._worker, device.controls)
+        return await self._in_worker(self._connected.controls)
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set exposure (µs) or gain, and hold it there; None: let the camera choose. Raises CameraError."""
         device = self._connected
-        await self._loop.run_in_executor(self._worker, device.set_control, control, value)
-        self._facts = self._facts_of(device.setup)
+        await self._in_worker(device.set_control, control, value)
+        self._facts = self._facts_of(device.facts)
 
     @property
     def _connected(self) -> AravisDevice:
@@ -148,11 +137,8 @@ class AravisCamera(Camera):
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError where it is missing, busy, refuses or sends no pictures."""
-        if self._fetching is not None or self._closing.is_set():
-            raise CameraError("the camera was started already", hint="open it again")
-        self._loop = asyncio.get_running_loop()
         self.listen(on_frame, on_failure)
-        await self._loop.run_in_executor(self._worker, self._open)
+        await self._in_worker(self._open)
         self._fetching = threading.Thread(target=self._fetch, name="aravis-frames", daemon=True)
         self._fetching.start()
 
@@ -169,10 +155,9 @@ class AravisCamera(Camera):
         if self._closing.is_set():
             return
         self._closing.set()
-        fetching = self._fetching
-        if fetching is not None:
-            await asyncio.get_running_loop().run_in_executor(None, fetching.join)
-        await asyncio.get_running_loop().run_in_executor(self._worker, self._release)
+        if self._fetching is not None:
+            await self._in_worker(self._fetching.join)
+        await self._in_worker(self._release)
         self._worker.shutdown(wait=False)
 
     def _open(self) -> None:
@@ -182,7 +167,7 @@ class AravisCamera(Camera):
         for reading in readings:
             if reading is not None:
                 latched.add_reading(*reading)
-        device.start(lambda: self._fail_later(f"{device.address} is not controlled any more"))
+        device.start(lambda: self._tell(self._fail, f"{device.address} is not controlled any more"))
         first, second = self._first_frame(device), self._first_frame(device)
         reads = len({None if reading is None else reading[1] for reading in readings}) > 1
         # The first stamp may be none yet.
@@ -191,7 +176,7 @@ class AravisCamera(Camera):
             self._clock = latched
         elif second.counter_ns != first.counter_ns:
             self._clock = ArrivalClock()
-        self._facts = self._facts_of(device.setup)
+        self._facts = self._facts_of(device.facts)
 
     def _first_frame(self, device: AravisDevice) -> DeviceFrame:
         end_ns = time.monotonic_ns() + FIRST_FRAME_NS
@@ -204,39 +189,21 @@ class AravisCamera(Camera):
             hint="a firewall that drops UDP, a bandwidth too small, or an exposure of seconds would do that",
         )
 
-    def _facts_of(self, setup: DeviceSetup) -> CameraFacts:
-        exposure_ns = setup.exposure_ns
-        shortest_ns, longest_ns = setup.durations_ns or (None, None)
-        least_ns, most_ns = setup.exposures_ns or (None, None)
-        stamp = None
-        if isinstance(self._clock, LatchedClock):
-            # GenICam's SFNC has a frame's timestamp at its start; some cameras stamp the end of its exposure.
-            doubt_ns = setup.period_ns if exposure_ns is None else exposure_ns
-            stamp = StampAccuracy(
-                bias_ns=0, uncertainty_ns=doubt_ns, source=StampSource.PROFILE, exposure_ns=exposure_ns
-            )
-        return CameraFacts(
-            kind=KIND,
-            model=setup.model[:200],
-            width=setup.width,
-            height=setup.height,
-            pixel_format=setup.pixel_format,
-            period_ns=setup.period_ns,
-            timestamp_source=TimestampSource.UNKNOWN if stamp is None else TimestampSource.START_OF_EXPOSURE,
-            phase_control=PhaseControl.FRAME_DURATION,
-            row_time_ns=self._row_ns,
-            exposure_ns=exposure_ns,
-            min_exposure_ns=least_ns,
-            max_exposure_ns=most_ns,
-            min_frame_duration_ns=shortest_ns,
-            max_frame_duration_ns=longest_ns,
-            stamp=stamp,
+    def _facts_of(self, told: CameraFacts) -> CameraFacts:
+        """What the device tells of itself, with its stamps' moment where its counter can be read."""
+        if not isinstance(self._clock, LatchedClock):
+            return told
+        # GenICam's SFNC has a frame's timestamp at its start; some cameras stamp the end of its exposure.
+        doubt_ns = told.period_ns if told.exposure_ns is None else told.exposure_ns
+        stamp = StampAccuracy(
+            bias_ns=0, uncertainty_ns=doubt_ns, source=StampSource.PROFILE, exposure_ns=told.exposure_ns
         )
+        return replace(told, timestamp_source=TimestampSource.START_OF_EXPOSURE, stamp=stamp)
 
     def _fetch(self) -> None:
         """Take frames until the camera is stopped or fails; durations are set as frames come."""
         assert self._device is not None
-        period_ns = self._device.setup.period_ns
+        period_ns = self.facts.period_ns
         begun_ns = heard_ns = read_ns = fresh_ns = time.monotonic_ns()
         while not self._closing.is_set():
             left_ns = period_ns if self._restore_at_ns is None else self._restore_at_ns - time.monotonic_ns()
@@ -246,7 +213,7 @@ class AravisCamera(Camera):
                 heard_ns = now_ns
                 self._take(frame)
             elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
-                self._fail_later(f"{self._device.address} sends no pictures any more")
+                self._tell(self._fail, f"{self._device.address} sends no pictures any more")
                 return
             # One that lacks packets is given up when the next one begins, and of several that this thread was
             # late for only the first tells where the camera is: nothing to go by.
@@ -281,8 +248,7 @@ class AravisCamera(Camera):
                 self._clock.uncertainty_ns(stamp_ns) if isinstance(self._clock, LatchedClock) else 0
             ),
         )
-        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
-            self._loop.call_soon_threadsafe(self._deliver, captured)
+        self._tell(self._deliver, captured)
 
     def _change_duration(self, now_ns: int, *, fresh: bool) -> None:
         """Ask for the wished duration when a frame has come, and for the usual one when the next one has.
@@ -307,7 +273,7 @@ class AravisCamera(Camera):
                 return
             except CameraError as error:
                 failure = error
-        self._fail_later(str(failure))
+        self._tell(self._fail, str(failure))
 
     def _read_counter(self) -> None:
         assert self._device is not None
@@ -328,14 +294,6 @@ class AravisCamera(Camera):
             self._device.close()
             self._device = None
 
-    def _deliver(self, frame: CapturedFrame) -> None:
+    def _fail(self, what: str) -> None:
         if not self._closing.is_set():
-            self._on_frame(frame)
-
-    def _fail_later(self, what: str) -> None:
-        def fail() -> None:
-            if not self._closing.is_set():
-                self._on_failure(CameraError(what, hint="it is tried again; check its power and cable"))
-
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(fail)
+            self._on_failure(CameraError(what, hint="it is tried again; check its power and cable"))

@@ -2,12 +2,21 @@
 
 import contextlib
 import time
-from dataclasses import replace
 from typing import Any
 
-from capture_app.camera_facts import MICROSECONDS, Control, ControlState, steps_of
+from msgspec.structs import replace
+
+from capture_app.camera_facts import (
+    MICROSECONDS,
+    CameraFacts,
+    Control,
+    ControlState,
+    PhaseControl,
+    TimestampSource,
+    steps_of,
+)
 from capture_app.cameras.aravis.library import camera_errors, load_aravis
-from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, DeviceFrame, DeviceSetup
+from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, DeviceFrame
 from capture_app.cameras.specs import CameraRequest
 from capture_app.errors import CameraError
 
@@ -56,7 +65,7 @@ class DeviceControl:
         if value is not None:
             self._call(f"set_{self._value}", value)
 
-    def state(self, setup: DeviceSetup) -> ControlState:
+    def state(self, facts: CameraFacts) -> ControlState:
         """It as all cameras have it."""
         least, most = self.bounds
         exposes = self.control is Control.EXPOSURE
@@ -64,15 +73,16 @@ class DeviceControl:
             control=self.control,
             value=self.value,
             # Gains are decibels with most, steps of the chip with some.
-            unit=MICROSECONDS if exposes else steps_of(setup.model),
+            unit=MICROSECONDS if exposes else steps_of(facts.model),
             automatic=self.is_automatic,
             can_be_automatic=self.can_be_automatic,
             least=least,
             # A longer exposure would make frames late.
-            most=min(most, setup.period_ns / 1000) if exposes else most,
+            most=min(most, facts.period_ns / 1000) if exposes else most,
         )
 
 
+KIND = "aravis"
 OPTIONS = {
     "width": "pixels of the picture, out of the middle of the sensor",
     "height": "the same",
@@ -103,7 +113,7 @@ class AravisDevice:
             self._camera = self._aravis.Camera.new(address)
             self._device = self._camera.get_device()
             self._rate = next((name for name in _RATES if self._camera.is_feature_available(name)), None)
-            self.setup = self._set_up(request)
+            self.facts = self._set_up(request)
             self._stream = self._open_stream()
 
     def read_counter(self) -> tuple[int, int, int] | None:
@@ -128,14 +138,16 @@ class AravisDevice:
     def controls(self) -> tuple[ControlState, ...]:
         """Exposure and gain as they stand. Raises CameraError."""
         with camera_errors(self.address):
-            return tuple(one.state(self.setup) for control in _WORDS if (one := self._control(control)))
+            return tuple(one.state(self.facts) for control in _WORDS if (one := self._control(control)))
 
     def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control and hold it there; None: let the camera choose. `setup` tells the exposure then."""
+        """Set a control and hold it there; None: let the camera choose. `facts` tell the exposure then."""
         with camera_errors(self.address):
             DeviceControl(self._camera, self._aravis.Auto, control).set(value)
-            exposure_ns, exposures_ns = self._exposure()
-            self.setup = replace(self.setup, exposure_ns=exposure_ns, exposures_ns=exposures_ns)
+            exposure_ns, least_ns, most_ns = self._exposure()
+            self.facts = replace(
+                self.facts, exposure_ns=exposure_ns, min_exposure_ns=least_ns, max_exposure_ns=most_ns
+            )
 
     def set_period(self, period_ns: int) -> None:
         """Let frames last so long from now on. Raises CameraError."""
@@ -170,7 +182,7 @@ class AravisDevice:
         # The library ends its threads and gives up the control with the last reference.
         del self._stream, self._device, self._camera
 
-    def _set_up(self, request: CameraRequest) -> DeviceSetup:
+    def _set_up(self, request: CameraRequest) -> CameraFacts:
         camera = self._camera
         offered = camera.dup_available_pixel_formats_as_strings()
         wanted = request.format or camera.get_pixel_format_as_string()
@@ -183,9 +195,24 @@ class AravisDevice:
         self._set_region(request)
         _x, _y, width, height = camera.get_region()
         model = f"{camera.get_vendor_name()} {camera.get_model_name()}"
-        exposure_ns, exposures_ns = self._set_exposure(request.exposure_us)
-        period_ns, durations_ns = self._set_rate(request.fps)
-        return DeviceSetup(model, width, height, wanted, period_ns, durations_ns, exposure_ns, exposures_ns)
+        exposure_ns, least_ns, most_ns = self._set_exposure(request.exposure_us)
+        period_ns, shortest_ns, longest_ns = self._set_rate(request.fps)
+        return CameraFacts(
+            kind=KIND,
+            model=model[:200],
+            width=width,
+            height=height,
+            pixel_format=wanted,
+            period_ns=period_ns,
+            timestamp_source=TimestampSource.UNKNOWN,
+            phase_control=PhaseControl.FRAME_DURATION,
+            row_time_ns=None if request.row_us is None else round(request.row_us * 1000),
+            exposure_ns=exposure_ns,
+            min_exposure_ns=least_ns,
+            max_exposure_ns=most_ns,
+            min_frame_duration_ns=shortest_ns,
+            max_frame_duration_ns=longest_ns,
+        )
 
     def _set_region(self, request: CameraRequest) -> None:
         camera = self._camera
@@ -207,7 +234,7 @@ class AravisDevice:
                 hint="its sizes come in steps; ask for one of them",
             )
 
-    def _set_exposure(self, exposure_us: float | None) -> tuple[int | None, tuple[int, int] | None]:
+    def _set_exposure(self, exposure_us: float | None) -> tuple[int | None, int | None, int | None]:
         if exposure_us is not None:
             exposure = self._control(Control.EXPOSURE)
             if exposure is None:
@@ -221,14 +248,14 @@ class AravisDevice:
             exposure.set(exposure_us)
         return self._exposure()
 
-    def _exposure(self) -> tuple[int | None, tuple[int, int] | None]:
-        """Exposure in ns, None where the camera chooses it, and its limits."""
+    def _exposure(self) -> tuple[int | None, int | None, int | None]:
+        """Exposure, its least and its most in ns; the first is None where the camera chooses it."""
         exposure = self._control(Control.EXPOSURE)
         if exposure is None:
-            return None, None
+            return None, None, None
         least_us, most_us = exposure.bounds
-        limits_ns = round(least_us * 1000), round(most_us * 1000)
-        return None if exposure.is_automatic else round(exposure.value * 1000), limits_ns
+        exposure_ns = None if exposure.is_automatic else round(exposure.value * 1000)
+        return exposure_ns, round(least_us * 1000), round(most_us * 1000)
 
     def _control(self, control: Control) -> DeviceControl | None:
         try:
@@ -236,7 +263,8 @@ class AravisDevice:
         except CameraError:
             return None
 
-    def _set_rate(self, fps: float | None) -> tuple[int, tuple[int, int] | None]:
+    def _set_rate(self, fps: float | None) -> tuple[int, int, int]:
+        """Frame period, the shortest and the longest, in ns."""
         camera = self._camera
         if self._rate is None:
             raise CameraError(
@@ -253,17 +281,17 @@ class AravisDevice:
         # Once by the library, which knows what vendors ask for before it; from then on by one write.
         camera.set_frame_rate(rate)
         self.set_period(period_ns)
-        return period_ns, (round(1e9 / most), round(1e9 / max(least, 0.1)))
+        return period_ns, round(1e9 / most), round(1e9 / max(least, 0.1))
 
     def _open_stream(self) -> Any:
-        camera, setup = self._camera, self.setup
+        camera = self._camera
         stream = camera.create_stream(None, None)
         if camera.is_gv_device():
             stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
             stream.set_property("socket-buffer-size", _SOCKET_BYTES)
         payload = camera.get_payload()
         least, most = _BUFFER_COUNTS
-        count = max(least, min(most, _BUFFER_BYTES // payload, -(-_BUFFERED_NS // setup.period_ns)))
+        count = max(least, min(most, _BUFFER_BYTES // payload, -(-_BUFFERED_NS // self.facts.period_ns)))
         for _ in range(count):
             stream.push_buffer(self._aravis.Buffer.new_allocate(payload))
         return stream

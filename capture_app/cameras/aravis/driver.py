@@ -3,8 +3,8 @@
 import functools
 from collections.abc import Mapping
 
-from capture_app.cameras.aravis.camera import KIND, AravisCamera
-from capture_app.cameras.aravis.device import OPTIONS, AravisDevice
+from capture_app.cameras.aravis.camera import AravisCamera
+from capture_app.cameras.aravis.device import KIND, OPTIONS, AravisDevice
 from capture_app.cameras.aravis.library import load_aravis
 from capture_app.cameras.base import Camera, CameraListing
 from capture_app.cameras.specs import read_request
@@ -20,9 +20,7 @@ def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, n
     """
     request = read_request(options, OPTIONS, "a machine-vision camera")
     load_aravis()
-    connect = functools.partial(AravisDevice, address, request)
-    row_ns = None if request.row_us is None else round(request.row_us * 1000)
-    return AravisCamera(connect, row_ns).in_clock(clock)
+    return AravisCamera(functools.partial(AravisDevice, address, request)).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:

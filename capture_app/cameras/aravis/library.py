@@ -40,7 +40,11 @@ def camera_errors(device: str) -> Iterator[None]:
     try:
         yield
     except library_error as error:
-        raise camera_error(device, error.domain, error.code, error.message) from error
+        if error.domain != "arv-device-error-quark" or error.code not in _WORDS:
+            hint = "another program, such as arv-viewer, may say more"
+            raise CameraError(f"{device} failed: {error.message}", hint=hint) from error
+        what, hint = _WORDS[error.code]
+        raise CameraError(what.format(device), hint=hint) from error
 
 
 _WORDS = {
@@ -52,13 +56,3 @@ _WORDS = {
     10: ("{} is in use by another program", "close it: only one can control a camera"),
 }
 """What is wrong and what to do, by the codes of the library's errors of devices."""
-
-
-def camera_error(device: str, domain: str, code: int, message: str) -> CameraError:
-    """The library's error in words that say what to do."""
-    if domain != "arv-device-error-quark" or code not in _WORDS:
-        return CameraError(
-            f"{device} failed: {message}", hint="another program, such as arv-viewer, may say more"
-        )
-    what, hint = _WORDS[code]
-    return CameraError(what.format(device), hint=hint)

@@ -1,4 +1,4 @@
-"""What a machine-vision camera tells: how it is set up, and its frames, grey, Bayer or colour."""
+"""Frames as a machine-vision camera sends them, grey, Bayer or colour."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -8,21 +8,6 @@ from capture_app.cameras.pictures import PixelPicture, step_to
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceSetup:
-    """How a camera is set up; times in ns."""
-
-    model: str
-    width: int
-    height: int
-    pixel_format: str
-    period_ns: int
-    durations_ns: tuple[int, int] | None
-    """Shortest and longest duration of a frame; None where it cannot be set."""
-    exposure_ns: int | None
-    exposures_ns: tuple[int, int] | None
 
 
 @dataclass(frozen=True, slots=True)

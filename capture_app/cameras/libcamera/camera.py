@@ -11,9 +11,8 @@ makes all those that came back whole multiples of it is then a question of arith
 
 import asyncio
 import random
-import threading
-from collections.abc import Callable, Iterable
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Iterable
+from concurrent.futures import Executor
 from contextlib import suppress
 from itertools import pairwise
 from math import ceil, floor
@@ -23,7 +22,7 @@ from typing import Any
 from msgspec import structs
 
 from capture_app.camera_facts import Control, ControlState, PhaseControl
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.libcamera.configuration import (
     KIND,
     configure,
@@ -43,6 +42,7 @@ from capture_app.cameras.libcamera.controls import (
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import FinishedFrame, RequestStream, StampClock
 from capture_app.cameras.specs import CameraRequest
+from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
 
@@ -98,7 +98,7 @@ INSIDE_ROW = 0.25
 """A duration is asked for by so many rows more than whole ones: a driver may cut or round it."""
 
 
-class LibcameraCamera(Camera):
+class LibcameraCamera(ThreadedCamera):
     """A camera of libcamera; `driver.open_camera` makes one."""
 
     def __init__(
@@ -111,13 +111,12 @@ class LibcameraCamera(Camera):
         executor: Executor | None = None,
     ) -> None:
         """Take a camera and configure it. Raises CameraError if it is missing, busy, or has no such mode."""
+        super().__init__(KIND, executor)
         self._library, self._wishes = library, wishes
         self._clock = clock or StampClock()
-        self._executor = executor or ThreadPoolExecutor(max_workers=1, thread_name_prefix=KIND)
         camera = library.camera(device)
         self.id: str = camera.id
         self._command_lock = asyncio.Lock()
-        self._closing = threading.Event()
         self._listening = False
         self._streams = 0
         self._last_frame_ns = 0
@@ -166,8 +165,6 @@ class LibcameraCamera(Camera):
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming, and learn from the first frames. Raises CameraError where it delivers none."""
-        if self._listening or self._closing.is_set():
-            raise CameraError(f"{self.id} was started already", hint="open it again")
         self.listen(on_frame, on_failure)
         async with self._command_lock:
             self._library.listen()
@@ -235,7 +232,7 @@ class LibcameraCamera(Camera):
             self._library.dispatch()
             self._library.hush()
         await self._in_worker(self._stream.release)
-        self._executor.shutdown(wait=False)
+        self._worker.shutdown(wait=False)
 
     # What the first frames show
 
@@ -331,6 +328,3 @@ class LibcameraCamera(Camera):
             self._on_failure(error)
         elif not self._first_frames_wanted[1].done():
             self._first_frames_wanted[1].set_exception(error)
-
-    def _in_worker(self, work: Callable[..., Any], *arguments: Any) -> asyncio.Future[Any]:
-        return asyncio.get_running_loop().run_in_executor(self._executor, work, *arguments)

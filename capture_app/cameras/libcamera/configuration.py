@@ -3,9 +3,8 @@
 import dataclasses
 import os
 from collections.abc import Mapping
-from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from msgspec.structs import replace
 
@@ -80,23 +79,19 @@ READOUT_DOUBT_ROWS, READOUT_DOUBT_NS = 16, 100_000
 _USUAL_RATE, _ROUND_NS = 3e-4, 10_000
 
 
-class Origin(Enum):
-    """Whose pipeline a camera has, as far as its stamps are known by that."""
-
-    RASPBERRY_PI = "raspberry-pi"
-    WEBCAM = "webcam"
-    OTHER = "other"
+Origin = Literal["raspberry-pi", "webcam", "other"]
+"""Whose pipeline a camera has, as far as its stamps are known by that."""
 
 
 def origin_of(camera: Any) -> Origin:
     """Whose pipeline a camera of the library has."""
     if any(control.vendor == _RASPBERRY_PI for control in camera.controls):
-        return Origin.RASPBERRY_PI
+        return "raspberry-pi"
     properties = {control.name: value for control, value in camera.properties.items()}
     devices = properties.get("SystemDevices", ())
     nodes = (CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}" for device in devices)
     drivers = {(node / "device" / "driver").resolve().name for node in nodes}
-    return Origin.WEBCAM if "uvcvideo" in drivers else Origin.OTHER
+    return "webcam" if "uvcvideo" in drivers else "other"
 
 
 def facts_as_configured(
@@ -138,9 +133,9 @@ def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin)
         # What is told is cut to microseconds; what is asked for lies between two rows, and is cut, too.
         exposure_ns = int((exposure_ns + 1000) / row_ns) * row_ns
     facts = replace(facts, exposure_ns=exposure_ns, stamp=None)
-    if origin is Origin.WEBCAM:
+    if origin == "webcam":
         return replace(facts, stamp=replace(facts.assumed_stamp, source=StampSource.PROFILE))
-    if origin is not Origin.RASPBERRY_PI or exposure_ns is None or row_ns is None:
+    if origin != "raspberry-pi" or exposure_ns is None or row_ns is None:
         return facts
     late = StampAccuracy(
         bias_ns=exposure_ns,

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 from capture_app.cameras.base import Camera, CameraListing
 from capture_app.cameras.libcamera.camera import LibcameraCamera
-from capture_app.cameras.libcamera.configuration import KIND, Origin, origin_of, parse_options
+from capture_app.cameras.libcamera.configuration import KIND, origin_of, parse_options
 from capture_app.cameras.libcamera.library import Library, load_library
 from capture_app.cameras.system_packages import is_installed
 from capture_app.clock import NodeClock
@@ -37,7 +37,7 @@ def listings(library: Library) -> Iterator[CameraListing]:
     """The cameras of a library but for webcams, which V4L2 lists, and drives better."""
     for camera in library.cameras:
         properties = {control.name: value for control, value in camera.properties.items()}
-        if origin_of(camera) is Origin.WEBCAM:
+        if origin_of(camera) == "webcam":
             continue
         size = properties.get("PixelArraySize")
         moved = any(control.name == "FrameDurationLimits" for control in camera.controls)

@@ -1,6 +1,7 @@
 """The library of this process: found, its cameras, and each finished request to the camera that it is of."""
 
 import asyncio
+import functools
 import os
 import re
 from collections.abc import Callable
@@ -83,7 +84,7 @@ class Library:
                 handler(request)
 
 
-_libraries: dict[int, Library] = {}
+_library_of = functools.cache(Library)
 
 
 def load_library() -> Library:
@@ -91,7 +92,4 @@ def load_library() -> Library:
     # It logs to stderr, where a user reads what this program says.
     os.environ.setdefault("LIBCAMERA_LOG_LEVELS", "*:FATAL")
     module = load_system_module("libcamera", PACKAGE, "a camera of libcamera")
-    library = _libraries.get(id(module))
-    if library is None:
-        library = _libraries[id(module)] = Library(module)
-    return library
+    return _library_of(module)

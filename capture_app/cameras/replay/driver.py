@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.specs import read_number, refuse_unknown
 from capture_app.clock import NodeClock
@@ -90,16 +90,11 @@ class ReplayCamera(Camera):
     def __init__(self, recording: "Recording") -> None:
         from capture_app.cameras.replay.recordings import Playback  # heavy, as above
 
-        self._recording = recording
+        self._recording, self._facts = recording, recording.facts
         self._playback = Playback(
             recording.timing, anchored=recording.facts.phase_control is PhaseControl.NONE
         )
         self._playing: asyncio.Task[None] | None = None
-
-    @property
-    def facts(self) -> CameraFacts:
-        """Those of the recorded camera, as far as they are known."""
-        return self._recording.facts
 
     @property
     def calibration(self) -> CameraCalibration | None:
@@ -124,7 +119,7 @@ class ReplayCamera(Camera):
         if self.facts.phase_control is PhaseControl.NONE or isinstance(command, InjectFrame):
             raise CameraError(f"the replay of {self.facts.model} cannot do that")
         if isinstance(command, RestartStream):
-            await self._halt()
+            await self.stop()
             self._play_from(asked_ns + command.delay_ns)
             await asyncio.sleep(command.delay_ns / 1e9)
         else:
@@ -132,9 +127,6 @@ class ReplayCamera(Camera):
 
     async def stop(self) -> None:
         """Stop playing. Calling it twice is harmless."""
-        await self._halt()
-
-    async def _halt(self) -> None:
         playing, self._playing = self._playing, None
         if playing is not None:
             playing.cancel()

@@ -4,7 +4,6 @@ import asyncio
 import itertools
 import time
 from collections.abc import Coroutine, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
@@ -18,6 +17,7 @@ from capture_app.cameras.rtsp.packets import AccessUnit, AccessUnits, reported_t
 from capture_app.cameras.rtsp.passwords import reveal_password
 from capture_app.cameras.rtsp.sender_clock import SenderClock
 from capture_app.cameras.specs import read_request
+from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.optional_packages import load_optional
@@ -65,15 +65,14 @@ class VideoPicture(PixelPicture):
         return np.asarray(smaller.to_ndarray(), np.uint8)
 
 
-class RtspCamera(Camera):
+class RtspCamera(ThreadedCamera):
     """An IP camera; it is connected when it is started, which takes seconds."""
 
     def __init__(self, url: str, fps: float | None = None, *, reports_s: float = REPORTS_S) -> None:
         """`reports_s` is how long sender reports are waited for. Raises BadInputError for a bad address."""
+        super().__init__(KIND)
         self._connection = Connection(url)
         self._asked_fps, self._reports_s = fps, reports_s
-        # One thread: pictures are decoded in their order.
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rtsp")
         self._tasks: list[asyncio.Task[None]] = []
         self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MOST_WAITING)
         """Each with its media time."""
@@ -87,10 +86,8 @@ class RtspCamera(Camera):
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError where it is missing, refuses or sends no pictures."""
-        if self._tasks:
-            raise CameraError("the camera was started already", hint="open it again")
         self.listen(on_frame, on_failure)
-        self._ready, self._begun_s = asyncio.get_running_loop().create_future(), time.monotonic()
+        self._ready, self._begun_s = self._loop.create_future(), time.monotonic()
         try:
             await self._connection.open()
             ticks_per_s = self._connection.stream.ticks_per_s
@@ -145,29 +142,27 @@ class RtspCamera(Camera):
         while True:
             try:
                 async with asyncio.timeout(SILENCE_S):
-                    packet = await self._connection.next_packet()
+                    channel, data, arrival_ns = await self._connection.next_packet()
             except TimeoutError as error:
                 raise CameraError("sends nothing any more") from error
-            if packet.channel == 1:
-                for ticks in reported_ticks(packet.data):
-                    self._clock.add_report(ticks, packet.arrival_ns)
+            if channel == 1:
+                for ticks in reported_ticks(data):
+                    self._clock.add_report(ticks, arrival_ns)
                 if self._clock.contradicts_itself:
                     raise CameraError("tells another time by its sender reports than before")
             else:
-                for unit in units.add(packet.data, packet.arrival_ns):
+                for unit in units.add(data, arrival_ns):
                     await self._waiting.put((self._clock.add_frame(unit.ticks, unit.arrival_ns), unit))
 
     async def _decode(self) -> None:
-        stream, loop = self._connection.stream, asyncio.get_running_loop()
-        decoder = _Decoder(stream)
+        decoder = _Decoder(self._connection.stream)
         while True:
             media_ns, unit = await self._waiting.get()
-            found = await loop.run_in_executor(self._worker, decoder.decode, media_ns, unit)
-            for picture_ns, picture in found:
+            for picture_ns, picture in await self._in_worker(decoder.decode, media_ns, unit):
                 if not self._ready.done():
                     self._begin(picture_ns, picture)
                 else:
-                    self._deliver(picture_ns, picture)
+                    self._hand_on(picture_ns, picture)
 
     def _begin(self, media_ns: int, picture: VideoPicture) -> None:
         """Begin once the rate is known and sender reports have come or were waited for."""
@@ -209,7 +204,7 @@ class RtspCamera(Camera):
             return told
         return round(seen) if abs(seen / max(1, round(seen)) - 1) <= RATE_SHARE else seen
 
-    def _deliver(self, media_ns: int, picture: VideoPicture) -> None:
+    def _hand_on(self, media_ns: int, picture: VideoPicture) -> None:
         self._sequence += max(1, round((media_ns - self._last_ns) / self.facts.period_ns))
         self._last_ns = media_ns
         self._on_frame(

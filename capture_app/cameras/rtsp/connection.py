@@ -80,28 +80,6 @@ def parse_description(text: str) -> VideoStream:
         raise CameraError("describes its video in a way that cannot be read") from error
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
-    """An answer."""
-
-    status: int
-    headers: list[tuple[str, str]]
-    body: str
-
-    def header(self, name: str) -> str:
-        """The first header of a name, empty where there is none."""
-        return next((value for key, value in self.headers if key == name), "")
-
-
-@dataclass(frozen=True, slots=True)
-class Packet:
-    """An interleaved packet, and when it came in ns of the host's monotonic clock."""
-
-    channel: int
-    data: bytes
-    arrival_ns: int
-
-
 class Connection:
     """One camera's, which plays when it is open; errors name the camera by its host alone."""
 
@@ -132,7 +110,7 @@ class Connection:
         self._challenge = self._session = ""
         self._asked_ns: dict[int, int] = {}
         self._number = 0
-        self._early: deque[Packet] = deque()
+        self._early: deque[tuple[int, bytes, int]] = deque()
 
     async def open(self) -> None:
         """Connect, and have the camera play. Raises CameraError."""
@@ -153,8 +131,8 @@ class Connection:
                 f"{self.host}, port {self._port}: no camera speaks RTSP there", hint=str(error)[:100]
             ) from error
 
-    async def next_packet(self) -> Packet:
-        """Wait for a packet. Raises one of GONE."""
+    async def next_packet(self) -> tuple[int, bytes, int]:
+        """Wait for a packet: its channel, its bytes, its monotonic arrival in ns. Raises one of GONE."""
         while not self._early:
             await self._read()
         return self._early.popleft()
@@ -166,52 +144,48 @@ class Connection:
 
     async def close(self) -> None:
         """Say goodbye and hang up. Calling it twice is harmless."""
-        writer, self._writer = self._writer, None
-        if writer is not None:
+        if self._writer is not None:
             with contextlib.suppress(OSError, TimeoutError):
                 if self._session:
-                    writer.write(self._request("TEARDOWN", self._url))
+                    self._send("TEARDOWN", self._url)
+                writer, self._writer = self._writer, None
                 writer.close()
                 async with asyncio.timeout(1.0):
                     await writer.wait_closed()
 
     async def _play(self) -> None:
-        described = await self._ask("DESCRIBE", self._url, "Accept: application/sdp")
-        self.server = printable(described.header("server"))
-        self.stream = parse_description(described.body)
-        base = described.header("content-base") or described.header("content-location") or self._url
+        described, text = await self._ask("DESCRIBE", self._url, "Accept: application/sdp")
+        self.server = printable(described.get("server", ""))
+        self.stream = parse_description(text)
+        base = described.get("content-base") or described.get("content-location") or self._url
         control = self.stream.control
         # Live servers end their base with a slash, others expect one to be put there.
         track = base if control in ("", "*") else urljoin(base.rstrip("/") + "/", control)
-        setup = await self._ask("SETUP", track, "Transport: RTP/AVP/TCP;unicast;interleaved=0-1")
-        self._session = setup.header("session").partition(";")[0]
-        if "interleaved=0-1" not in setup.header("transport").replace(" ", ""):
+        setup, _ = await self._ask("SETUP", track, "Transport: RTP/AVP/TCP;unicast;interleaved=0-1")
+        self._session = setup.get("session", "").partition(";")[0]
+        if "interleaved=0-1" not in setup.get("transport", "").replace(" ", ""):
             raise CameraError("does not send over TCP", hint="look into its settings")
         await self._ask("PLAY", base, "Range: npt=0.000-")
 
-    async def _ask(self, method: str, url: str, *headers: str) -> Response:
+    async def _ask(self, method: str, url: str, *headers: str) -> tuple[dict[str, str], str]:
+        """What is answered: the first header of each name, and the body. Raises CameraError for a refusal."""
         for _ in range(2):
             self._send(method, url, *headers)
-            answer = await self._answer()
-            if answer.status != 401 or not self._user:
+            while (answer := await self._read()) is None:
+                pass
+            status, told, body = answer
+            if status != 401 or not self._user:
                 break
-            challenges = [value for key, value in answer.headers if key == "www-authenticate"]
+            challenges = [value for key, value in told if key == "www-authenticate"]
             self._challenge = max(challenges, key=lambda one: one.lower().startswith("digest"), default="")
-        if answer.status != 200:
-            what, hint = _REFUSALS.get(answer.status, (f"refuses {method} with {answer.status}", ""))
+        if status != 200:
+            what, hint = _REFUSALS.get(status, (f"refuses {method} with {status}", ""))
             raise CameraError(what, hint=hint)
-        return answer
-
-    async def _answer(self) -> Response:
-        while True:
-            if answer := await self._read():
-                return answer
+        return dict(reversed(told)), body
 
     def _send(self, method: str, url: str, *headers: str) -> None:
-        if self._writer is not None:
-            self._writer.write(self._request(method, url, *headers))
-
-    def _request(self, method: str, url: str, *headers: str) -> bytes:
+        if self._writer is None:
+            return
         self._number += 1
         lines = [f"{method} {url} RTSP/1.0", f"CSeq: {self._number}", "User-Agent: simulshot", *headers]
         if self._session:
@@ -219,16 +193,19 @@ class Connection:
         if self._challenge:
             answer = answer_challenge(self._challenge, method, url, self._user, self._password)
             lines.append(f"Authorization: {answer}")
-        return "\r\n".join([*lines, "", ""]).encode()
+        self._writer.write("\r\n".join([*lines, "", ""]).encode())
 
-    async def _read(self) -> Response | None:
-        """Take in a packet, which is kept, or an answer; a camera's own requests need none here."""
+    async def _read(self) -> tuple[int, list[tuple[str, str]], str] | None:
+        """Take in a packet, which is kept, or return an answer's status, headers and body.
+
+        A camera's own requests need none here.
+        """
         first = await self._reader.readexactly(1)
         if first == b"$":
             head = await self._reader.readexactly(3)
             arrival_ns = time.monotonic_ns()
             channel, size = struct.unpack(">BH", head)
-            self._early.append(Packet(channel, await self._reader.readexactly(size), arrival_ns))
+            self._early.append((channel, await self._reader.readexactly(size), arrival_ns))
             return None
         if first in b"\r\n":
             return None
@@ -247,11 +224,10 @@ class Connection:
         told = re.match(r"RTSP/1\.\d (\d{3})", status)
         if told is None:
             return None
-        answer = Response(int(told[1]), headers, body)
-        asked_ns = self._asked_ns.pop(int(answer.header("cseq") or 0), None)
+        asked_ns = self._asked_ns.pop(int(dict(headers).get("cseq") or 0), None)
         if asked_ns is not None:
             self.round_trips_ns.append(came_ns - asked_ns)
-        return answer
+        return int(told[1]), headers, body
 
 
 def answer_challenge(challenge: str, method: str, url: str, user: str, password: str) -> str:

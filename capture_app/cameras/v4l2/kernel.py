@@ -33,28 +33,33 @@ CONTROL = struct.Struct("<Ii")
 STREAM_TYPE = struct.Struct("<i")
 
 _READ, _WRITE = 2, 1
+_BOTH = _READ | _WRITE
+IOCTLS = {
+    "QUERYCAP": (_READ, 0, CAPABILITY),
+    "ENUM_FMT": (_BOTH, 2, FORMAT_DESCRIPTION),
+    "S_FMT": (_BOTH, 5, FORMAT),
+    "REQBUFS": (_BOTH, 8, REQUEST_BUFFERS),
+    "QUERYBUF": (_BOTH, 9, BUFFER),
+    "QBUF": (_BOTH, 15, BUFFER),
+    "DQBUF": (_BOTH, 17, BUFFER),
+    "STREAMON": (_WRITE, 18, STREAM_TYPE),
+    "STREAMOFF": (_WRITE, 19, STREAM_TYPE),
+    "G_PARM": (_BOTH, 21, STREAM_PARAMETERS),
+    "S_PARM": (_BOTH, 22, STREAM_PARAMETERS),
+    "G_CTRL": (_BOTH, 27, CONTROL),
+    "S_CTRL": (_BOTH, 28, CONTROL),
+    "QUERYCTRL": (_BOTH, 36, QUERY_CONTROL),
+    "ENUM_FRAMESIZES": (_BOTH, 74, FRAME_SIZE),
+    "ENUM_FRAMEINTERVALS": (_BOTH, 75, FRAME_INTERVAL),
+}
+"""What VIDIOC_ names: which way its struct goes, its number, and the struct."""
 
 
-def _request(direction: int, number: int, layout: struct.Struct) -> int:
+def request_number(ioctl: str) -> int:
+    """The number by which the kernel knows one of `IOCTLS`."""
+    direction, number, layout = IOCTLS[ioctl]
     return direction << 30 | layout.size << 16 | ord("V") << 8 | number
 
-
-VIDIOC_QUERYCAP = _request(_READ, 0, CAPABILITY)
-VIDIOC_ENUM_FMT = _request(_READ | _WRITE, 2, FORMAT_DESCRIPTION)
-VIDIOC_S_FMT = _request(_READ | _WRITE, 5, FORMAT)
-VIDIOC_REQBUFS = _request(_READ | _WRITE, 8, REQUEST_BUFFERS)
-VIDIOC_QUERYBUF = _request(_READ | _WRITE, 9, BUFFER)
-VIDIOC_QBUF = _request(_READ | _WRITE, 15, BUFFER)
-VIDIOC_DQBUF = _request(_READ | _WRITE, 17, BUFFER)
-VIDIOC_STREAMON = _request(_WRITE, 18, STREAM_TYPE)
-VIDIOC_STREAMOFF = _request(_WRITE, 19, STREAM_TYPE)
-VIDIOC_G_PARM = _request(_READ | _WRITE, 21, STREAM_PARAMETERS)
-VIDIOC_S_PARM = _request(_READ | _WRITE, 22, STREAM_PARAMETERS)
-VIDIOC_G_CTRL = _request(_READ | _WRITE, 27, CONTROL)
-VIDIOC_S_CTRL = _request(_READ | _WRITE, 28, CONTROL)
-VIDIOC_QUERYCTRL = _request(_READ | _WRITE, 36, QUERY_CONTROL)
-VIDIOC_ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, FRAME_SIZE)
-VIDIOC_ENUM_FRAMEINTERVALS = _request(_READ | _WRITE, 75, FRAME_INTERVAL)
 
 CAP_VIDEO_CAPTURE = 0x00000001
 CAP_VIDEO_CAPTURE_MPLANE = 0x00001000
@@ -94,32 +99,24 @@ class Capability:
 
     driver: str
     card: str
-    bus: str
     flags: int
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSize:
-    """Picture sizes in pixels that a format comes in: one size, or a range with a step."""
+    """Picture sizes in pixels that a format comes in: one size, or ranges with their steps."""
 
-    min_width: int
-    max_width: int
-    step_width: int
-    min_height: int
-    max_height: int
-    step_height: int
+    widths: range
+    heights: range
 
     def nearest(self, width: int, height: int) -> tuple[int, int]:
         """The offered (width, height) nearest to the one asked for."""
-        return (
-            _nearest_step(width, self.min_width, self.max_width, self.step_width),
-            _nearest_step(height, self.min_height, self.max_height, self.step_height),
-        )
+        return _nearest(width, self.widths), _nearest(height, self.heights)
 
 
-def _nearest_step(wanted: int, least: int, most: int, step: int) -> int:
-    clamped = min(max(wanted, least), most)
-    return least + (clamped - least + step // 2) // step * step if step else clamped
+def _nearest(wanted: int, offered: range) -> int:
+    beyond = min(max(wanted, offered.start), offered.stop - 1) - offered.start
+    return offered.start + (beyond + offered.step // 2) // offered.step * offered.step
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,33 +186,33 @@ class VideoDevice:
 
     def capability(self) -> Capability:
         """Who and what this node is."""
-        answer = self._ioctl(VIDIOC_QUERYCAP, bytearray(CAPABILITY.size))
-        driver, card, bus, _version, capabilities, device_caps = CAPABILITY.unpack(answer)
+        answer = self._exchange("QUERYCAP", b"", b"", b"", 0, 0, 0)
+        driver, card, _bus, _version, capabilities, device_caps = answer
         flags = device_caps if capabilities & CAP_DEVICE_CAPS else capabilities
-        return Capability(_text(driver), _text(card), _text(bus), flags)
+        return Capability(_text(driver), _text(card), flags)
 
     def formats(self) -> tuple[str, ...]:
         """The pixel formats as four-character codes, in the driver's order."""
-        answers = self._enumerate(VIDIOC_ENUM_FMT, FORMAT_DESCRIPTION, BUF_TYPE_VIDEO_CAPTURE, 0, b"", b"")
+        answers = self._enumerate("ENUM_FMT", BUF_TYPE_VIDEO_CAPTURE, 0, b"", b"")
         return tuple(fields[4].decode("latin-1") for fields in answers)
 
     def sizes(self, fourcc: str) -> tuple[FrameSize, ...]:
         """The sizes of a pixel format; empty where the driver does not say."""
         asked = fourcc.encode("latin-1"), 0, 0, 0, 0, 0, 0, 0
         found = []
-        for fields in self._enumerate(VIDIOC_ENUM_FRAMESIZES, FRAME_SIZE, *asked):
+        for fields in self._enumerate("ENUM_FRAMESIZES", *asked):
             kind, numbers = fields[2], fields[3:]
             if kind != DISCRETE:
-                return (FrameSize(*numbers),)
+                return (FrameSize(_steps(*numbers[:3]), _steps(*numbers[3:])),)
             width, height = numbers[:2]
-            found.append(FrameSize(width, width, 0, height, height, 0))
+            found.append(FrameSize(_steps(width, width), _steps(height, height)))
         return tuple(found)
 
     def intervals(self, fourcc: str, width: int, height: int) -> tuple[FrameInterval, ...]:
         """The frame periods of a format and size; empty where the driver does not say."""
         asked = fourcc.encode("latin-1"), width, height, 0, 0, 0, 0, 0, 0, 0
         found = []
-        for fields in self._enumerate(VIDIOC_ENUM_FRAMEINTERVALS, FRAME_INTERVAL, *asked):
+        for fields in self._enumerate("ENUM_FRAMEINTERVALS", *asked):
             kind, numbers = fields[4], fields[5:]
             shortest = Fraction(numbers[0], numbers[1] or 1)
             if kind != DISCRETE:
@@ -227,37 +224,29 @@ class VideoDevice:
         """Ask for a format; the driver answers with the one it took, which may differ."""
         code = fourcc.encode("latin-1")
         asked = BUF_TYPE_VIDEO_CAPTURE, width, height, code, FIELD_ANY, 0, 0
-        answer = self._exchange(VIDIOC_S_FMT, FORMAT, *asked)
+        answer = self._exchange("S_FMT", *asked)
         _type, width, height, code, _field, bytes_per_line, buffer_bytes = answer
         return PixelFormat(code.decode("latin-1"), width, height, bytes_per_line, buffer_bytes)
 
     def period(self) -> Fraction | None:
         """The frame period in seconds; None where the driver cannot say."""
-        asked = BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0
-        try:
-            answer = self._exchange(VIDIOC_G_PARM, STREAM_PARAMETERS, *asked)
-        except OSError as error:
-            if error.errno in _NOT_OFFERED:
-                return None
-            raise
+        answer = self._if_offered("G_PARM", BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0)
+        if answer is None:
+            return None
         _type, _capability, _mode, numerator, denominator = answer
         return Fraction(numerator, denominator) if numerator and denominator else None
 
     def set_period(self, period: Fraction) -> Fraction | None:
         """Ask for a frame period in seconds; returns the one the driver took, None where it cannot say."""
         asked = CAP_TIME_PER_FRAME, 0, period.numerator, period.denominator
-        try:
-            self._exchange(VIDIOC_S_PARM, STREAM_PARAMETERS, BUF_TYPE_VIDEO_CAPTURE, *asked)
-        except OSError as error:
-            if error.errno not in _NOT_OFFERED:
-                raise
+        self._if_offered("S_PARM", BUF_TYPE_VIDEO_CAPTURE, *asked)
         return self.period()
 
     def control_range(self, control: int) -> tuple[int, int] | None:
         """Least and greatest value of a control, in the control's unit; None where there is no such one."""
         asked = control, 0, b"", 0, 0, 0, 0, 0
         try:
-            answer = self._exchange(VIDIOC_QUERYCTRL, QUERY_CONTROL, *asked)
+            answer = self._exchange("QUERYCTRL", *asked)
         except OSError:
             return None
         _id, _type, _name, least, most, _step, _default, flags = answer
@@ -266,22 +255,22 @@ class VideoDevice:
     def control(self, control: int) -> int | None:
         """Value of a control in the control's unit; None where it does not exist or cannot be read."""
         try:
-            return int(self._exchange(VIDIOC_G_CTRL, CONTROL, control, 0)[1])
+            return int(self._exchange("G_CTRL", control, 0)[1])
         except OSError:
             return None
 
     def set_control(self, control: int, value: int) -> None:
         """Set a control, in the control's unit."""
-        self._exchange(VIDIOC_S_CTRL, CONTROL, control, value)
+        self._exchange("S_CTRL", control, value)
 
     def request_buffers(self, count: int) -> int:
         """Have the driver allocate mappable buffers; returns how many it gave. 0 frees them."""
         asked = count, BUF_TYPE_VIDEO_CAPTURE, MEMORY_MMAP
-        return int(self._exchange(VIDIOC_REQBUFS, REQUEST_BUFFERS, *asked)[0])
+        return int(self._exchange("REQBUFS", *asked)[0])
 
     def query_buffer(self, index: int) -> Buffer:
         """Where a buffer lies, and the timestamp flags that its frames will carry."""
-        return self._exchange_buffer(VIDIOC_QUERYBUF, index)
+        return self._exchange_buffer("QUERYBUF", index)
 
     def map(self, buffer: Buffer) -> mmap.mmap:
         """Map a buffer's memory."""
@@ -289,47 +278,58 @@ class VideoDevice:
 
     def queue(self, index: int) -> None:
         """Give a buffer to the driver to be filled."""
-        self._exchange_buffer(VIDIOC_QBUF, index)
+        self._exchange_buffer("QBUF", index)
 
     def dequeue(self) -> Buffer:
         """Take the oldest filled buffer. Raises BlockingIOError when there is none yet."""
-        return self._exchange_buffer(VIDIOC_DQBUF, 0)
+        return self._exchange_buffer("DQBUF", 0)
 
     def stream_on(self) -> None:
         """Start streaming; may take as long as the device needs."""
-        self._exchange(VIDIOC_STREAMON, STREAM_TYPE, BUF_TYPE_VIDEO_CAPTURE)
+        self._exchange("STREAMON", BUF_TYPE_VIDEO_CAPTURE)
 
     def stream_off(self) -> None:
         """Stop streaming; every buffer, filled or not, is ours again."""
-        self._exchange(VIDIOC_STREAMOFF, STREAM_TYPE, BUF_TYPE_VIDEO_CAPTURE)
+        self._exchange("STREAMOFF", BUF_TYPE_VIDEO_CAPTURE)
 
-    def _enumerate(self, request: int, layout: struct.Struct, *fields: Any) -> Iterator[tuple[Any, ...]]:
+    def _enumerate(self, ioctl: str, *fields: Any) -> Iterator[tuple[Any, ...]]:
         """Yield the answers for index 0, 1 and so on, the first field; `fields` are those after it."""
         for index in range(_MAX_ENTRIES):
-            try:
-                yield self._exchange(request, layout, index, *fields)
-            except OSError as error:
-                if error.errno in _NOT_OFFERED:
-                    return
+            answer = self._if_offered(ioctl, index, *fields)
+            if answer is None:
+                return
+            yield answer
+
+    def _if_offered(self, ioctl: str, *fields: Any) -> tuple[Any, ...] | None:
+        """See `_exchange`; None where the driver has nothing to answer."""
+        try:
+            return self._exchange(ioctl, *fields)
+        except OSError as error:
+            if error.errno not in _NOT_OFFERED:
                 raise
+            return None
 
-    def _exchange(self, request: int, layout: struct.Struct, *fields: Any) -> tuple[Any, ...]:
-        return layout.unpack(self._ioctl(request, bytearray(layout.pack(*fields))))
+    def _exchange(self, ioctl: str, *fields: Any) -> tuple[Any, ...]:
+        """Hand the kernel an ioctl's struct of these fields; return those that it answers."""
+        layout = IOCTLS[ioctl][2]
+        argument = bytearray(layout.pack(*fields))
+        while True:
+            try:
+                fcntl.ioctl(self.fd, request_number(ioctl), argument)
+            except InterruptedError:
+                continue
+            return layout.unpack(argument)
 
-    def _exchange_buffer(self, request: int, index: int) -> Buffer:
+    def _exchange_buffer(self, ioctl: str, index: int) -> Buffer:
         asked = index, BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0, 0, 0, MEMORY_MMAP, 0, 0
-        answer = self._exchange(request, BUFFER, *asked)
+        answer = self._exchange(ioctl, *asked)
         index, _type, bytes_used, flags, _field, seconds, microseconds, sequence, _memory, *where = answer
         timestamp_ns = seconds * 1_000_000_000 + microseconds * 1_000
         return Buffer(index, bytes_used, flags, timestamp_ns, sequence, *where)
 
-    def _ioctl(self, request: int, argument: bytearray) -> bytearray:
-        while True:
-            try:
-                fcntl.ioctl(self.fd, request, argument)
-            except InterruptedError:
-                continue
-            return argument
+
+def _steps(least: int, most: int, step: int = 1) -> range:
+    return range(least, most + 1, step or 1)
 
 
 def _text(field: bytes) -> str:

@@ -10,10 +10,7 @@ Exposure, gain, white balance and focus are the kernel's controls of any driver.
 import asyncio
 import logging
 import mmap
-import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -30,8 +27,9 @@ from capture_app.camera_facts import (
     TimestampSource,
     steps_of,
 )
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.base import CapturedFrame, OnFailure, OnFrame, wait_for_start
 from capture_app.cameras.pictures import picture_from_buffer
+from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.kernel import VideoDevice
@@ -40,12 +38,6 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _UNIT_NS = 100_000
 """Step of the control of the exposure."""
-
-
-def exposure_limits_ns(device: VideoDevice) -> tuple[int | None, int | None]:
-    """Shortest and longest exposure in ns; None where the camera has no such control."""
-    limits = device.control_range(v4l2.CID_EXPOSURE_ABSOLUTE)
-    return (limits[0] * _UNIT_NS, limits[1] * _UNIT_NS) if limits else (None, None)
 
 
 def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
@@ -58,16 +50,6 @@ def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
         None if exposure is None else exposure * _UNIT_NS,
         None if gain is None or device.control(v4l2.CID_AUTOGAIN) else float(gain),
     )
-
-
-def keep_rate_constant(device: VideoDevice) -> int | None:
-    """Forbid longer frames in the dark; returns the setting to restore, None where there is nothing to."""
-    before = device.control(v4l2.CID_EXPOSURE_AUTO_PRIORITY)
-    if not before:
-        return None
-    with suppress(OSError):
-        device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, 0)
-    return before
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +141,7 @@ _BUFFERED_NS = 500_000_000
 _BUFFER_BYTES = 64 << 20
 _BUFFER_COUNTS = 4, 24
 _FOREIGN_CLOCK_NS = 60_000_000_000
-"""A stamp this far from now is not of this process's monotonic clock."""
+"""A stamp this far from when its frame comes is not of this process's monotonic clock."""
 _UVC = "uvcvideo"
 _SOURCES = {
     v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
@@ -167,17 +149,15 @@ _SOURCES = {
 }
 
 
-class V4L2Camera(Camera):
+class V4L2Camera(ThreadedCamera):
     """A V4L2 camera that streams into mapped buffers; `driver.open_camera` makes one."""
 
     def __init__(self, device: VideoDevice, layout: v4l2.PixelFormat, period_ns: int) -> None:
         """Take over a configured device. Raises CameraError for an unusable clock, OSError of the driver."""
+        super().__init__("v4l2")
         self._device = device
         self._layout = layout
-        # Slow ioctls have a thread of their own, so that a busy default executor never delays a restart.
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="v4l2")
         self._command_lock = asyncio.Lock()
-        self._closing = threading.Event()
         self._streaming = False
         self._stream = 0
         self._clock_checked = False
@@ -185,7 +165,7 @@ class V4L2Camera(Camera):
         count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
-        shortest_ns, longest_ns = exposure_limits_ns(device)
+        limits = device.control_range(v4l2.CID_EXPOSURE_ABSOLUTE)
         capability = device.capability()
         self._is_uvc = capability.driver == _UVC
         self._facts = CameraFacts(
@@ -197,16 +177,16 @@ class V4L2Camera(Camera):
             period_ns=period_ns,
             timestamp_source=_timestamp_source(device.path, buffers[0].flags),
             phase_control=PhaseControl.RESET,
-            min_exposure_ns=shortest_ns,
-            max_exposure_ns=longest_ns,
+            min_exposure_ns=limits[0] * _UNIT_NS if limits else None,
+            max_exposure_ns=limits[1] * _UNIT_NS if limits else None,
         )
         self._facts = self._facts_at(self._exposure_ns)
-        self._auto_priority = keep_rate_constant(device)
+        self._auto_priority = device.control(v4l2.CID_EXPOSURE_AUTO_PRIORITY)
+        """Set again in the end; meanwhile no frame is longer in the dark."""
+        self._set_auto_priority(0)
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError where the device is gone, busy, or out of USB bandwidth."""
-        if self._streaming or self._closing.is_set():
-            raise CameraError(f"{self._device.path} was started already", hint="open it again")
         self.listen(on_frame, on_failure)
         async with self._command_lock:
             try:
@@ -255,15 +235,14 @@ class V4L2Camera(Camera):
         """Those that the device has, as they stand; none of one that is gone."""
         if self._closing.is_set():
             return ()
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._worker, read_controls, self._device, self._facts.model)
+        return await self._in_worker(read_controls, self._device, self._facts.model)
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
         if self._closing.is_set():
             raise CameraError(f"{self._device.path} was stopped")
         try:
-            await asyncio.get_running_loop().run_in_executor(self._worker, self._set_control, control, value)
+            await self._in_worker(self._set_control, control, value)
         except OSError as error:
             raise driver_error(self._device.path, error) from error
 
@@ -284,11 +263,14 @@ class V4L2Camera(Camera):
         for memory in self._memory:
             memory.close()
         self._memory = []
-        if self._auto_priority is not None:
-            with suppress(OSError):
-                self._device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, self._auto_priority)
+        self._set_auto_priority(self._auto_priority or 0)
         self._device.close()
         self._worker.shutdown(wait=False)
+
+    def _set_auto_priority(self, value: int) -> None:
+        if self._auto_priority:
+            with suppress(OSError):
+                self._device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, value)
 
     def _prepare(self) -> None:
         self._exposure_ns, self._gain = read_exposure(self._device)
@@ -324,18 +306,18 @@ class V4L2Camera(Camera):
             except OSError as error:
                 self._fail(driver_error(self._device.path, error))
                 return
-            self._deliver(buffer, data)
+            self._take(buffer, data)
             if not self._streaming:
                 return
 
-    def _deliver(self, buffer: v4l2.Buffer, data: bytes) -> None:
+    def _take(self, buffer: v4l2.Buffer, data: bytes) -> None:
         picture = None if buffer.flags & v4l2.BUF_FLAG_ERROR else picture_from_buffer(data, self._layout)
         if picture is None:
             # Its sequence number is missing from the stream: a dropped frame like any other.
             _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
             return
         if not self._clock_checked:
-            if not _is_monotonic(buffer.timestamp_ns):
+            if abs(buffer.timestamp_ns - time.monotonic_ns()) > _FOREIGN_CLOCK_NS:
                 self._fail(_foreign_clock(self._device.path))
                 return
             self._clock_checked = True
@@ -357,19 +339,11 @@ class V4L2Camera(Camera):
         asyncio.get_running_loop().remove_reader(self._device.fd)
         self._on_failure(error)
 
-    def _in_worker(self, work: Callable[..., None], *arguments: int) -> asyncio.Future[None]:
-        return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
-
 
 def _buffer_count(layout: v4l2.PixelFormat, period_ns: int) -> int:
     affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
     least, most = _BUFFER_COUNTS
     return max(least, min(most, affordable, -(-_BUFFERED_NS // period_ns)))
-
-
-def _is_monotonic(timestamp_ns: int) -> bool:
-    """Whether a stamp of a frame that has just come can be of this process's monotonic clock."""
-    return abs(timestamp_ns - time.monotonic_ns()) <= _FOREIGN_CLOCK_NS
 
 
 def _timestamp_source(path: str, flags: int) -> TimestampSource:

@@ -3,23 +3,36 @@
 import queue
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
-from capture_app.camera_facts import MICROSECONDS, Control, ControlState
+from msgspec.structs import replace
+
+from capture_app.camera_facts import (
+    MICROSECONDS,
+    CameraFacts,
+    Control,
+    ControlState,
+    PhaseControl,
+    TimestampSource,
+)
 from capture_app.cameras.aravis.device import AravisDevice
-from capture_app.cameras.aravis.machine_device import DeviceFrame, DeviceSetup
+from capture_app.cameras.aravis.machine_device import DeviceFrame
 from capture_app.errors import CameraError
 
-SETUP = DeviceSetup(
-    # So slow that a busy machine takes a frame before the next one would come.
+SETUP = CameraFacts(
+    kind="aravis",
     model="Maker Model",
     width=4,
     height=2,
     pixel_format="Mono8",
+    # So slow that a busy machine takes a frame before the next one would come.
     period_ns=1_000_000_000,
-    durations_ns=(1_000_000, 10_000_000_000),
+    timestamp_source=TimestampSource.UNKNOWN,
+    phase_control=PhaseControl.FRAME_DURATION,
+    min_frame_duration_ns=1_000_000,
+    max_frame_duration_ns=10_000_000_000,
     exposure_ns=3_000_000,
-    exposures_ns=(10_000, 1_000_000_000),
+    min_exposure_ns=10_000,
+    max_exposure_ns=1_000_000_000,
 )
 PIXELS = bytes(range(8))
 
@@ -31,7 +44,7 @@ class FakeDevice(AravisDevice):
 
     def __init__(self, *, counter_offset_ns: int | None = 0) -> None:
         """`counter_offset_ns`: the counter minus the host's clock; None where it cannot be read."""
-        self.setup = SETUP
+        self.facts = SETUP
         self._offset_ns = counter_offset_ns
         self._frames: queue.Queue[DeviceFrame] = queue.Queue()
         self.periods_ns: list[int] = []
@@ -54,13 +67,13 @@ class FakeDevice(AravisDevice):
         return now_ns - 1000, now_ns + self._offset_ns, now_ns + 1000
 
     def controls(self) -> tuple[ControlState, ...]:
-        exposure_us = None if self.setup.exposure_ns is None else self.setup.exposure_ns / 1000
+        exposure_us = None if self.facts.exposure_ns is None else self.facts.exposure_ns / 1000
         return (ControlState(control=Control.EXPOSURE, unit=MICROSECONDS, value=exposure_us),)
 
     def set_control(self, control: Control, value: float | None) -> None:
         if control is not Control.EXPOSURE:
             raise CameraError(f"this camera has no control of its {control}")
-        self.setup = replace(self.setup, exposure_ns=None if value is None else round(value * 1000))
+        self.facts = replace(self.facts, exposure_ns=None if value is None else round(value * 1000))
 
     def set_period(self, period_ns: int) -> None:
         if self.refuses:

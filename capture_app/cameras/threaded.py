@@ -1,0 +1,43 @@
+"""A camera whose driver blocks: a worker carries out what is asked of it, and threads tell the event loop."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import TypeVar
+
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.errors import CameraError
+
+T = TypeVar("T")
+
+
+class ThreadedCamera(Camera):
+    """A camera with a worker of its own, so that a busy default executor never delays what it is asked."""
+
+    _loop: asyncio.AbstractEventLoop
+
+    def __init__(self, name: str, worker: Executor | None = None) -> None:
+        """`name` is that of its threads."""
+        self._worker = worker or ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+        self._closing = threading.Event()
+
+    def listen(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """See `Camera.listen`; on the loop that is told from now on. Raises CameraError the second time."""
+        if self._closing.is_set() or hasattr(self, "_loop"):
+            raise CameraError("the camera was started already", hint="open it again")
+        self._loop = asyncio.get_running_loop()
+        super().listen(on_frame, on_failure)
+
+    def _in_worker(self, work: Callable[..., T], *arguments: object) -> "asyncio.Future[T]":
+        return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
+
+    def _tell(self, news: Callable[..., object], *what: object) -> None:
+        """Have the loop call `news`; for any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
+            self._loop.call_soon_threadsafe(news, *what)
+
+    def _deliver(self, frame: CapturedFrame) -> None:
+        if not self._closing.is_set():
+            self._on_frame(frame)

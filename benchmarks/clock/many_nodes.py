@@ -42,7 +42,7 @@ class CameraNode:
     """The clock of a camera's node as an engine of a `Tree`."""
 
     def __init__(self, name: str, rng: random.Random) -> None:
-        keeper = Timekeeper(rng.getrandbits(32), target=AccuracyTarget.for_tolerance(TOLERANCE_NS))
+        keeper = Timekeeper(rng.getrandbits(32), target=AccuracyTarget(TOLERANCE_NS))
         self.client = TimeClient(name, rng.getrandbits(32), keeper)
         self.next_timer = self.client.next_timer
         self.handle_timer = self.client.handle_timer

@@ -75,7 +75,7 @@ async def lead(port: int, trials: int, *, sealed: bool) -> list[float]:
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
     while not stop.is_set():
         now_ns = clock.now_ns()
-        reports = [view.report for view in engine.clients(now_ns)]
+        reports = [view.report for view in engine.roster.views(now_ns)]
         if any(report.uncertainty_ns is not None and report.state != "lost" for report in reports):
             asked_ns.clear()
             burst = engine.trigger(now_ns, BurstOrder(frames=1))

@@ -108,8 +108,8 @@ def run_trial(case: Case, seed: int) -> CaseTrial:
     ppm = None if case.skew_ppm is None else case.skew_ppm * (1.0 if seed % 2 else -1.0)
     bench = Bench(case.profile(seed), seed, case.tolerance_ns, ppm=ppm)
     aligner = bench.aligner
-    first = bench.run(SEARCH_S * S, until=lambda _: aligner.within_window)[-1]
-    reached = aligner.within_window and abs(first.error_ns) <= _claimed_ns(bench)
+    first = bench.run(SEARCH_S * S, until=lambda _: aligner.window.within_window)[-1]
+    reached = aligner.window.within_window and abs(first.error_ns) <= _claimed_ns(bench)
     injections, stuck = aligner.corrections, bool(aligner.problem)
     called = false = within = watched = worst_ns = 0
     end_ns = bench.due_ns + case.watched_s * S
@@ -121,7 +121,7 @@ def run_trial(case: Case, seed: int) -> CaseTrial:
         error_ns = abs(look.error_ns)
         within += error_ns <= aligner.window.tolerance_ns
         stuck = stuck or bool(aligner.problem)
-        if aligner.within_window:
+        if aligner.window.within_window:
             called += 1
             false += error_ns > _claimed_ns(bench)
             worst_ns = max(worst_ns, error_ns)

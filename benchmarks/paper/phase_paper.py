@@ -82,7 +82,7 @@ def _inject(seed: int, tolerance_ns: int) -> Attempt:
 def _restart(seed: int, tolerance_ns: int) -> Restarts:
     bench = Bench(PHONE, seed, tolerance_ns)
     started_ns = [bench.due_ns]
-    while not bench.aligner.aligned and bench.due_ns < SEARCH_NS:
+    while not bench.aligner.window.aligned and bench.due_ns < SEARCH_NS:
         stream = bench.sensor.stream
         bench.deliver()
         if bench.sensor.stream != stream:

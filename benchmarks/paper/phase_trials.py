@@ -145,9 +145,9 @@ def align_one_camera(
 ) -> Attempt:
     """Bring one camera within the tolerance with our engine, from any phase."""
     bench = Bench(profile, seed, tolerance_ns, row_known=row_known, aimed=aimed, known=known)
-    begun = bench.run(30 * S, until=lambda _: bool(bench.commands) or bench.aligner.aligned)
+    begun = bench.run(30 * S, until=lambda _: bool(bench.commands) or bench.aligner.window.aligned)
     from_ns = begun[-1].now_ns
-    if not bench.aligner.aligned:
+    if not bench.aligner.window.aligned:
         looks = bench.run(ALONE_S * S, until=lambda look: look.aligned)
         if not looks or not looks[-1].aligned:
             return Attempt(bench.aligner.corrections, None)
@@ -208,7 +208,7 @@ def restart_together(
             if len(bench.commands) > before:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             if began_ns is not None and all(
-                b.aligner.aligned and b.grid == grid_choice.grid for b in benches
+                b.aligner.window.aligned and b.grid == grid_choice.grid for b in benches
             ):
                 return Attempt(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
         heapq.heappush(heap, (bench.due_ns, number))

@@ -90,7 +90,9 @@ def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
         rig.run_for(EVERY_NS)
         # The rig has them in the order in which they started.
         nodes = [rig.nodes[spec.name] for spec in specs if spec.name in rig.nodes]
-        if len(nodes) == len(specs) and all(node.client.time.uncorrected_map is not None for node in nodes):
+        if len(nodes) == len(specs) and all(
+            node.client.time.timekeeper.uncorrected_map is not None for node in nodes
+        ):
             moments.append(_observe(rig, nodes))
     return moments
 
@@ -123,7 +125,7 @@ def _observe(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
     relative_ns = [report.relative_uncertainty_ns for report in reports]
     return Moment(
         rig.now_true_ns / S,
-        tuple(_read_clock(rig, node, node.client.time.uncorrected_map) for node in nodes),
+        tuple(_read_clock(rig, node, node.client.time.timekeeper.uncorrected_map) for node in nodes),
         tuple(_read_clock(rig, node, node.client.time_map) for node in nodes),
         tuple(None if ns is None else ns / US for ns in relative_ns),
     )

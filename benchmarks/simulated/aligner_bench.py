@@ -113,7 +113,9 @@ class Bench:
             meeting_leader_ns=self.meeting_leader_ns,
         )
         error_ns = self.grid.phase_error(frame.start_true_ns)
-        observation = FrameObservation(now_ns, error_ns, self.aligner.aligned, self.aligner.corrections)
+        observation = FrameObservation(
+            now_ns, error_ns, self.aligner.window.aligned, self.aligner.corrections
+        )
         if command is not None:
             self.commands.append(command)
             self.apply(command, now_ns)

@@ -57,7 +57,7 @@ class ClockPair:
 
         Nothing passes any more from `silent_from_true_ns` on.
         """
-        keeper = Timekeeper(rng.getrandbits(32), target=AccuracyTarget.for_tolerance(tolerance_ns))
+        keeper = Timekeeper(rng.getrandbits(32), target=AccuracyTarget(tolerance_ns))
         self.node = TimeClient("node", rng.getrandbits(32), keeper)
         self.events: list[TimeClientEvent] = []
         self._leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=33_333_333)), rng)

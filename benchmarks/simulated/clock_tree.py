@@ -17,8 +17,9 @@ from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.simulation.links import Channel, Link
+from capture_app.sync.engine import Address
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
-from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
 from capture_app.sync.tree.relay import Relay
 
 _S = 1_000_000_000

@@ -190,7 +190,7 @@ class VirtualRig:
 
     def end(self, burst: Burst, frames: int) -> Burst:
         """Let a burst end after so many frames."""
-        ended = self.leader.end(burst, frames, self.now_true_ns)
+        ended = self.leader.orders.end(burst, frames, self.now_true_ns)
         self._pump_leader()
         return ended
 
@@ -199,7 +199,7 @@ class VirtualRig:
 
     def cancel(self, burst: Burst) -> None:
         """Take a burst back."""
-        self.leader.cancel(burst, self.now_true_ns)
+        self.leader.orders.cancel(burst, self.now_true_ns)
         self._pump_leader()
 
     def run_for(self, duration_ns: int) -> None:
@@ -219,7 +219,7 @@ class VirtualRig:
         return self._all_in(NodeState.READY, NodeState.COARSE)
 
     def _all_in(self, *states: NodeState) -> bool:
-        clients = self.leader.clients(self.now_true_ns)
+        clients = self.leader.roster.views(self.now_true_ns)
         return len(clients) == len(self.nodes) and all(c.report.state in states for c in clients)
 
     # The world

@@ -164,7 +164,7 @@ class RelayNode:
         """What this relay knows by itself: its own nodes, or a page of them, and how its time stands."""
         now_ns = self._clock.now_ns()
         member, leader = self._engine.member, self._engine.leader
-        time_map, views = member.time_map, leader.clients(now_ns)
+        time_map, views = member.time_map, leader.roster.views(now_ns)
         message = self._holdover_message(now_ns)
         page, further, words = page_of(views, after)
         return RigStatus(
@@ -205,7 +205,7 @@ class RelayNode:
                     ):
                         await self._enrolment.answer(below, message)
                     case NodeStream() | ViewfinderOpened() if not is_node(
-                        below.who, self._engine.leader.members.get(message.camera), message.instance
+                        below.who, self._engine.leader.roster.members.get(message.camera), message.instance
                     ):
                         raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                     case _:

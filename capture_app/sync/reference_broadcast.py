@@ -160,10 +160,9 @@ def _find_consensus(group: Sequence[int], arrivals_by_client: Mapping[int, Clien
     )
 
 
-_MS = 1_000_000
-BEACON_EVERY_NS = 250 * _MS
-REGROUP_EVERY_NS = 500 * _MS
-FORGOTTEN_NS = 3000 * _MS
+BEACON_EVERY_NS = 250_000_000
+REGROUP_EVERY_NS = 500_000_000
+FORGOTTEN_NS = 3_000_000_000
 """Reports of arrivals older than this do not count."""
 REMEMBERED = 128
 """Only arrivals of so many newest beacons count: others were never sent, or long ago."""
@@ -180,7 +179,8 @@ class Broadcaster:
         self.group, self._fully = group, fully
         self._leader = leader
         self._sent = 0
-        self._due_ns: int | None = None
+        self.due_ns: int | None = None
+        """Leader time at which `handle_timer` wants to be called, None for never."""
         self._beacon: Beacon | None = None
         self._reports: dict[int, tuple[ClientArrivals, int]] = {}
         """Newest report of each client by its number, with the time at which it came."""
@@ -218,15 +218,11 @@ class Broadcaster:
         if self.group is None:
             return
         if listeners < 2:
-            self._due_ns = None
-        elif self._due_ns is None or now_ns >= self._due_ns:
+            self.due_ns = None
+        elif self.due_ns is None or now_ns >= self.due_ns:
             self._sent += 1
             self._beacon = Beacon(self._leader, self._sent)
-            self._due_ns = now_ns + BEACON_EVERY_NS
-
-    def next_timer(self) -> int | None:
-        """Leader time in ns at which `handle_timer` wants to be called, None for never."""
-        return self._due_ns
+            self.due_ns = now_ns + BEACON_EVERY_NS
 
     def beacon_to_send(self) -> Beacon | None:
         """Return the beacon to send to the group, once."""
@@ -242,9 +238,9 @@ class Broadcaster:
 
 KEPT_BEACONS = 24
 """Newest beacons that are reported: six seconds at four a second."""
-MAX_AGE_NS = 10_000 * _MS
+MAX_AGE_NS = 10_000_000_000
 """Older arrivals and answers do not count: the clock goes back to its own estimate."""
-REPORT_EVERY_NS = 1000 * _MS
+REPORT_EVERY_NS = 1_000_000_000
 SLEW = 100e-6
 """How fast a correction changes, in ns per ns: as fast as the greatest skew of a clock."""
 

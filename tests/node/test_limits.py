@@ -74,7 +74,7 @@ def join_many(leader: LeaderNode, pin: str, names: list[str], period_ns: int = 3
         engine.receive_datagram(
             encode(Hello(name, instance, make_facts(period_ns=period_ns))), address, now_ns, who
         )
-        member = engine.members.get(name)
+        member = engine.roster.members.get(name)
         if member is not None and member.instance == instance:
             report = Heartbeat(member.number, Report(state=NodeState.READY))
             engine.receive_datagram(encode(report), address, now_ns, who)
@@ -117,7 +117,7 @@ async def test_the_status_of_a_large_rig_comes_in_pages_and_fits_a_message(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Trust, "of_user", classmethod(lambda _: trust))
         rig = await ask_status(leader.own_address)
-    assert [node.name for node in rig.nodes] == sorted(leader.bursts.engine.members)
+    assert [node.name for node in rig.nodes] == sorted(leader.bursts.engine.roster.members)
     assert (rig.further, rig.message) == (0, "")
 
 
@@ -192,7 +192,7 @@ async def test_a_machine_has_one_vote_on_the_rate_however_many_cameras_it_makes_
     assert grid.grid.period_ns == 33_333_333
     # Of one machine alone most cameras decide, as ever.
     for name in ("cam0", "cam1"):
-        leader.bursts.engine.drop_member(leader.bursts.engine.members[name], "away")
+        leader.bursts.engine.drop_member(leader.bursts.engine.roster.members[name], "away")
     leader.bursts.engine.handle_timer(leader.bursts.now_ns())
     grid = leader.shared_grid()
     assert grid is not None

@@ -66,7 +66,12 @@ def every_message(number: int, instance: int, name: str) -> list[Message]:
 
 def state(rig: SealedRig) -> object:
     """All that messages can change at both ends, as it is at this moment."""
-    leader = [rig.engine.clients(rig.now_ns), rig.engine.grid, rig.engine.pace_ns, rig.engine.next_timer()]
+    leader = [
+        rig.engine.roster.views(rig.now_ns),
+        rig.engine.grid,
+        rig.engine.pace_ns,
+        rig.engine.next_timer(),
+    ]
     for node in rig.nodes.values():
         time, keeper = node.client.time, node.client.time.timekeeper
         leader += [node.client.report(rig.now_ns), node.client.next_timer(), node.client.has_burst_pending]

@@ -259,8 +259,8 @@ class RigMember:
     def _keep_profile(self) -> None:
         """Keep what brought the camera into phase: it is proven."""
         aligner = self._engine.aligner
-        if self._profiles is not None and aligner.injection_profile is not None:
-            self._profiles.save_injection(self._camera.facts, aligner.injection_profile)
+        if self._profiles is not None and aligner.actuator.profile is not None:
+            self._profiles.save_injection(self._camera.facts, aligner.actuator.profile)
         if self._profiles is not None and aligner.start_latencies_ns:
             self._profiles.save_start_latencies(self._camera.facts, aligner.start_latencies_ns)
 

@@ -210,7 +210,7 @@ class ActiveBursts:
             async for reason in reasons_until_ready(engine, self.options.clock, wait_s, nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self.now_ns()
-        if coarse := coarse_nodes(engine.clients(self.now_ns())):
+        if coarse := coarse_nodes(engine.roster.views(self.now_ns())):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
         grid = engine.grid
         # Without a camera there is no grid: that is said when the burst is ordered.
@@ -234,8 +234,8 @@ class ActiveBursts:
         self._check_number(order.at_leader_ns)
         prefix = name or (RECORDING if order.video else UNNAMED)
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
-        self.engine.check_burst(order)
-        image_bytes = expected_image_bytes(self.engine.clients(self.now_ns()), self._image_bytes)
+        self.engine.orders.check(self.engine.grid, order)
+        image_bytes = expected_image_bytes(self.engine.roster.views(self.now_ns()), self._image_bytes)
         # A recording may be stopped at any time.
         frames = min(order.frames, SURE_FRAMES) if order.video else order.frames
         root = self.options.sessions
@@ -256,14 +256,18 @@ class ActiveBursts:
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        facts = {view.name: view.camera for view in self.engine.clients(self.now_ns())}
+        facts = {view.name: view.camera for view in self.engine.roster.views(self.now_ns())}
         shares = new_shares(burst, facts, short_timeouts=self._silent)
         session = self._bursts[number] = self.newest = BurstSession(burst, shares, writer, self._disk)
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
-            pins = {name: member.pin for name, member in self.engine.members.items() if name in burst.clients}
+            pins = {
+                name: member.pin
+                for name, member in self.engine.roster.members.items()
+                if name in burst.clients
+            }
             await session.write_plan(self.engine.config.instance, note, pins)
         except SimulshotError as error:
             await session.finish_now(error.what, silent=False)
@@ -301,7 +305,7 @@ class ActiveBursts:
         if session is None or session.finished.is_set():
             raise BadInputError(f"burst {number} is not under way", hint="a saved one is a session")
         self._cancelled.add(number)
-        self.engine.cancel(session.burst, self.now_ns())
+        self.engine.orders.cancel(session.burst, self.now_ns())
         await session.finish_now(CANCELLED, silent=False)
 
     async def end(self, number: int | None = None) -> None:
@@ -317,7 +321,7 @@ class ActiveBursts:
         """Order no instants of a session beyond those that every node can have heard of."""
         frames = frames_until(session.burst, self.now_ns())
         if frames < session.burst.frames:
-            ended = self.engine.end(session.burst, frames, self.now_ns())
+            ended = self.engine.orders.end(session.burst, frames, self.now_ns())
             if not session.finished.is_set():
                 await session.end(ended)
 
@@ -404,7 +408,7 @@ class ActiveBursts:
             now_ns = self.now_ns()
             lost: Mapping[str, str] = {
                 view.name: f"lost: {view.report.message}"
-                for view in self.engine.clients(now_ns)
+                for view in self.engine.roster.views(now_ns)
                 if view.report.state is NodeState.LOST
             }
             for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):

@@ -62,9 +62,9 @@ async def reasons_until_ready(
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     usable_s: float | None = None
-    while reason := why_not_ready(engine.clients(clock.now_ns()), cameras):
+    while reason := why_not_ready(engine.roster.views(clock.now_ns()), cameras):
         now_s = loop.time()
-        if why_not_ready(engine.clients(clock.now_ns()), cameras, coarse_will_do=True):
+        if why_not_ready(engine.roster.views(clock.now_ns()), cameras, coarse_will_do=True):
             usable_s = None
             if now_s >= deadline_s:
                 raise IncompleteError(
@@ -159,7 +159,7 @@ class RateReview:
         if self._due_ns is not None and now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + REVIEW_EVERY_NS
-        return review_rates(self._jury, engine.clients(now_ns), self._host_rate.slewing_ppm(now_ns))
+        return review_rates(self._jury, engine.roster.views(now_ns), self._host_rate.slewing_ppm(now_ns))
 
 
 def review_rates(

@@ -106,7 +106,7 @@ class LeaderService:
         match message:
             case messages.NodeStream() | operating.ViewfinderOpened():
                 if not is_node(
-                    channel.who, self._bursts.engine.members.get(message.camera), message.instance
+                    channel.who, self._bursts.engine.roster.members.get(message.camera), message.instance
                 ):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
@@ -231,17 +231,20 @@ class LeaderService:
 
     def _taken(self) -> list[str]:
         """Names of nodes that are here, and of other machines; a lost one may come back under its name."""
-        here = [name for name in self._bursts.engine.members if self._is_here(name)]
+        here = [name for name in self._bursts.engine.roster.members if self._is_here(name)]
         trust = self._bursts.options.trust
         own_pin = "" if trust.is_open else trust.identity.pin
-        return here + [name for name, pin in self._bursts.engine.owners.items() if pin != own_pin]
+        return here + [name for name, pin in self._bursts.engine.roster.owners.items() if pin != own_pin]
 
     def _is_here(self, name: str) -> bool:
-        member = self._bursts.engine.members.get(name)
+        member = self._bursts.engine.roster.members.get(name)
         return member is not None and not member.lost
 
     async def _remove(self, name: str) -> None:
-        members, is_local = self._bursts.engine.members, self._local is not None and name in self._local.names
+        members, is_local = (
+            self._bursts.engine.roster.members,
+            self._local is not None and name in self._local.names,
+        )
         is_phone = self._is_here(name) and members[name].camera.kind == PHONE
         if self._local is not None and is_local:
             await self._local.remove(name)

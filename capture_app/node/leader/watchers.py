@@ -47,7 +47,7 @@ class RigState:
         """All of it at this moment; of the nodes a page, those `after` that name, where that is given."""
         options, engine, bursts = self._bursts.options, self._bursts.engine, self._bursts
         now_ns = options.clock.now_ns()
-        grid, views = engine.grid, engine.clients(now_ns)
+        grid, views = engine.grid, engine.roster.views(now_ns)
         page, further, words = page_of(views, after)
         return RigStatus(
             leader=str(self._address),

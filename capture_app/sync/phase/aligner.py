@@ -10,7 +10,7 @@ from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, PhaseEstimator
 from capture_app.sync.phase.frame_grid import Drift, FrameGrid, Setpoint
 from capture_app.sync.phase.frame_line import QUANTIZED_FRAMES
 from capture_app.sync.phase.injection import FrameDurationActuator, InjectionActuator
-from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate, StampError
+from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 
@@ -72,8 +72,10 @@ class Aligner:
         self.window = AlignmentWindow(tolerance_ns, camera.phase_control)
         """How near to its grid the stream can be brought, and for how long."""
         self._hold_ns = HOLD_NS[camera.phase_control]
-        self._phase = PhaseEstimator(period_ns=camera.period_ns)
-        self._actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
+        self.phase = PhaseEstimator(period_ns=camera.period_ns)
+        """The stream's period and phase, its frames and its drops."""
+        self.actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
+        """Its `profile` is what the injections have shown about this device."""
         self.corrections = 0
         """Commands so far that moved the phase by more than a few rows."""
         self._under_way: tuple[CameraCommand, int, int] | None = None
@@ -84,19 +86,9 @@ class Aligner:
         """Why this camera can never be aligned, in plain words; empty if it can."""
 
     @property
-    def aligned(self) -> bool:
-        """Whether the frames were within the tolerance asked for at the last step."""
-        return self.window.aligned
-
-    @property
-    def within_window(self) -> bool:
-        """Whether they were within the tolerance in force, which the step of their stamps may widen."""
-        return self.window.within_window
-
-    @property
     def settled(self) -> bool:
         """Whether period and phase are known well enough to act on, and nothing is on the move."""
-        phase = self._phase
+        phase = self.phase
         if self._under_way or phase.disturbed:
             return False
         if phase.frames < WARM_FRAMES[1]:
@@ -108,65 +100,37 @@ class Aligner:
     @property
     def meets_bursts(self) -> bool:
         """Whether a stream that drifts too fast to be held is brought to its grid for each burst."""
-        return self._under_way is None and self.window.drifts_fast and self._actuator.meets_bursts
-
-    @property
-    def frames(self) -> int:
-        """Frames seen in all."""
-        return self._phase.frames
-
-    @property
-    def stamp_quantum_ns(self) -> float:
-        """Step that the camera's timestamps come in, in ns; 0 where it is too fine to matter."""
-        return self._phase.quantum_ns
-
-    @property
-    def drops(self) -> int:
-        """Frames dropped in all."""
-        return self._phase.drops
-
-    @property
-    def injection_profile(self) -> InjectionProfile | None:
-        """What the injections have shown about this device."""
-        return self._actuator.profile
+        return self._under_way is None and self.window.drifts_fast and self.actuator.meets_bursts
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
         """Start latencies seen, modulo the period, newest last: for `learn_start_latency` at the next use."""
-        return tuple(round(latency * self._phase.period_ns) for latency in self._actuator.latencies)
+        return tuple(round(latency * self.phase.period_ns) for latency in self.actuator.latencies)
 
     def learn_start_latency(self, latency_ns: int) -> None:
         """Take in how long a start of this device took before, in ns from the command to the first frame."""
-        self._actuator.note_start(0, self._phase.period_ns)
-        self._actuator.learn_start(latency_ns)
+        self.actuator.note_start(0, self.phase.period_ns)
+        self.actuator.learn_start(latency_ns)
 
     def add_frame(self, stamp: FrameStamp) -> int:
         """Add a frame; return how many were dropped just before it."""
-        dropped, phase = self._phase.add(stamp), self._phase
+        dropped, phase = self.phase.add(stamp), self.phase
         if stamp.stream > self._stream:
             self._stream, self._first_frame_ns, self._start_learned = stamp.stream, stamp.timestamp_ns, False
-        if self._actuator.restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
+        if self.actuator.restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
             # Nine of ten restarts miss: if a start's first frame is as good as five, do not wait for five.
             steady = phase.first_off_ns() < self.window.tolerance_ns / 4
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
-    def stamp_error(self, stamp_ns: int) -> StampError:
-        """How far a driver's timestamp in ns lies off the line of its stream's frames, and what it hides."""
-        return self._phase.stamp_error(stamp_ns)
-
     def note_stream_start(self, local_ns: int) -> None:
         """Note that the stream was started or restarted at a local time; its next frame shows the latency."""
         self.window.clear()
-        self._actuator.note_start(local_ns, self._phase.period_ns)
-
-    def forget_alignment(self) -> None:
-        """Call the stream aligned no more: there is no clock to judge it by."""
-        self.window.clear()
+        self.actuator.note_start(local_ns, self.phase.period_ns)
 
     def settle_command(self, now_local_ns: int) -> None:
         """End the command under way once its effect shows or is overdue, and learn from the effect."""
-        run_settled, phase = self._run_settled, self._phase
+        run_settled, phase = self._run_settled, self.phase
         if self._under_way is not None:
             command, issued_ns, stream = self._under_way
             if isinstance(command, RestartStream):
@@ -181,14 +145,14 @@ class Aligner:
             self._under_way = None
             if overdue:
                 return
-            self._actuator.learn(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames)
+            self.actuator.learn(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames)
         if not self._start_learned and run_settled:
             self._start_learned = True
-            self._actuator.learn_start(phase.nearest_frame_ns(self._first_frame_ns))
+            self.actuator.learn_start(phase.nearest_frame_ns(self._first_frame_ns))
 
     def estimate(self, time_map: TimeMap, grid: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
         """The stream's error at an instant of leader time; None while it is not known."""
-        phase = self._phase
+        phase = self.phase
         if phase.run_frames < self._frames_needed or not phase.known:
             return None
         frame_local_ns = phase.nearest_frame_ns(time_map.local_from_leader(at_leader_ns))
@@ -222,22 +186,22 @@ class Aligner:
         """
         self.settle_command(now_local_ns)
         now = self._judge(time_map, grid, now_local_ns)
-        if now is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
+        if now is None or (self.phase.as_expected and self._frames_may_mislead(now.frames)):
             return None
         if self.window.is_open(now) and burst_leader_ns is None:
             return None
         drift = self._drift(now, now_local_ns)
         if burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns
-            setpoint = self._actuator.setpoint_for_burst(
+            setpoint = self.actuator.setpoint_for_burst(
                 drift, begins_ns=first_ns - now.at_leader_ns, lasts_ns=last_ns - first_ns
             )
         elif hold:
-            setpoint = self._actuator.setpoint_on_hold(drift)
+            setpoint = self.actuator.setpoint_on_hold(drift)
         else:
             meeting_ns = max(0, (meeting_leader_ns or now.at_leader_ns) - now.at_leader_ns)
-            setpoint = self._actuator.setpoint(
-                drift, hold_ns=self._hold_ns, aligned=self.within_window, meeting_ns=meeting_ns
+            setpoint = self.actuator.setpoint(
+                drift, hold_ns=self._hold_ns, aligned=self.window.within_window, meeting_ns=meeting_ns
             )
         if setpoint is None:
             return None
@@ -247,15 +211,15 @@ class Aligner:
         """Judge the stream as it is now; return its error where it may be acted on."""
         now = self.estimate(time_map, grid, time_map.leader_from_local(now_local_ns))
         if now is None or not self.settled:
-            if self._phase.unmoved and self._phase.known:
-                frame_ns = self._phase.nearest_frame_ns(now_local_ns)
+            if self.phase.unmoved and self.phase.known:
+                frame_ns = self.phase.nearest_frame_ns(now_local_ns)
                 error_ns = grid.phase_error(time_map.leader_from_local(frame_ns))
                 self.window.judge_unmoved(error_ns)
             else:
                 self.window.clear()
             return None
         self.problem = self._find_problem(now, grid)
-        self.window.update(self._phase, now.drift_ppm)
+        self.window.update(self.phase, now.drift_ppm)
         if self.problem:
             self.window.clear()
             return None
@@ -271,12 +235,12 @@ class Aligner:
         )
         still_coarse = now.quantum_error_ns > doubt_ns and now.frames < QUANTIZED_FRAMES
         return Drift(
-            now.error_ns + self._phase.shift_to_come(now_local_ns),
+            now.error_ns + self.phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
-            self._phase.period_ns,
+            self.phase.period_ns,
             inner_ns,
             min(doubt_ns, self.window.tolerance_ns / 2) if within_window else 0.0,
-            self._phase.shifts.latency_frames,
+            self.phase.shifts.latency_frames,
             inner_ns if within_window or still_coarse else inner_ns - doubt_ns,
         )
 
@@ -289,11 +253,11 @@ class Aligner:
         move = Move(
             now_local_ns=now_local_ns,
             wanted_local_ns=instant_local_ns + round(setpoint.wanted_ns),
-            shift_ns=round((setpoint.wanted_ns - setpoint.error_ns) % self._phase.period_ns),
-            period_ns=self._phase.period_ns,
+            shift_ns=round((setpoint.wanted_ns - setpoint.error_ns) % self.phase.period_ns),
+            period_ns=self.phase.period_ns,
             tolerance_ns=self.window.inner_ns,
         )
-        command = self._actuator.command(move)
+        command = self.actuator.command(move)
         if command is None or self.corrections:
             # The first injection of an unknown device may land anywhere; rows may be too coarse for more.
             self.window.landing_share = 1.0
@@ -301,43 +265,43 @@ class Aligner:
 
     def _begin(self, command: CameraCommand, now_local_ns: int) -> bool:
         """Expect the effect of a command; False if it must wait for a smaller one before it."""
-        small_ns = self._actuator.small_shift_ns
+        small_ns = self.actuator.small_shift_ns
         if small_ns is not None:
-            self._phase.expect_shift(small_ns)
+            self.phase.expect_shift(small_ns)
             return True
-        if self._phase.shift_to_come(now_local_ns):
+        if self.phase.shift_to_come(now_local_ns):
             return False
         self._under_way = command, now_local_ns, self._stream
         self.corrections += 1
         if not isinstance(command, RestartStream):
-            self._phase.mark_disturbance(self._actuator.expected_shift_ns)
+            self.phase.mark_disturbance(self.actuator.expected_shift_ns)
         return True
 
     def _frames_may_mislead(self, frames: int) -> bool:
         """Whether the few frames since the phase has moved as expected may be late ones."""
         if frames < FRAMES_TO_ACT:
             return True
-        unalike_ns = max(UNALIKE * self._phase.noise_ns, 2_000.0)
-        return frames < FRAMES_TO_OUTVOTE and self._phase.first_off_ns() > unalike_ns
+        unalike_ns = max(UNALIKE * self.phase.noise_ns, 2_000.0)
+        return frames < FRAMES_TO_OUTVOTE and self.phase.first_off_ns() > unalike_ns
 
     @property
     def _frames_needed(self) -> int:
         """Frames since the phase moved that tell where it is: one where it moved as expected."""
-        return 1 if self._phase.as_expected else self._least_frames
+        return 1 if self.phase.as_expected else self._least_frames
 
     @property
     def _run_settled(self) -> bool:
-        frames = self._phase.run_frames
+        frames = self.phase.run_frames
         if frames < self._frames_needed:
             return False
-        sigma_ns = self._phase.sigma_at(self._phase.last_ns)
+        sigma_ns = self.phase.sigma_at(self.phase.last_ns)
         return frames >= SETTLED_FRAMES[1] or sigma_ns < self.window.tolerance_ns / 4
 
     def _find_problem(self, now: PhaseEstimate, grid: FrameGrid) -> str:
-        doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns
+        doubt_ppm = 3e6 * self.phase.period_sigma_ns / self.phase.period_ns
         if abs(now.drift_ppm) - doubt_ppm > HOPELESS_PPM:
             return (
                 f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
                 f" {1e9 / grid.period_ns:.3f}, too different to align"
             )
-        return self._actuator.problem
+        return self.actuator.problem

@@ -117,12 +117,15 @@ class PhaseEstimator(FrameLine):
         self.last_shift_ns: int | None = None
         """How far the last disturbance moved the phase, unwrapped, in ns; None if it is not known."""
         self._stream: int | None = None
-        self._sequence = self._time_ns = self._origin_ns = self._index = 0
+        self.last_ns = 0
+        """Timestamp of the newest frame, in ns of local time."""
+        self._sequence = self._origin_ns = self._index = 0
         self._quantum = StampQuantum()
         self._first_intervals: list[float] | None = []
         self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
         self.shifts = PendingShifts()
-        self._disturbed = False
+        self.disturbed = False
+        """Whether the phase is on the move, or expected to."""
         self._pending: list[Point] = []
         """Frames since a disturbance was expected."""
         self._height_before_ns, self._begun_index = 0.0, 0
@@ -135,22 +138,12 @@ class PhaseEstimator(FrameLine):
     @property
     def run_frames(self) -> int:
         """Frames since the phase last moved."""
-        return 0 if self._disturbed else len(self.run)
-
-    @property
-    def last_ns(self) -> int:
-        """Timestamp of the newest frame, in ns of local time."""
-        return self._time_ns
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether the phase is on the move, or expected to."""
-        return self._disturbed
+        return 0 if self.disturbed else len(self.run)
 
     @property
     def unmoved(self) -> bool:
         """Whether the newest frame of a disturbance still lies where it would without."""
-        if not self._disturbed or not self._pending:
+        if not self.disturbed or not self._pending:
             return False
         off_ns = self.heights_of(self._pending[-1:])[0] - self._height_before_ns
         return abs(off_ns) < self.tolerance_ns / 2
@@ -165,19 +158,19 @@ class PhaseEstimator(FrameLine):
             self.frames += 1
             return 0
         steps = stamp.sequence - self._sequence
-        interval = stamp.timestamp_ns - self._time_ns
+        interval = stamp.timestamp_ns - self.last_ns
         if stamp.stream < self._stream or steps <= 0 or interval <= 0:
             return 0
         by_time = max(1, round(interval / self.period_ns))
         # Only a disturbance explains a long interval without a jump in the numbers.
-        advance = steps if self._disturbed or self._first_intervals is not None else by_time
-        dropped = steps - 1 if steps > 1 or self._disturbed else advance - 1
-        self._sequence, self._time_ns = stamp.sequence, stamp.timestamp_ns
+        advance = steps if self.disturbed or self._first_intervals is not None else by_time
+        dropped = steps - 1 if steps > 1 or self.disturbed else advance - 1
+        self._sequence, self.last_ns = stamp.sequence, stamp.timestamp_ns
         self._index += advance
         self.frames += 1
         self.drops += dropped
         self._intervals.append(interval / steps)
-        if not self._disturbed:
+        if not self.disturbed:
             self._quantum.add(interval)
             self.quantum_ns = self._quantum.ns
         if self._first_intervals is not None:
@@ -207,7 +200,7 @@ class PhaseEstimator(FrameLine):
         """
         step_ns, run = self.quantum_ns, self.run
         as_told = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
-        if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
+        if self.disturbed or not self.known or len(run) < PHASE_FRAMES:
             return as_told
         if stamp_ns < self._origin_ns + run[0][1]:
             return as_told
@@ -221,7 +214,7 @@ class PhaseEstimator(FrameLine):
     def sigma_at(self, local_ns: int) -> float:
         """One standard deviation in ns of a predicted frame time near a local time."""
         used = min(self.phase_frames, max(1, self.run_frames))
-        ahead = (local_ns - self._time_ns) / self.period_ns + used / 2
+        ahead = (local_ns - self.last_ns) / self.period_ns + used / 2
         drift = self.period_sigma_ns * abs(ahead) if self.period_sigma_ns < self.period_ns else 0.0
         return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
 
@@ -245,15 +238,15 @@ class PhaseEstimator(FrameLine):
         """
         if self._stream is None:
             return
-        self._disturbed, self._expected_ns = True, expected_ns
+        self.disturbed, self._expected_ns = True, expected_ns
         self.last_shift_ns, self.last_latency_frames, self.as_expected = None, None, False
         self._pending.clear()
         self._begun_index, self._height_before_ns = self._index, self.height_ns
 
     def _start_stream(self, stamp: FrameStamp) -> None:
-        self._stream, self._sequence, self._time_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
+        self._stream, self._sequence, self.last_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
         self.last_shift_ns, self.as_expected = None, False
-        self._disturbed = False
+        self.disturbed = False
         self.begin_run()
         self.shifts.clear()
         self._index, self._origin_ns = 0, stamp.timestamp_ns
@@ -275,26 +268,26 @@ class PhaseEstimator(FrameLine):
                 run[i] = (index, time_ns)
         run = self.run
         self._index = run[-1][0] + max(
-            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self.period_ns)
+            1, round((self.last_ns - self._origin_ns - run[-1][1]) / self.period_ns)
         )
 
     def _runs_at_another_rate(self) -> bool:
         """Measure the period anew where all frames come at another rate (a webcam in the dark halves it)."""
-        if self._disturbed or len(self._intervals) < RATE_FRAMES:
+        if self.disturbed or len(self._intervals) < RATE_FRAMES:
             return False
         period = median(self._intervals)
         if abs(period - self.period_ns) <= max(0.02 * self.period_ns, 2.0 * self.noise_ns):
             return False
         self.begin_at_rate(period)
-        self._index, self._origin_ns = 0, self._time_ns
+        self._index, self._origin_ns = 0, self.last_ns
         self.shifts.clear()
         return True
 
     def _add_point(self) -> None:
-        elapsed_ns = self._time_ns - self._origin_ns
+        elapsed_ns = self.last_ns - self._origin_ns
         seen_ns = self.heights_of([(self._index, elapsed_ns)])[0] - self.height_ns
         point = (self._index, elapsed_ns - self.shifts.effective_at(self._index, seen_ns))
-        if self._disturbed:
+        if self.disturbed:
             self._pending.append(point)
             self._end_disturbance()
             return
@@ -325,7 +318,7 @@ class PhaseEstimator(FrameLine):
             if not calm and len(self._pending) < 2 * TIMEOUT_FRAMES:
                 return
         last_points = self._pending[-count:]
-        self._disturbed = False
+        self.disturbed = False
         self.begin_run(last_points)
         self.last_shift_ns = round(self.height_ns - self._height_before_ns)
         self.last_latency_frames = last_points[0][0] - self._begun_index

@@ -116,8 +116,12 @@ class PendingBursts(Generic[F]):
 
     def clear(self) -> list[FramesSelected[F]]:
         """Forget all bursts, as those of another root are in another time; return how those under way end."""
-        under_way = [burst for burst in self._pending.values() if burst.trigger.streamed]
-        ends = [_end(burst, burst.time_map) for burst in under_way if burst.time_map is not None]
+        ends = []
+        for burst in self._pending.values():
+            if burst.trigger.streamed and burst.time_map is not None:
+                burst.trigger = structs.replace(burst.trigger, count=burst.told)
+                burst.picked.clear()
+                ends.append(_tell(burst, FrameTiming(burst.time_map), None))
         self._pending.clear()
         self._done.clear()
         return ends
@@ -189,36 +193,18 @@ def _is_over(instant_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: T
 
 def _tell(burst: _PendingBurst[F], timing: FrameTiming, phase: PhaseEstimate | None) -> FramesSelected[F]:
     """What is new of a burst, with the times by this timing."""
+    trigger, further = burst.trigger, burst.told > 0
     picks = tuple(
         timing.pick(pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
         for pick in burst.picked
         if isinstance(pick, SelectedFrame)
     )
     gaps = tuple(gap for gap in burst.picked if isinstance(gap, Gap))
-    further = burst.told > 0
     burst.told, burst.time_map = burst.over, timing.time_map
     burst.picked.clear()
-    return _event(burst, timing.time_map, phase, picks, gaps, further)
-
-
-def _end(burst: _PendingBurst[F], time_map: TimeMap) -> FramesSelected[F]:
-    """That nothing further comes of a burst of which some was told, as its leader is another one."""
-    burst.trigger = structs.replace(burst.trigger, count=burst.told)
-    return _event(burst, time_map, None, (), (), True)
-
-
-def _event(
-    burst: _PendingBurst[F],
-    time_map: TimeMap,
-    phase: PhaseEstimate | None,
-    picks: tuple[SelectedFrame[F], ...],
-    gaps: tuple[Gap, ...],
-    further: bool,
-) -> FramesSelected[F]:
-    trigger = burst.trigger
     streamed = trigger if trigger.streamed else None
     return FramesSelected(
-        trigger.leader, trigger.burst, picks, gaps, time_map, phase, further, streamed, burst.told
+        trigger.leader, trigger.burst, picks, gaps, timing.time_map, phase, further, streamed, burst.told
     )
 
 
@@ -251,7 +237,7 @@ class Client(Generic[F]):
                 rng.getrandbits(32),
                 schedule,
                 samples=samples,
-                target=AccuracyTarget.for_tolerance(config.tolerance_ns),
+                target=AccuracyTarget(config.tolerance_ns),
             ),
             config.camera,
             report=self._report_to_leader,
@@ -406,7 +392,8 @@ class Client(Generic[F]):
 
     def next_command(self) -> CameraCommand | None:
         """Return the next command for the camera, None where there is none."""
-        return self._phase_loop.next_command()
+        commands = self._phase_loop.commands
+        return commands.popleft() if commands else None
 
     def next_event(self) -> "ClientEvent[F] | None":
         """Return the next thing that happened, None where there is none."""
@@ -437,13 +424,13 @@ class Client(Generic[F]):
     def _align(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map
         if grid is None or time_map is None or self.time.state is not NodeState.READY:
-            self.aligner.forget_alignment()
+            self.aligner.window.clear()
             return
         burst_ns = self._bursts.first_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
         if self._phase_loop.step(grid, time_map, now_ns, burst_leader_ns=burst_ns):
             self.time.report_at_once()
-        while (event := self._phase_loop.next_event()) is not None:
-            self._events.append(event)
+        self._events.extend(self._phase_loop.events)
+        self._phase_loop.events.clear()
 
     def _note_strange_trigger(self, trigger: Trigger) -> None:
         """Let a trigger of a leader that is not followed be, and tell the first of each such leader."""

@@ -158,7 +158,7 @@ class FrameTiming:
 
     def pick(self, frame: F, stamp_ns: int, instant: int, instant_ns: int) -> SelectedFrame[F]:
         """Return the pick of a frame for an instant; `stamp_ns` is as the driver told it."""
-        error = StampError() if self.aligner is None else self.aligner.stamp_error(stamp_ns)
+        error = StampError() if self.aligner is None else self.aligner.phase.stamp_error(stamp_ns)
         time_map, accuracy = self.time_map, self.accuracy
         local_ns = stamp_ns - error.outlier_ns + self.offset_ns
         leader_ns = time_map.leader_from_local(local_ns)

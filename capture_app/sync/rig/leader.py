@@ -13,6 +13,7 @@ from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError
+from capture_app.sync.engine import Address
 from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import GridChoice
@@ -20,7 +21,7 @@ from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeForgotten, NodeLost, NodeRefused
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
-from capture_app.sync.rig.roster import Address, ClientView, Member, Roster, camera_phases
+from capture_app.sync.rig.roster import Member, Roster, camera_phases
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_PACE_NS
 from capture_app.sync.wire.codec import (
@@ -206,15 +207,14 @@ class Outbox:
         return datagrams
 
 
-_MS = 1_000_000
-TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000 * _MS, 600_000 * _MS, 256
+TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000_000_000, 600_000_000_000, 256
 """Of each machine that is refused one reason is told in so long, the same one again later."""
-SLOWEST_PACE_NS = 60_000 * _MS
+SLOWEST_PACE_NS = 60_000_000_000
 WAITED_SHARE = 1.0 / 64.0
-LOADED_NS = 2 * _MS
+LOADED_NS = 2_000_000
 """A leader whose replies wait for longer, from the kernel's stamp of a request on, has too much to do."""
 LEAST_SHARE = 0.025
-RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250 * _MS
+RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
 """It then asks for so much less, and where it has room for so much more, each time."""
 
 
@@ -254,10 +254,12 @@ class Leader:
         self.impostures = 0
         """Messages in the name of another than who sealed them."""
         self._uplink = uplink
-        self._roster = Roster(rng, owners)
+        self.roster = Roster(rng, owners)
+        """All members, lost ones too."""
         self._told: dict[str, tuple[str, int]] = {}
         """By machine or host, why it was refused last, and when that was told."""
-        self._orders = Orders(config.instance, self._roster)
+        self.orders = Orders(config.instance, self.roster)
+        """The bursts that they are to take."""
         self._broadcaster = Broadcaster(config.instance, config.beacons, fully=config.agree_fully)
         self._review_is_due = False
         """Whether the cameras that the grid suits may not be those that are here."""
@@ -275,7 +277,7 @@ class Leader:
     def pace_ns(self) -> int:
         """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
         exchanges_per_s = self._share * self.config.exchanges_per_s
-        pace_ns = round(self._roster.pollers * 1e9 / exchanges_per_s)
+        pace_ns = round(self.roster.pollers * 1e9 / exchanges_per_s)
         return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FIRST_PACE_NS else 0
 
     # In
@@ -317,44 +319,44 @@ class Leader:
                 self._receive_heartbeat(member, message, now_ns)
             case TriggerAck():
                 self._pass_up(member, message)
-                answer = self._orders.take_ack(member, message)
+                answer = self.orders.take_ack(member, message)
                 if answer is not None:
                     self._events.append(answer)
             case Goodbye():
                 self._pass_up(member, message)
-                self._note_lost(self._roster.mark_lost(member, "it left"))
+                self._note_lost(self.roster.mark_lost(member, "it left"))
 
     def forget(self, name: str) -> None:
         """Forget a lost member, and whose its name was: any machine may have that from now on.
 
         Raises BadInputError where there is none of that name, or it is here.
         """
-        member = self._roster.members.get(name)
+        member = self.roster.members.get(name)
         if member is not None and not member.lost:
             raise BadInputError(f"{name} is here", hint="stop it first: it would join again")
-        if self._roster.owners.pop(name, None) is None and member is None:
+        if self.roster.owners.pop(name, None) is None and member is None:
             raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
-        self._events.append(NodeForgotten(name) if member is None else self._roster.forget(member))
+        self._events.append(NodeForgotten(name) if member is None else self.roster.forget(member))
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
-        for gone in self._roster.mark_silent_lost(now_ns):
+        for gone in self.roster.mark_silent_lost(now_ns):
             self._events.append(gone)
             self._review_is_due = True
-        self._events.extend(self._roster.forget_long_lost(now_ns))
+        self._events.extend(self.roster.forget_long_lost(now_ns))
         # A relay's grid is the root's.
         if self._review_is_due and self._uplink is None and self._review_grid(now_ns):
             self.acknowledge_all()
-        self._events.extend(self._orders.expire(now_ns))
-        for member, trigger in self._orders.triggers_due(now_ns):
+        self._events.extend(self.orders.expire(now_ns))
+        for member, trigger in self.orders.triggers_due(now_ns):
             self.send(member, trigger)
-        self._broadcaster.handle_timer(now_ns, self._roster.pollers)
+        self._broadcaster.handle_timer(now_ns, self.roster.pollers)
 
     # Out
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which `handle_timer` wants to be called, None for never."""
-        timers_ns = self._roster.next_timer(), self._orders.next_timer(), self._broadcaster.next_timer()
+        timers_ns = self.roster.next_timer(), self.orders.next_timer(), self._broadcaster.due_ns
         return min((due_ns for due_ns in timers_ns if due_ns is not None), default=None)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
@@ -375,37 +377,11 @@ class Leader:
         """Return the next thing that happened, None where there is none."""
         return self._events.popleft() if self._events else None
 
-    def clients(self, now_ns: int) -> tuple[ClientView, ...]:
-        """Return all clients that are or were here, by name; lost ones say so in their report."""
-        return self._roster.views(now_ns)
-
     # Bursts
 
-    def check_burst(self, order: BurstOrder) -> None:
-        """Raise BadInputError for an impossible burst, NoCameraHereError where no client could take it."""
-        self._orders.check(self.grid, order)
-
     def trigger(self, now_ns: int, order: BurstOrder) -> Burst:
-        """Order a burst on the rig's grid. Raises what `check_burst` does."""
-        return self._orders.place(self.grid, now_ns, order, self.config.rig.max_delay_ns)
-
-    def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
-        """Let a streamed burst end after so many frames, and return it so."""
-        return self._orders.end(burst, frames, now_ns)
-
-    def cancel(self, burst: Burst, now_ns: int) -> None:
-        """Take a burst back: clients forget it, whether they have picked its frames or not."""
-        self._orders.cancel(burst, now_ns)
-
-    @property
-    def members(self) -> dict[str, Member]:
-        """All members by name, lost ones too."""
-        return self._roster.members
-
-    @property
-    def owners(self) -> dict[str, str]:
-        """By each name that was ever taken, the pin of the machine whose it is."""
-        return self._roster.owners
+        """Order a burst on the rig's grid. Raises what `Orders.check` does."""
+        return self.orders.place(self.grid, now_ns, order, self.config.rig.max_delay_ns)
 
     def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
@@ -421,13 +397,13 @@ class Leader:
 
     def acknowledge_all(self) -> None:
         """Send every member the present configuration."""
-        for member in self._roster.members.values():
+        for member in self.roster.members.values():
             if not member.lost:
                 self.acknowledge(member)
 
     def drop_member(self, member: Member, reason: str) -> None:
         """Count a member as lost, and tell it so: if it is there, it asks to join again."""
-        self._note_lost(self._roster.mark_lost(member, reason))
+        self._note_lost(self.roster.mark_lost(member, reason))
         self.send(member, UnknownMember(member.number))
 
     # The parts
@@ -436,7 +412,7 @@ class Leader:
         self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
     ) -> Member | None:
         """Return the member that sent a message, and note that it is here; None where there is none."""
-        member = self._roster.member_by_number(message.client)
+        member = self.roster.member_by_number(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
                 self.outbox.send(UnknownMember(message.client), address)
@@ -446,7 +422,7 @@ class Leader:
             return None
         member.address = address
         member.last_heard_ns = now_ns
-        if self._roster.confirm(member) and not self.current.is_held(member.camera):
+        if self.roster.confirm(member) and not self.current.is_held(member.camera):
             self._review_is_due = True
         return member
 
@@ -456,7 +432,7 @@ class Leader:
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         passed_on = self._pass_up(member, message)
         member.report = message.report
-        if member.name in self._roster.immovable and self._update_grid(now_ns):
+        if member.name in self.roster.immovable and self._update_grid(now_ns):
             self.acknowledge_all()
         if not passed_on:
             self.acknowledge(member)
@@ -466,28 +442,28 @@ class Leader:
 
         One that has said no more than hello has no vote where another one is here.
         """
-        if self._orders.is_busy(now_ns):
+        if self.orders.is_busy(now_ns):
             return False
         self._review_is_due = False
-        voters = self._roster.cameras() or self._roster.cameras(even_unconfirmed=True)
+        voters = self.roster.cameras() or self.roster.cameras(even_unconfirmed=True)
         return self.current.follow_cameras(voters, now_ns)
 
     def _update_grid(self, now_ns: int) -> bool:
         """Move the grid to suit cameras that cannot follow it, not near a burst; whether it has changed."""
-        shared, immovable = self.current.grid_choice, len(self._roster.immovable)
+        shared, immovable = self.current.grid_choice, len(self.roster.immovable)
         is_given = self.current.upstream is not None or self.config.rig.grid_phase_ns is not None
-        if shared is None or is_given or self._orders.is_busy(now_ns):
+        if shared is None or is_given or self.orders.is_busy(now_ns):
             return False
         if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
-        return shared.update(camera_phases(self._roster.immovable.values()), now_ns)
+        return shared.update(camera_phases(self.roster.immovable.values()), now_ns)
 
     def put_away(self, member: Member) -> None:
         """Forget a member, here or lost, whose name is another machine's."""
         if not member.lost:
             self.drop_member(member, "its name is another machine's")
-        self._events.append(self._roster.forget(member))
+        self._events.append(self.roster.forget(member))
 
     def _tell_refusal(self, hello: Hello, reason: str, address: Address, now_ns: int) -> None:
         """Refuse a client; now and then tell whoever runs this, and a camera whose name it wants."""
@@ -501,7 +477,7 @@ class Leader:
         self._told[who] = reason, now_ns
         where = f"at {address[0]}" if hello.via is None else f"below {hello.via}"
         self._events.append(NodeRefused(hello.name, where, reason))
-        owner = self._roster.members.get(hello.name)
+        owner = self.roster.members.get(hello.name)
         if owner is not None and not owner.lost and owner.instance != hello.instance:
             text = f"another camera {where} wants to be {hello.name}, too: give one another --name"
             self.send(owner, Notice(owner.number, text[:MOST_TEXT]))
@@ -519,8 +495,8 @@ class Leader:
         # What a client says of its own machine does not count: its seal does.
         sealed_by = "" if principal is None else principal.pin
         hello = structs.replace(hello, pin=(hello.via and sealed_by and hello.pin) or sealed_by)
-        refusal = self._roster.refusal(hello)
-        if refusal and self._uplink is not None and self._roster.is_of_another_machine(hello):
+        refusal = self.roster.refusal(hello)
+        if refusal and self._uplink is not None and self.roster.is_of_another_machine(hello):
             self._uplink.ask(hello)
         refusal = refusal or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
@@ -529,10 +505,10 @@ class Leader:
         # A relay's grid is the root's.
         if self._uplink is None and self.current.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
-        self._events.extend(self._roster.make_room(hello))
-        member, event = self._roster.admit(hello, address, now_ns, principal)
+        self._events.extend(self.roster.make_room(hello))
+        member, event = self.roster.admit(hello, address, now_ns, principal)
         if self._uplink is None and hello.pin:
-            self._roster.claim(hello)
+            self.roster.claim(hello)
         if event is not None:
             self._events.append(event)
         config, current = self.config, self.current.message(self.pace_ns)

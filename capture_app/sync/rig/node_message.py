@@ -5,7 +5,6 @@ from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
 from capture_app.sync.timekeeping import clock_events
-from capture_app.sync.timekeeping.poll_schedule import CLOCK_SHARE
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.messages import NodeState
@@ -86,7 +85,7 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
         why = "bursty link"
     if round_trip_ns < NETWORK_NS and not by_relay:
         why, remedy = f"messages of {duration(round_trip_ns)} there and back are held up at times", "use "
-    enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / CLOCK_SHARE / 1000.0)}"
+    enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / 1000.0)}"
     return f"{_sure_to(error_ns, wanted_ns)}: {why}; {remedy}{enough}"
 
 

@@ -49,12 +49,11 @@ def instant_of_least_spread(
     return min(instants, key=lambda instant_ns: spread_ns(grid, phases, instant_ns))
 
 
-_MS = 1_000_000
-TRIGGER_LEAD_NS = 500 * _MS
+TRIGGER_LEAD_NS = 500_000_000
 """A burst that is asked for now begins this much later, so that every client hears of it before."""
-TRIGGER_AGAIN_NS = 50 * _MS
-TRIGGER_GIVE_UP_NS = 5000 * _MS
-AFTER_BURST_NS = 1000 * _MS
+TRIGGER_AGAIN_NS = 50_000_000
+TRIGGER_GIVE_UP_NS = 5_000_000_000
+AFTER_BURST_NS = 1_000_000_000
 """The grid stays as it is for so long after a burst's last instant: until then clients pick frames."""
 MOST_AWAY_NS = 24 * 3_600_000_000_000
 """A burst begins at most so long after, or before, it is ordered."""

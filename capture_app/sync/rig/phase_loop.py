@@ -93,14 +93,15 @@ class PhaseLoop:
         """Whether the leader was told the phase as it is now."""
         self._answered = False
         """Whether it has answered since."""
-        self._commands: deque[CameraCommand] = deque()
-        self._events: deque[PhaseCorrected | AlignmentFailed] = deque()
+        self.commands: deque[CameraCommand] = deque()
+        """For the camera."""
+        self.events: deque[PhaseCorrected | AlignmentFailed] = deque()
 
     @property
     def ready(self) -> bool:
         """Whether the stream is aligned as nearly as it can be, or will be by the time of a burst."""
         aligner = self.aligner
-        return aligner.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
+        return aligner.window.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
 
     @property
     def coarseness(self) -> str:
@@ -126,10 +127,10 @@ class PhaseLoop:
         report = replace(
             report,
             corrections=self.aligner.corrections,
-            frames=self.aligner.frames,
-            drops=self.aligner.drops,
+            frames=self.aligner.phase.frames,
+            drops=self.aligner.phase.drops,
             tolerance_ns=self.aligner.window.tolerance_ns,
-            stamp_quantum_ns=round(self.aligner.stamp_quantum_ns),
+            stamp_quantum_ns=round(self.aligner.phase.quantum_ns),
         )
         if phase is None or grid is None:
             return report
@@ -178,20 +179,12 @@ class PhaseLoop:
             meeting_leader_ns=grid.meeting_leader_ns,
         )
         if command is not None:
-            self._commands.append(command)
+            self.commands.append(command)
         if aligner.corrections > corrections and command is not None:
-            self._events.append(PhaseCorrected(command, before))
+            self.events.append(PhaseCorrected(command, before))
             news = True
         if aligner.problem != self._reported_problem:
             self._reported_problem = aligner.problem
             if aligner.problem:
-                self._events.append(AlignmentFailed(aligner.problem))
+                self.events.append(AlignmentFailed(aligner.problem))
         return news or was_ready is not self.ready
-
-    def next_command(self) -> CameraCommand | None:
-        """Return the next command for the camera, None where there is none."""
-        return self._commands.popleft() if self._commands else None
-
-    def next_event(self) -> PhaseCorrected | AlignmentFailed | None:
-        """Return the next thing that happened, None where there is none."""
-        return self._events.popleft() if self._events else None

@@ -8,6 +8,7 @@ from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.names import is_name
+from capture_app.sync.engine import Address
 from capture_app.sync.phase.frame_grid import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeMoved, NodeReturned
@@ -22,13 +23,10 @@ from capture_app.sync.wire.messages import (
 )
 from capture_app.sync.wire.principal import Principal
 
-Address = tuple[str, int]
-
-_MS = 1_000_000
-CLIENT_SILENT_NS = 2000 * _MS
-CLOCK_SILENT_NS = 150_000 * _MS
+CLIENT_SILENT_NS = 2_000_000_000
+CLOCK_SILENT_NS = 150_000_000_000
 """A node that only keeps the time may report only once a minute."""
-FORGET_LOST_NS = 600_000 * _MS
+FORGET_LOST_NS = 600_000_000_000
 """A lost member that was not heard for so long is forgotten: by then somebody has put it away."""
 MAX_CLIENTS = 10_000
 MOST_OF_ONE = 100

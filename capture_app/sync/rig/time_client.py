@@ -41,12 +41,11 @@ from capture_app.sync.wire.messages import (
     Welcome,
 )
 
-_MS = 1_000_000
-HEARTBEAT_EVERY_NS = 500 * _MS
-LEADER_SILENT_NS = 2500 * _MS
+HEARTBEAT_EVERY_NS = 500_000_000
+LEADER_SILENT_NS = 2_500_000_000
 
 
-HELLO_EVERY_NS, RAREST_HELLO_NS, RARER = 500 * _MS, 2000 * _MS, 1.5
+HELLO_EVERY_NS, RAREST_HELLO_NS, RARER = 500_000_000, 2_000_000_000, 1.5
 """After the first ones hellos that stay unanswered are ever rarer: thousands may have lost one leader."""
 HELLOS = 3
 """Unanswered hellos after which another leader is asked, where there is one."""
@@ -122,11 +121,6 @@ class TimeClient:
         """The newest estimate of the root's clock."""
         return self.timekeeper.time_map
 
-    @property
-    def uncorrected_map(self) -> TimeMap | None:
-        """The newest estimate by the leader's answers alone, before clients agreed on anything."""
-        return self.timekeeper.uncorrected_map
-
     def report(self, now_ns: int) -> Report:
         """Return what such a node tells its leader about itself."""
         return self.timekeeper.report(self.state, self.why_joining, now_ns)
@@ -176,7 +170,7 @@ class TimeClient:
             case TimeReply() if self.is_addressed(message):
                 if self.timekeeper.take_reply(message, now_ns):
                     self._heard_ns = now_ns
-                self._note_clock(now_ns)
+                self._note_clock()
             case UnknownMember() if self.is_addressed(message):
                 self.lose("the leader was restarted", now_ns)
             case HeartbeatAck() | AgreedArrival() | Trigger() | Notice() if self.is_addressed(message):
@@ -247,7 +241,7 @@ class TimeClient:
             self.hellos = HELLOS
             return
         self.timekeeper.handle_timer(now_ns)
-        self._note_clock(now_ns)
+        self._note_clock()
         if self.timekeeper.take_report_due() or now_ns >= self._heartbeat_due_ns:
             self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
             if self._heartbeat_every_ns is not None:
@@ -331,8 +325,9 @@ class TimeClient:
             self.followed = config
             self.timekeeper.update_config(config)
 
-    def _note_clock(self, now_ns: int) -> None:
-        while (event := self.timekeeper.next_event()) is not None:
+    def _note_clock(self) -> None:
+        for event in self.timekeeper.events:
             self._events.append(event)
             if isinstance(event, ClockSynced) and self._heartbeat_every_ns is not None:
                 self.report_at_once()
+        self.timekeeper.events.clear()

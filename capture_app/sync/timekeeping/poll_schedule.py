@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from capture_app.sync.clock.time_map import TimeMap
 
-_MS = 1_000_000
 AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
 """Before and after any time of any clock: a local clock may well be negative."""
 
@@ -42,15 +41,15 @@ class _Due:
 
 FIRST_SAMPLES = 300
 """K of the paper: as many samples at least are taken in quick succession."""
-FIRST_PACE_NS = 3 * _MS
-PACE_NS = 25 * _MS
-EASING_PACES_NS, EASING_SAMPLES = (6 * _MS, 12 * _MS), 200
+FIRST_PACE_NS = 3_000_000
+PACE_NS = 25_000_000
+EASING_PACES_NS, EASING_SAMPLES = (6_000_000, 12_000_000), 200
 """Between the two, so many samples at each of these: until a few seconds have shown the skew, the error
 depends on the number of the newest samples."""
 NEAR_NS = 750_000
 """Shorter round trips are those of a cable."""
-BACKLOG_NS = 100 * _MS
-ESTIMATE_EVERY_NS = 100 * _MS
+BACKLOG_NS = 100_000_000
+ESTIMATE_EVERY_NS = 100_000_000
 
 
 class SteadySchedule(_Due):
@@ -124,12 +123,12 @@ FIRST_EXCHANGES = 300
 LEARNING_EXCHANGES = 40
 ROUND_EXCHANGES = 50
 LEAST_EXCHANGES = 10
-SPACING_NS = 4 * _MS
-SETTLE_NS = 60 * _MS
+SPACING_NS = 4_000_000
+SETTLE_NS = 60_000_000
 """From a round's last request to the estimate."""
-SHORTEST_NS, LONGEST_NS = 2_000 * _MS, 60_000 * _MS
+SHORTEST_NS, LONGEST_NS = 2_000_000_000, 60_000_000_000
 """Between two rounds of a leader's pace."""
-FIRST_NS = 500 * _MS
+FIRST_NS = 500_000_000
 GROWTH = 1.2
 """Each gap between rounds is so much longer than the last one, until the leader's pace is reached. So no
 estimate is extrapolated by more than a fifth of the time that the clock was watched."""
@@ -196,9 +195,6 @@ class RoundSchedule(_Due):
 PollSchedule = SteadySchedule | RoundSchedule
 
 
-CLOCK_SHARE = 1.0
-"""The share of a node's tolerance that the 95 % error of its clock may take. All of it: the phase is held to
-the tolerance by that clock, so a picture is off by both, and its record says by how much each."""
 LEAVE_AT = 1.5
 """A clock that was good enough is so until its error is so many times what was asked for: an estimate of an
 error varies by as much from one second to the next."""
@@ -215,7 +211,11 @@ class AccuracyTarget:
     """Compares the 95 % error of a clock with what was asked for; times in ns, `now_ns` the node's own."""
 
     def __init__(self, wanted_ns: float | None = None) -> None:
-        """Without `wanted_ns` every clock is good enough."""
+        """Without `wanted_ns` every clock is good enough.
+
+        A camera's may take all of its tolerance: the phase is held to that by the clock, so a picture is off
+        by both, and its record says by how much each.
+        """
         self.wanted_ns = wanted_ns
         self.met = wanted_ns is None
         """Whether the clock is good enough."""
@@ -223,11 +223,6 @@ class AccuracyTarget:
         """The 95 % error by which it was judged last."""
         self._least_ns: float | None = None
         self._began_ns = self._gained_ns = 0
-
-    @classmethod
-    def for_tolerance(cls, tolerance_ns: int) -> "AccuracyTarget":
-        """Return the target of a node whose frames are to be within a tolerance."""
-        return cls(CLOCK_SHARE * tolerance_ns)
 
     def restart(self) -> None:
         """Judge anew: there is another leader, or a clock has stepped."""

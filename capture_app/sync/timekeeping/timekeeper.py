@@ -117,7 +117,8 @@ class Timekeeper:
         self._stepped = False
         """Whether a clock has stepped, or been slewed, and is not known again yet."""
         self._told_steps, self._tell_steps_ns = 0, AT_ONCE_NS
-        self._events: deque[ClockEvent] = deque()
+        self.events: deque[ClockEvent] = deque()
+        """What has happened, for whoever runs this to take."""
 
     @property
     def outstanding(self) -> int:
@@ -177,15 +178,15 @@ class Timekeeper:
             self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
             if not self._stepped:
-                self._events.append(ClockStepped())
+                self.events.append(ClockStepped())
             self._stepped = True
         if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
-            self._events.append(WayLonger(self.clock.longer_ns))
+            self.events.append(WayLonger(self.clock.longer_ns))
         if self.clock.is_doubted and not doubted:
             self.target.doubt()
             self.schedule.estimate_due_ns = now_ns
         if self.clock.refused_steps > self._told_steps and now_ns >= self._tell_steps_ns:
-            self._events.append(StepRefused(self.clock.refused_steps - self._told_steps))
+            self.events.append(StepRefused(self.clock.refused_steps - self._told_steps))
             self._told_steps, self._tell_steps_ns = self.clock.refused_steps, now_ns + TELL_STEPS_EVERY_NS
         return True
 
@@ -252,10 +253,6 @@ class Timekeeper:
             relative_uncertainty_ns=round(correction.relative_uncertainty_ns),
         )
 
-    def next_event(self) -> ClockEvent | None:
-        """Return the next thing that happened, None where there is none."""
-        return self._events.popleft() if self._events else None
-
     # The parts
 
     @property
@@ -289,10 +286,10 @@ class Timekeeper:
             return
         self.time_is_known = True
         if news := self.rate.judge(time_map, self.clock.rate_changed_ns):
-            self._events.append(news)
+            self.events.append(news)
         if self.target.judge(time_map, now_ns) and not self.synced:
             self.synced = True
-            self._events.append(ClockSynced(time_map))
+            self.events.append(ClockSynced(time_map))
 
     def _is_worse(self, time_map: TimeMap) -> bool:
         """Whether the map of the leader before is better still: it has the better skew."""
@@ -306,7 +303,7 @@ class Timekeeper:
         correction = self.listener.correction
         if was_corrected is (correction is None):
             error_ns = None if correction is None else round(correction.relative_uncertainty_ns)
-            self._events.append(ReferenceCorrected(error_ns))
+            self.events.append(ReferenceCorrected(error_ns))
         return time_map
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.engine import Address
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
@@ -21,8 +22,6 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-
-Address = tuple[str, int]
 
 SILENT_HEARTBEATS = 4
 """A parent that was silent for so many heartbeats is gone."""

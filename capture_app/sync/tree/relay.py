@@ -9,12 +9,13 @@ from dataclasses import replace
 
 import msgspec
 
+from capture_app.sync.engine import Address
 from capture_app.sync.phase.grid_choice import GridChoice
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
-from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
 from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
 from capture_app.sync.wire.messages import (
     CLOCK,
@@ -96,7 +97,7 @@ class Relay:
     def leave(self) -> None:
         """Say goodbye to the parent, and send the clients on: this relay is about to stop."""
         self.member.leave()
-        for member in self.leader.members.values():
+        for member in self.leader.roster.members.values():
             if not member.lost:
                 self.leader.drop_member(member, "the relay stops")
         # They ask again at once, and must not be taken in here.
@@ -124,7 +125,7 @@ class Relay:
 
     def _receive_from_parent(self, message: Message, address: Address, now_ns: int) -> None:
         """Take in a message for this relay itself, or for one of its members."""
-        uplink, members = self.uplink, self.leader.members
+        uplink, members = self.uplink, self.leader.roster.members
         match message:
             case Welcome() if message.instance != self.member.config.instance:
                 usurper = uplink.note_welcome(message.instance, message.client, members)

@@ -46,7 +46,7 @@ def engine_of(*names: str) -> Leader:
     engine = Leader(LeaderConfig(instance=LEADER, transfer_port=1), random.Random(1))
     for number, name in enumerate(names):
         engine.receive_message(Hello(name, number, CAMERA), (name, 0), NOW_NS)
-        engine.receive_message(TimeRequest(engine.members[name].number, 0, 0), (name, 0), NOW_NS)
+        engine.receive_message(TimeRequest(engine.roster.members[name].number, 0, 0), (name, 0), NOW_NS)
     return engine
 
 

@@ -28,10 +28,14 @@ READY, ROUGH = view("cam01"), view("cam03", NodeState.COARSE, COARSE)
 class Seen:
     """An engine that always sees the same nodes."""
 
-    views: tuple[ClientView, ...]
+    seen: tuple[ClientView, ...]
 
-    def clients(self, now_ns: int) -> tuple[ClientView, ...]:
-        return self.views
+    @property
+    def roster(self) -> "Seen":
+        return self
+
+    def views(self, now_ns: int) -> tuple[ClientView, ...]:
+        return self.seen
 
 
 def waited_for(*views: ClientView, timeout_s: float = 0.0) -> list[str]:

@@ -5,7 +5,7 @@ import math
 from hypothesis import strategies as st
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.sync.tree.member import Address
+from capture_app.sync.engine import Address
 from capture_app.sync.wire.codec import Message
 from capture_app.sync.wire.messages import (
     Goodbye,

@@ -53,7 +53,7 @@ def test_a_drifting_phone_is_held_calmly(name: str, ppm: float) -> None:
     assert len(held) > (0.6 if abs(ppm) > 50 else 0.9) * len(later)
     # A drift of 100 us a second in a band of 120 us wants one correction a second, not many.
     assert bench.aligner.corrections <= 4 + 40 * max(abs(ppm), 10.0) / 80.0
-    assert bench.aligner.drops == bench.dropped, "an injected frame is not a drop"
+    assert bench.aligner.phase.drops == bench.dropped, "an injected frame is not a drop"
 
 
 def test_a_phone_without_drift_is_aligned_once_and_left_alone() -> None:
@@ -82,7 +82,7 @@ def test_nothing_begins_while_a_burst_is_due() -> None:
     before = len(bench.commands)
     bench.run(3 * S, hold=True)
     assert len(bench.commands) == before
-    assert not bench.aligner.aligned, "300 us of drift went by"
+    assert not bench.aligner.window.aligned, "300 us of drift went by"
     bench.run(3 * S)
     assert len(bench.commands) > before
 
@@ -117,7 +117,7 @@ def test_rates_that_differ_are_a_problem_in_plain_words(name: str) -> None:
     bench.run(20 * S)
     assert "30.000 frames/s and the rig at 25.000" in bench.aligner.problem
     assert bench.commands == []
-    assert not bench.aligner.aligned
+    assert not bench.aligner.window.aligned
 
 
 def test_a_phone_that_cannot_expose_for_long_is_a_problem() -> None:
@@ -150,7 +150,7 @@ def test_without_a_way_to_move_it_a_camera_still_tells_its_phase() -> None:
         aligner.add_frame(FrameStamp(n, 0, local_ns))
         assert aligner.next_command(SAME_CLOCK, grid, local_ns) is None
     assert aligner.settled
-    assert not aligner.aligned
+    assert not aligner.window.aligned
     estimate = aligner.estimate(SAME_CLOCK, grid, 120 * 33_333_333)
     assert estimate is not None
     assert estimate.error_ns == pytest.approx(9_000_000, abs=1000)

@@ -14,7 +14,7 @@ def test_a_stream_that_moved_while_there_was_no_clock_is_aligned_before_it_is_re
     rig = VirtualRig([NodeSpec("cam", PROFILES["phone-a"], SimulatedClock(0), CABLE, 60_000)], seed=4)
     assert rig.run_until(rig.all_ready, limit_ns=20 * S)
     node = rig.nodes["cam"]
-    assert node.client.aligner.aligned
+    assert node.client.aligner.window.aligned
     rig.restart_leader()
     assert rig.run_until(lambda: node.client.state is NodeState.SYNCING, limit_ns=20 * S)
     node.sensor.inject(50_000_000, rig.now_true_ns)
@@ -25,7 +25,7 @@ def test_a_stream_that_moved_while_there_was_no_clock_is_aligned_before_it_is_re
         return node.client.state is not NodeState.SYNCING
 
     assert rig.run_until(has_left_syncing, limit_ns=20 * S)
-    assert not node.client.aligner.aligned
+    assert not node.client.aligner.window.aligned
     assert NodeState.READY not in states, "by what was true before"
     assert rig.run_until(rig.all_ready, limit_ns=20 * S)
     assert abs(node.client.phase_error_ns(node.client.ring.newest_local_ns or 0) or 0) < 60_000

@@ -16,10 +16,11 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
+from capture_app.sync.engine import Address
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
-from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (

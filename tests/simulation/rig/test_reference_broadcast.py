@@ -48,7 +48,7 @@ def specs(*cells: RadioCell | None) -> list[HearingNode]:
 
 def errors_us(rig: VirtualRig, node: VirtualNode) -> tuple[float, float]:
     """The node's clock against the leader's, with what was agreed and without; the bounds must hold."""
-    maps = node.client.time_map, node.client.time.uncorrected_map
+    maps = node.client.time_map, node.client.time.timekeeper.uncorrected_map
     now, before = (checked_error_ns(time_map, node.spec.clock, rig.now_true_ns) / US for time_map in maps)
     return now, before
 
@@ -68,7 +68,7 @@ def run(rig: VirtualRig, seconds: int) -> None:
 
 
 def told(rig: VirtualRig) -> list[int | None]:
-    return [client.report.relative_uncertainty_ns for client in rig.leader.clients(rig.now_true_ns)]
+    return [client.report.relative_uncertainty_ns for client in rig.leader.roster.views(rig.now_true_ns)]
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_where_nothing_is_heard_together_all_is_as_before(cells: tuple[RadioCell
     rig = BeaconRig(specs(*cells), seed=2)
     run(rig, 15)
     for node in rig.nodes.values():
-        assert node.client.time_map == node.client.time.uncorrected_map
+        assert node.client.time_map == node.client.time.timekeeper.uncorrected_map
         assert node.client.time.malformed == 0
     assert told(rig) == [None] * 3
 
@@ -113,7 +113,7 @@ def test_a_cell_does_not_move_those_who_are_not_of_it() -> None:
     rig = BeaconRig(specs(cell, cell, cell, other), seed=3)
     run(rig, 15)
     outsider = rig.nodes["cam3"].client
-    assert outsider.time_map == outsider.time.uncorrected_map
+    assert outsider.time_map == outsider.time.timekeeper.uncorrected_map
     del rig.nodes["cam3"]
     assert apart_us(rig) < 25.0
 
@@ -129,7 +129,7 @@ def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
         node.spec = replace(node.spec, cell=None)
     run(rig, 15)
     for node in rig.nodes.values():
-        assert node.client.time_map == node.client.time.uncorrected_map
+        assert node.client.time_map == node.client.time.timekeeper.uncorrected_map
         begun, ended = (event for event in node.events if isinstance(event, ReferenceCorrected))
         assert begun.relative_uncertainty_ns is not None
         assert ended.relative_uncertainty_ns is None
@@ -210,4 +210,6 @@ def test_a_leader_that_does_not_answer_changes_nothing() -> None:
     old = OldLeader(rig)
     run(rig, 8)
     assert old.unknown > 3
-    assert all(node.client.time_map == node.client.time.uncorrected_map for node in rig.nodes.values())
+    assert all(
+        node.client.time_map == node.client.time.timekeeper.uncorrected_map for node in rig.nodes.values()
+    )

@@ -8,6 +8,7 @@ from msgspec import structs
 
 from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
+from capture_app.sync.engine import Address
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstAccepted, FramesSelected, LeaderEvent
@@ -17,7 +18,7 @@ from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.tree.member import Address, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMemberConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import NodeState
 from tests.facts import make_facts
@@ -109,7 +110,7 @@ class RelayRig:
         self.tree.kill(name)
 
     def views(self) -> dict[str, ClientView]:
-        return {view.name: view for view in self.tree.root.clients(self.tree.now_true_ns)}
+        return {view.name: view for view in self.tree.root.roster.views(self.tree.now_true_ns)}
 
     def all_ready(self) -> bool:
         views = self.views()

@@ -47,7 +47,7 @@ def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() 
     grid = rig.tree.root.grid
     rig.run_until(lambda: rig.all_ready() and rig.tree.root.grid != grid)
     assert rig.tree.root.grid == rig.relays["relay"].leader.grid
-    assert far.client.aligner.aligned
+    assert far.client.aligner.window.aligned
 
 
 def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:

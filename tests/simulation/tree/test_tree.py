@@ -13,13 +13,14 @@ from msgspec import structs
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.clock_tree import ROOT, RelayOutage, Tree, TreeSpec, measure, run_shard
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import CLIENT_SILENT_NS, CLOCK_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.rig.time_client import HELLOS
-from capture_app.sync.tree.member import Address, TreeMember, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import (
@@ -244,10 +245,10 @@ def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> No
     assert paces[0] == 0, "one may begin as quickly as it likes"
     assert paces[-1] == 10_000_000, "ten that begin together may not"
     leader.handle_timer(CLIENT_SILENT_NS + 100)
-    lost = [view.name for view in leader.clients(0) if view.report.state is NodeState.LOST]
+    lost = [view.name for view in leader.roster.views(0) if view.report.state is NodeState.LOST]
     assert lost == [f"n{i}" for i in range(5)]
     leader.handle_timer(CLOCK_SILENT_NS + 100)
-    assert all(view.report.state is NodeState.LOST for view in leader.clients(0))
+    assert all(view.report.state is NodeState.LOST for view in leader.roster.views(0))
     assert leader.next_timer() == FORGET_LOST_NS, "nothing is due until they are forgotten"
 
 

@@ -88,9 +88,9 @@ def test_any_gain_is_learned_and_every_camera_aligned(gain: float, row_known: bo
         last = bench.run(40 * S, until=lambda look: look.aligned)[-1]
         assert last.aligned
         assert abs(last.error_ns) < 30_000
-        assert bench.aligner.injection_profile is not None
+        assert bench.aligner.actuator.profile is not None
         corrections.append(last.corrections)
-        gains.append(bench.aligner.injection_profile.gain)
+        gains.append(bench.aligner.actuator.profile.gain)
     assert max(corrections) <= 6
     assert median(gains) == pytest.approx(gain, abs=0.01)
 

@@ -30,9 +30,9 @@ def after_beacons(count: int = 24, *, fully: bool = True) -> tuple[Broadcaster, 
 def test_beacons_come_at_their_pace_while_two_can_hear_them() -> None:
     broadcaster = Broadcaster(99, GROUP)
     assert sent(broadcaster, 0, listeners=1) is None
-    assert broadcaster.next_timer() is None
+    assert broadcaster.due_ns is None
     assert sent(broadcaster, 10) == Beacon(99, 1)
-    assert broadcaster.next_timer() == 10 + BEACON_EVERY_NS
+    assert broadcaster.due_ns == 10 + BEACON_EVERY_NS
     assert sent(broadcaster, 9 + BEACON_EVERY_NS) is None
     assert sent(broadcaster, 10 + BEACON_EVERY_NS) == Beacon(99, 2)
 
@@ -40,7 +40,7 @@ def test_beacons_come_at_their_pace_while_two_can_hear_them() -> None:
 def test_without_a_group_nothing_is_sent_or_answered() -> None:
     broadcaster = Broadcaster(99, None)
     assert sent(broadcaster, 0) is None
-    assert broadcaster.next_timer() is None
+    assert broadcaster.due_ns is None
     assert broadcaster.answer(told(1, 0), 0) is None
 
 

@@ -35,7 +35,7 @@ def news(leader: Leader) -> list[object]:
 
 
 def names(leader: Leader, now_ns: int) -> list[str]:
-    return [view.name for view in leader.clients(now_ns)]
+    return [view.name for view in leader.roster.views(now_ns)]
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_ten_thousand_hellos_keep_nobody_out_and_are_forgotten(leader: Leader) -
     leader.datagrams_to_send(2 * S)
     number = joined(leader, "late", 2 * S)
     beat(leader, number, 2 * S)
-    assert len(leader.clients(2 * S)) == MAX_CLIENTS
+    assert len(leader.roster.views(2 * S)) == MAX_CLIENTS
     assert leader.grid is not None
     assert leader.grid.period_ns == USUAL_NS, "who has only said hello does not set the rate"
     for at_s in (3, 4):

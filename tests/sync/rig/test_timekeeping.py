@@ -122,7 +122,7 @@ def test_it_joins_keeps_the_time_at_its_pace_and_tells_every_sample() -> None:
     assert timekeeper.requests - timekeeper.outstanding == len(samples)
     spacings = [b.t0_ns - a.t0_ns for a, b in pairwise(samples[50:])]
     assert abs(sum(spacings) / len(spacings) - STEADY_NS) < STEADY_NS / 50
-    assert next(iter(leader.clients(0))).report.samples > 100, "its heartbeats tell of it"
+    assert next(iter(leader.roster.views(0))).report.samples > 100, "its heartbeats tell of it"
     events = list(iter(client.next_event, None))
     assert events[0] == Joined(47, 1)
     assert [type(event) for event in events[1:]] == [ClockSynced]

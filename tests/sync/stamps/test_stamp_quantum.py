@@ -90,10 +90,10 @@ def test_no_frame_is_off_by_more_than_is_said(step_ns: float, tolerance_ns: int,
     for seed in range(3):
         bench = coarse_bench(seed, step_ns, tolerance_ns, cut=cut)
         aligner = bench.aligner
-        bench.run(20 * S, until=lambda _, aligner=aligner: aligner.within_window)  # type: ignore[misc]
+        bench.run(20 * S, until=lambda _, aligner=aligner: aligner.window.within_window)  # type: ignore[misc]
         for _ in range(300):
             look, now = bench.deliver(), bench.aligner.estimate(EXACT, bench.grid, bench.now_ns)
-            if look is None or now is None or not aligner.within_window:
+            if look is None or now is None or not aligner.window.within_window:
                 continue
             said += 1
             off_aligned += look.aligned and abs(look.error_ns) > 1.1 * tolerance_ns
@@ -108,8 +108,8 @@ def test_steps_that_are_coarser_than_the_tolerance_are_told() -> None:
     bench = coarse_bench(1, 1e6, 100_000, cut=True)
     looks = bench.run(20 * S)
     assert not any(look.aligned for look in looks)
-    assert bench.aligner.within_window
-    assert bench.aligner.stamp_quantum_ns == pytest.approx(1e6)
+    assert bench.aligner.window.within_window
+    assert bench.aligner.phase.quantum_ns == pytest.approx(1e6)
     assert 400_000 < bench.aligner.window.tolerance_ns < 1_100_000
     assert "steps of 1.0 ms" in bench.aligner.window.coarseness
     fine = coarse_bench(1, 1e3, 20_000, cut=True)

@@ -1,11 +1,11 @@
 """When a clock is known well enough, and when asking on in quick succession is over."""
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.poll_schedule import AHEAD_NS, CLOCK_SHARE, LEAVE_AT, AccuracyTarget
+from capture_app.sync.timekeeping.poll_schedule import AHEAD_NS, LEAVE_AT, AccuracyTarget
 
 MS, S = 1_000_000, 1_000_000_000
 TOLERANCE_NS = 100_000
-WANTED_NS = CLOCK_SHARE * TOLERANCE_NS
+WANTED_NS = TOLERANCE_NS
 
 
 def known_to(error_ns: float) -> TimeMap:
@@ -22,14 +22,14 @@ def seconds_until_settled(target: AccuracyTarget, errors_ns: list[float]) -> flo
 
 
 def test_a_clock_that_is_good_enough_is_settled_at_once() -> None:
-    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target = AccuracyTarget(TOLERANCE_NS)
     assert not target.met
     assert target.judge(known_to(WANTED_NS), 0)
     assert target.met
 
 
 def test_a_clock_that_becomes_better_is_asked_on() -> None:
-    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target = AccuracyTarget(TOLERANCE_NS)
     shrinking = [WANTED_NS * 10 * 0.95**n for n in range(100)]
     took_s = seconds_until_settled(target, shrinking)
     assert took_s is not None
@@ -38,21 +38,21 @@ def test_a_clock_that_becomes_better_is_asked_on() -> None:
 
 
 def test_a_clock_that_does_not_become_better_is_settled_after_three_seconds_and_not_good_enough() -> None:
-    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target = AccuracyTarget(TOLERANCE_NS)
     errors_ns = [WANTED_NS * (20.0 if n < 10 else 17.0 + n % 2) for n in range(200)]
     assert seconds_until_settled(target, errors_ns) == 4.0
     assert not target.met
 
 
 def test_no_clock_is_asked_quickly_for_ever() -> None:
-    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target = AccuracyTarget(TOLERANCE_NS)
     took_s = seconds_until_settled(target, [WANTED_NS * 1e6 * 0.98**n for n in range(400)])
     assert took_s == 15.0
     assert not target.met
 
 
 def test_an_error_at_the_edge_does_not_flicker_and_a_large_one_is_told() -> None:
-    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target = AccuracyTarget(TOLERANCE_NS)
     target.judge(known_to(0.9 * WANTED_NS), 0)
     target.judge(known_to(LEAVE_AT * WANTED_NS), S)
     assert target.met
@@ -71,7 +71,7 @@ def test_without_a_tolerance_any_clock_will_do() -> None:
 
 
 def test_another_leader_is_judged_anew() -> None:
-    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target = AccuracyTarget(TOLERANCE_NS)
     target.judge(known_to(WANTED_NS / 2), 0)
     target.restart()
     assert not target.met
@@ -79,7 +79,7 @@ def test_another_leader_is_judged_anew() -> None:
 
 
 def test_a_rate_that_is_not_known_yet_counts_as_it_will_when_pictures_are_taken() -> None:
-    target = AccuracyTarget.for_tolerance(TOLERANCE_NS)
+    target = AccuracyTarget(TOLERANCE_NS)
     now, later = 0.9 * WANTED_NS, 0.6 * WANTED_NS
     sure = TimeMap(0, 0, 0.0, now, 1e9, later / AHEAD_NS, 1.0, 300, 1000)
     assert sure.uncertainty_at(0) < WANTED_NS < sure.uncertainty_at(AHEAD_NS)

@@ -28,7 +28,7 @@ class FakeDevice(VideoDevice):
         self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.flags = flags
         self.asked_buffers = 0
-        self.controls = {v4l2.CID_EXPOSURE_ABSOLUTE: 157, v4l2.CID_GAIN: 4}
+        self.controls = {"EXPOSURE_ABSOLUTE": 157, "GAIN": 4}
         self.calls: list[str] = []
         self.on_times_ns: list[int] = []
         self.queued: list[int] = []
@@ -61,13 +61,13 @@ class FakeDevice(VideoDevice):
         flags = v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
         return v4l2.Capability(self.driver, "Fake camera", flags)
 
-    def control(self, control: int) -> int | None:
+    def control(self, control: str) -> int | None:
         return self.controls.get(control)
 
-    def control_range(self, control: int) -> tuple[int, int] | None:
+    def control_range(self, control: str) -> tuple[int, int] | None:
         return (1, 5000) if control in self.controls else None
 
-    def set_control(self, control: int, value: int) -> None:
+    def set_control(self, control: str, value: int) -> None:
         self.controls[control] = value
 
     def request_buffers(self, count: int) -> int:

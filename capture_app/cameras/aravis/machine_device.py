@@ -1,6 +1,7 @@
 """Frames as a machine-vision camera sends them, grey, Bayer or colour."""
 
 from dataclasses import dataclass
+from math import prod
 from typing import TYPE_CHECKING
 
 from capture_app.cameras.pictures import PixelPicture, step_to
@@ -54,11 +55,10 @@ class MachinePicture(PixelPicture):
         import numpy as np
 
         layout, bits = split_format(self.pixel_format)
-        channels = 3 if layout in ("RGB", "BGR") else 1
-        shape = (self.height, self.width, 3) if channels == 3 else (self.height, self.width)
+        sides = (self.height, self.width)
+        shape = (*sides, 3) if layout in ("RGB", "BGR") else sides
         kind = np.dtype("u1" if bits == 8 else "<u2")
-        flat = np.frombuffer(self.data, kind, self.width * self.height * channels)
-        pixels = flat.reshape(shape)
+        pixels = np.frombuffer(self.data, kind, prod(shape)).reshape(shape)
         picture = pixels if bits == 8 else (pixels >> (bits - 8)).astype(np.uint8)
         if layout == "RGB":
             picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)

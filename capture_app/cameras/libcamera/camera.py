@@ -117,7 +117,6 @@ class LibcameraCamera(ThreadedCamera):
         camera = library.camera(device)
         self.id: str = camera.id
         self._command_lock = asyncio.Lock()
-        self._listening = False
         self._streams = 0
         self._last_frame_ns = 0
         self._told: dict[str, Any] = {}
@@ -168,7 +167,6 @@ class LibcameraCamera(ThreadedCamera):
         self.listen(on_frame, on_failure)
         async with self._command_lock:
             self._library.listen()
-            self._listening = True
             try:
                 await self._in_worker(self._stream.start)
             except RuntimeError as error:
@@ -188,7 +186,7 @@ class LibcameraCamera(ThreadedCamera):
         """
         asked_ns = self._clock.now_ns()
         if isinstance(command, SetFrameDuration) and self._facts.phase_control is PhaseControl.FRAME_DURATION:
-            self._stream.ask(round(command.duration_ns / 1000))
+            self._stream.asked_us.append(round(command.duration_ns / 1000))
             return
         if not isinstance(command, RestartStream):
             raise CameraError(f"{self.id} cannot do that", hint="restart its stream instead")
@@ -228,10 +226,9 @@ class LibcameraCamera(ThreadedCamera):
         self._stream.running = False
         with suppress(RuntimeError):
             await self._in_worker(self._stream.stop)
-        if self._listening:
-            self._library.dispatch()
-            self._library.hush()
+        self._library.dispatch()
         await self._in_worker(self._stream.release)
+        self._library.hush()
         self._worker.shutdown(wait=False)
 
     # What the first frames show
@@ -239,8 +236,7 @@ class LibcameraCamera(ThreadedCamera):
     async def _learn_rows(self, least_us: int, most_us: int) -> None:
         """Learn the row time, choose the number of rows nearest to the period, hold the exposure."""
         period_us = self._wishes.period_us
-        for duration_us in durations_to_ask_us(period_us, most_us):
-            self._stream.ask(duration_us)
+        self._stream.asked_us.extend(durations_to_ask_us(period_us, most_us))
         in_effect = self._stream.queued + IN_EFFECT_FRAMES
         seen = await self._next_frames(UNSETTLED_FRAMES + ASKED + in_effect)
         told = [frame.told.get("FrameDuration") for frame in seen[UNSETTLED_FRAMES:]]

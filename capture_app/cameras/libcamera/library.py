@@ -35,7 +35,6 @@ class Library:
             )
         self._handlers: dict[int, OnRequest] = {}
         self._cookies = count()
-        self._listening = 0
 
     @property
     def cameras(self) -> list[Any]:
@@ -65,15 +64,12 @@ class Library:
             self._handlers.pop(request.cookie, None)
 
     def listen(self) -> None:
-        """Dispatch finished requests on the running loop, until as many calls of `hush`."""
-        self._listening += 1
-        if self._listening == 1:
-            asyncio.get_running_loop().add_reader(self._manager.event_fd, self.dispatch)
+        """Dispatch finished requests on the running loop, until `hush` is called when all are forgotten."""
+        asyncio.get_running_loop().add_reader(self._manager.event_fd, self.dispatch)
 
     def hush(self) -> None:
-        """Take back one `listen`."""
-        self._listening -= 1
-        if self._listening == 0:
+        """Dispatch no more where no request is left."""
+        if not self._handlers:
             asyncio.get_running_loop().remove_reader(self._manager.event_fd)
 
     def dispatch(self) -> None:

@@ -18,38 +18,6 @@ from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.pictures import JpegPicture, RawPicture, picture_from_buffer
 from capture_app.cameras.v4l2.kernel import PixelFormat
 
-
-class MappedBuffers:
-    """The memory of a stream's buffers."""
-
-    def __init__(self, module: Any, camera: Any, stream: Any, layout: PixelFormat) -> None:
-        """Allocate and map what a configured stream needs. Raises what the library raises, OSError."""
-        self._allocator = module.FrameBufferAllocator(camera)
-        self._allocator.allocate(stream)
-        self._layout = layout
-        self.buffers = list(self._allocator.buffers(stream))
-        self._memory: dict[int, mmap.mmap] = {}
-        lengths: dict[int, int] = {}
-        for plane in (plane for buffer in self.buffers for plane in buffer.planes):
-            lengths[plane.fd] = max(lengths.get(plane.fd, 0), plane.offset + plane.length)
-        for fd, length in lengths.items():
-            self._memory[fd] = mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ)
-
-    def picture(self, buffer: Any) -> JpegPicture | RawPicture | None:
-        """The picture in a finished buffer; None where it is damaged."""
-        filled = zip(buffer.planes, buffer.metadata.planes, strict=True)
-        data = b"".join(
-            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used] for plane, used in filled
-        )
-        return picture_from_buffer(data, self._layout)
-
-    def close(self) -> None:
-        """Let go of the memory."""
-        for memory in self._memory.values():
-            memory.close()
-        self._memory, self.buffers, self._allocator = {}, [], None
-
-
 _NOISE_NS = 1_000_000
 """Two readings, one after the other, differ by less, and a sleep is longer."""
 _FOREIGN_NS = 60_000_000_000
@@ -127,17 +95,27 @@ class RequestStream:
         """
         self._library, self._camera, self._clock = library, camera, clock
         self._on_news = on_news
-        self._controls = controls
-        self._buffers = MappedBuffers(library.module, camera, stream, layout)
-        self._requests = [library.new_request(camera, self._finish) for _ in self._buffers.buffers]
+        self._controls, self._layout = controls, layout
+        self._allocator = library.module.FrameBufferAllocator(camera)
+        self._allocator.allocate(stream)
+        self._requests: list[Any] = []
         self._buffer_of: dict[int, Any] = {}
-        for request, buffer in zip(self._requests, self._buffers.buffers, strict=True):
+        lengths: dict[int, int] = {}
+        for buffer in self._allocator.buffers(stream):
+            for plane in buffer.planes:
+                lengths[plane.fd] = max(lengths.get(plane.fd, 0), plane.offset + plane.length)
+            request = library.new_request(camera, self._finish)
             request.add_buffer(stream, buffer)
+            self._requests.append(request)
             self._buffer_of[request.cookie] = buffer
+        self._memory = {
+            fd: mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ) for fd, length in lengths.items()
+        }
         self.settings: dict[str, Any] = {}
         """What holds, by the names of the library's controls."""
         self._new_settings: dict[str, Any] = {}
-        self._asked_us: deque[int] = deque()
+        self.asked_us: deque[int] = deque()
+        """How long one coming frame each lasts."""
         self.period_us = period_us
         """How long a frame lasts of which nothing else is asked."""
         self.running = False
@@ -155,13 +133,9 @@ class RequestStream:
                 kept.pop(name, None)
             kept |= settings
 
-    def ask(self, duration_us: int) -> None:
-        """Let one coming frame last that long."""
-        self._asked_us.append(duration_us)
-
     def start(self) -> None:
         """Start the stream. Raises RuntimeError of the library."""
-        self._asked_us.clear()
+        self.asked_us.clear()
         self._new_settings = {}
         self._camera.start(self._controls.of(self.settings | self._duration()))
         for request in self._requests:
@@ -181,12 +155,13 @@ class RequestStream:
     def release(self) -> None:
         """Let go of the buffers and the camera, which is stopped."""
         self._library.forget(self._requests)
-        self._requests, self._buffer_of = [], {}
-        self._buffers.close()
+        self._requests, self._buffer_of, self._allocator = [], {}, None
+        for memory in self._memory.values():
+            memory.close()
         self._camera.release()
 
     def _duration(self) -> dict[str, Any]:
-        duration_us = self._asked_us.popleft() if self._asked_us else self.period_us
+        duration_us = self.asked_us.popleft() if self.asked_us else self.period_us
         return {"FrameDurationLimits": (duration_us, duration_us)}
 
     def _finish(self, request: Any) -> None:
@@ -199,7 +174,7 @@ class RequestStream:
             sequence=buffer.metadata.sequence,
             stamp_ns=self._clock.monotonic_of(told.get("SensorTimestamp", buffer.metadata.timestamp)),
             told=told,
-            picture=self._buffers.picture(buffer) if sound else None,
+            picture=self._picture(buffer) if sound else None,
         )
         request.reuse()
         settings, self._new_settings = self._new_settings, {}
@@ -211,3 +186,11 @@ class RequestStream:
             self._on_news(error)
             return
         self._on_news(frame)
+
+    def _picture(self, buffer: Any) -> JpegPicture | RawPicture | None:
+        """The picture in a finished buffer; None where it is damaged."""
+        filled = zip(buffer.planes, buffer.metadata.planes, strict=True)
+        data = b"".join(
+            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used] for plane, used in filled
+        )
+        return picture_from_buffer(data, self._layout)

@@ -75,15 +75,18 @@ BUF_FLAG_SOURCE_MASK = 0x00070000
 BUF_FLAG_SOURCE_END_OF_FRAME = 0x00000000
 BUF_FLAG_SOURCE_START_OF_EXPOSURE = 0x00010000
 
-CID_AUTO_WHITE_BALANCE = 0x0098090C
-CID_AUTOGAIN = 0x00980912
-CID_GAIN = 0x00980913
-CID_WHITE_BALANCE_K = 0x0098091A
-CID_EXPOSURE_AUTO = 0x009A0901
-CID_EXPOSURE_ABSOLUTE = 0x009A0902
-CID_EXPOSURE_AUTO_PRIORITY = 0x009A0903
-CID_FOCUS_ABSOLUTE = 0x009A090A
-CID_FOCUS_AUTO = 0x009A090C
+CONTROL_IDS = {
+    "AUTO_WHITE_BALANCE": 0x0098090C,
+    "AUTOGAIN": 0x00980912,
+    "GAIN": 0x00980913,
+    "WHITE_BALANCE_K": 0x0098091A,
+    "EXPOSURE_AUTO": 0x009A0901,
+    "EXPOSURE_ABSOLUTE": 0x009A0902,
+    "EXPOSURE_AUTO_PRIORITY": 0x009A0903,
+    "FOCUS_ABSOLUTE": 0x009A090A,
+    "FOCUS_AUTO": 0x009A090C,
+}
+"""Numbers of controls, by what the kernel calls them after V4L2_CID_, or nearly so."""
 EXPOSURE_AUTO, EXPOSURE_MANUAL, EXPOSURE_APERTURE_PRIORITY = 0, 1, 3
 
 BUF_TYPE_VIDEO_CAPTURE = 1
@@ -238,13 +241,13 @@ class VideoDevice:
 
     def set_period(self, period: Fraction) -> Fraction | None:
         """Ask for a frame period in seconds; returns the one the driver took, None where it cannot say."""
-        asked = CAP_TIME_PER_FRAME, 0, period.numerator, period.denominator
-        self._if_offered("S_PARM", BUF_TYPE_VIDEO_CAPTURE, *asked)
+        rate = period.numerator, period.denominator
+        self._if_offered("S_PARM", BUF_TYPE_VIDEO_CAPTURE, CAP_TIME_PER_FRAME, 0, *rate)
         return self.period()
 
-    def control_range(self, control: int) -> tuple[int, int] | None:
+    def control_range(self, control: str) -> tuple[int, int] | None:
         """Least and greatest value of a control, in the control's unit; None where there is no such one."""
-        asked = control, 0, b"", 0, 0, 0, 0, 0
+        asked = CONTROL_IDS[control], 0, b"", 0, 0, 0, 0, 0
         try:
             answer = self._exchange("QUERYCTRL", *asked)
         except OSError:
@@ -252,21 +255,20 @@ class VideoDevice:
         _id, _type, _name, least, most, _step, _default, flags = answer
         return None if flags & CTRL_FLAG_DISABLED else (least, most)
 
-    def control(self, control: int) -> int | None:
-        """Value of a control in the control's unit; None where it does not exist or cannot be read."""
+    def control(self, control: str) -> int | None:
+        """Value of one of `CONTROL_IDS` in its own unit; None where it does not exist or cannot be read."""
         try:
-            return int(self._exchange("G_CTRL", control, 0)[1])
+            return int(self._exchange("G_CTRL", CONTROL_IDS[control], 0)[1])
         except OSError:
             return None
 
-    def set_control(self, control: int, value: int) -> None:
+    def set_control(self, control: str, value: int) -> None:
         """Set a control, in the control's unit."""
-        self._exchange("S_CTRL", control, value)
+        self._exchange("S_CTRL", CONTROL_IDS[control], value)
 
     def request_buffers(self, count: int) -> int:
         """Have the driver allocate mappable buffers; returns how many it gave. 0 frees them."""
-        asked = count, BUF_TYPE_VIDEO_CAPTURE, MEMORY_MMAP
-        return int(self._exchange("REQBUFS", *asked)[0])
+        return int(self._exchange("REQBUFS", count, BUF_TYPE_VIDEO_CAPTURE, MEMORY_MMAP)[0])
 
     def query_buffer(self, index: int) -> Buffer:
         """Where a buffer lies, and the timestamp flags that its frames will carry."""

@@ -1,6 +1,6 @@
 """Which modes a V4L2 camera offers, and which of them to use."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -70,7 +70,7 @@ def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE
     return tuple(modes)
 
 
-def choose_mode(path: str, modes: Iterable[Mode], wanted: CameraRequest) -> tuple[Mode, Fraction]:
+def choose_mode(path: str, offered: tuple[Mode, ...], wanted: CameraRequest) -> tuple[Mode, Fraction]:
     """The best mode that is all that was asked for, and its frame period in seconds.
 
     Without wishes: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
@@ -78,7 +78,6 @@ def choose_mode(path: str, modes: Iterable[Mode], wanted: CameraRequest) -> tupl
     """
     period = wanted.period_s or DEFAULT_PERIOD
     width, height = wanted.size
-    offered = tuple(modes)
     if not offered:
         raise CameraError(
             f"{path} offers no format that can be saved",

@@ -42,13 +42,13 @@ _UNIT_NS = 100_000
 
 def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
     """Exposure in ns and gain in the device's unit, None where the camera chooses them frame by frame."""
-    automatic = device.control(v4l2.CID_EXPOSURE_AUTO)
+    automatic = device.control("EXPOSURE_AUTO")
     if automatic not in (None, v4l2.EXPOSURE_MANUAL):
         return None, None
-    exposure, gain = device.control(v4l2.CID_EXPOSURE_ABSOLUTE), device.control(v4l2.CID_GAIN)
+    exposure, gain = device.control("EXPOSURE_ABSOLUTE"), device.control("GAIN")
     return (
         None if exposure is None else exposure * _UNIT_NS,
-        None if gain is None or device.control(v4l2.CID_AUTOGAIN) else float(gain),
+        None if gain is None or device.control("AUTOGAIN") else float(gain),
     )
 
 
@@ -56,8 +56,8 @@ def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
 class _Control:
     """A control of a value, and the switch that lets the camera choose it: what that is off, and on."""
 
-    value: int
-    switch: int
+    value: str
+    switch: str
     manual: int = 0
     automatic: tuple[int, ...] = (1,)
     """The first of these that the driver takes."""
@@ -69,23 +69,40 @@ class _Control:
 
 _CONTROLS = {
     Control.EXPOSURE: _Control(
-        v4l2.CID_EXPOSURE_ABSOLUTE,
-        v4l2.CID_EXPOSURE_AUTO,
+        "EXPOSURE_ABSOLUTE",
+        "EXPOSURE_AUTO",
         manual=v4l2.EXPOSURE_MANUAL,
         # Webcams keep the aperture, which they cannot move; others call the same plainly automatic.
         automatic=(v4l2.EXPOSURE_APERTURE_PRIORITY, v4l2.EXPOSURE_AUTO),
         unit=MICROSECONDS,
         scale=_UNIT_NS / 1000,
     ),
-    Control.GAIN: _Control(v4l2.CID_GAIN, v4l2.CID_AUTOGAIN),
-    Control.WHITE_BALANCE: _Control(v4l2.CID_WHITE_BALANCE_K, v4l2.CID_AUTO_WHITE_BALANCE, unit=KELVIN),
-    Control.FOCUS: _Control(v4l2.CID_FOCUS_ABSOLUTE, v4l2.CID_FOCUS_AUTO),
+    Control.GAIN: _Control("GAIN", "AUTOGAIN"),
+    Control.WHITE_BALANCE: _Control("WHITE_BALANCE_K", "AUTO_WHITE_BALANCE", unit=KELVIN),
+    Control.FOCUS: _Control("FOCUS_ABSOLUTE", "FOCUS_AUTO"),
 }
 
 
 def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
     """Those that the device has."""
-    return tuple(state for control in Control if (state := _read(device, model, control)) is not None)
+    states = []
+    for control, of in _CONTROLS.items():
+        limits = device.control_range(of.value)
+        if limits is None:
+            continue
+        switch, value = device.control(of.switch), device.control(of.value)
+        states.append(
+            ControlState(
+                control=control,
+                value=None if value is None else value * of.scale,
+                unit=of.unit or steps_of(model),
+                automatic=switch not in (None, of.manual),
+                can_be_automatic=switch is not None,
+                least=limits[0] * of.scale,
+                most=limits[1] * of.scale,
+            )
+        )
+    return tuple(states)
 
 
 def set_control(device: VideoDevice, control: Control, value: float | None) -> None:
@@ -102,23 +119,6 @@ def set_control(device: VideoDevice, control: Control, value: float | None) -> N
     if device.control(of.switch) not in (None, of.manual):
         device.set_control(of.switch, of.manual)
     device.set_control(of.value, round(value / of.scale))
-
-
-def _read(device: VideoDevice, model: str, control: Control) -> ControlState | None:
-    of = _CONTROLS[control]
-    limits = device.control_range(of.value)
-    if limits is None:
-        return None
-    switch, value = device.control(of.switch), device.control(of.value)
-    return ControlState(
-        control=control,
-        value=None if value is None else value * of.scale,
-        unit=of.unit or steps_of(model),
-        automatic=switch not in (None, of.manual),
-        can_be_automatic=switch is not None,
-        least=limits[0] * of.scale,
-        most=limits[1] * of.scale,
-    )
 
 
 def _set_automatic(device: VideoDevice, control: Control, of: _Control) -> None:
@@ -161,11 +161,10 @@ class V4L2Camera(ThreadedCamera):
         self._streaming = False
         self._stream = 0
         self._clock_checked = False
-        self._exposure_ns, self._gain = read_exposure(device)
         count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
-        limits = device.control_range(v4l2.CID_EXPOSURE_ABSOLUTE)
+        limits = device.control_range("EXPOSURE_ABSOLUTE")
         capability = device.capability()
         self._is_uvc = capability.driver == _UVC
         self._facts = CameraFacts(
@@ -180,8 +179,8 @@ class V4L2Camera(ThreadedCamera):
             min_exposure_ns=limits[0] * _UNIT_NS if limits else None,
             max_exposure_ns=limits[1] * _UNIT_NS if limits else None,
         )
-        self._facts = self._facts_at(self._exposure_ns)
-        self._auto_priority = device.control(v4l2.CID_EXPOSURE_AUTO_PRIORITY)
+        self._tell_exposure()
+        self._auto_priority = device.control("EXPOSURE_AUTO_PRIORITY")
         """Set again in the end; meanwhile no frame is longer in the dark."""
         self._set_auto_priority(0)
 
@@ -248,14 +247,14 @@ class V4L2Camera(ThreadedCamera):
 
     def _set_control(self, control: Control, value: float | None) -> None:
         set_control(self._device, control, value)
-        self._exposure_ns, self._gain = read_exposure(self._device)
-        self._facts = self._facts_at(self._exposure_ns)
+        self._tell_exposure()
 
-    def _facts_at(self, exposure_ns: int | None) -> CameraFacts:
-        """What the camera is at such an exposure, by which uvcvideo's stamps are late."""
-        facts = structs.replace(self._facts, exposure_ns=exposure_ns)
+    def _tell_exposure(self) -> None:
+        """Have facts and frames tell the exposure as it stands, by which uvcvideo's stamps are late."""
+        self._exposure_ns, self._gain = read_exposure(self._device)
+        facts = structs.replace(self._facts, exposure_ns=self._exposure_ns)
         late = structs.replace(facts.assumed_stamp, source=StampSource.PROFILE)
-        return structs.replace(facts, stamp=late) if self._is_uvc else facts
+        self._facts = structs.replace(facts, stamp=late) if self._is_uvc else facts
 
     def _release(self) -> None:
         with suppress(OSError):
@@ -270,7 +269,7 @@ class V4L2Camera(ThreadedCamera):
     def _set_auto_priority(self, value: int) -> None:
         if self._auto_priority:
             with suppress(OSError):
-                self._device.set_control(v4l2.CID_EXPOSURE_AUTO_PRIORITY, value)
+                self._device.set_control("EXPOSURE_AUTO_PRIORITY", value)
 
     def _prepare(self) -> None:
         self._exposure_ns, self._gain = read_exposure(self._device)

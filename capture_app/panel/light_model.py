@@ -1,16 +1,13 @@
 """How bright each lamp of a panel is in a picture, and how well that fits when it should have shone."""
 
 from dataclasses import dataclass
-from functools import reduce
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.finder import FoundPanel
+from capture_app.panel.finder import Floats, FoundPanel
 from capture_app.panel.pattern import COUNT, Panel
-
-Floats = NDArray[np.float64]
 
 LINES = 3
 """Parts of a lamp whose exposure is reckoned apart: under a rolling shutter its top is earlier."""
@@ -167,11 +164,17 @@ class LightModel:
         sums = [float((light[self.group == group] - off).mean()) * COUNT for group in np.unique(self.group)]
         return off, max(float(np.median(sums)), float(np.percentile(light, 98)) - off)
 
-    def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> "Fit":
-        """How well each row of `shares` (times, lamps) fits, at the tone curve that fits best."""
-        return reduce(Fit.better, (self._fit_tone(shares, lamp_light, float(tone)) for tone in tones))
+    def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> tuple[Floats, Floats]:
+        """How well each row of `shares` (times, lamps) fits, at the tone curve that fits best.
 
-    def _fit_tone(self, shares: Floats, lamp_light: float, tone: float) -> "Fit":
+        Log-likelihoods (times,), and misfits in sigmas (times, lamps).
+        """
+        found = [self._fit_tone(shares, lamp_light, float(tone)) for tone in tones]
+        likelihoods, misfits = (np.stack(each) for each in zip(*found, strict=True))
+        best = likelihoods.argmax(axis=0), np.arange(len(shares))
+        return likelihoods[best], misfits[best]
+
+    def _fit_tone(self, shares: Floats, lamp_light: float, tone: float) -> tuple[Floats, Floats]:
         ground = np.maximum(self.seen.ground, 1e-4)
         total = np.maximum(self.seen.light + ground, 1e-5)
         # Kept as bright at a lit lamp's level, so that variances hold for all tones.
@@ -192,23 +195,4 @@ class LightModel:
         z = misfit / np.sqrt(variance)
         law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM) + 0.5 * np.log(variance)
         likelihood = -law.sum(axis=1) - 0.5 * prior * off**2 - 0.5 * ((tone - 1) / _TONE_SIGMA) ** 2
-        return Fit(likelihood, z, on)
-
-
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """How well each of several times fits: log-likelihoods (times,) and misfits in sigmas (times, lamps)."""
-
-    likelihood: Floats
-    misfit: Floats
-    on: Floats
-    """Light of a lamp that is lit all the time, (times,)."""
-
-    def better(self, other: "Fit") -> "Fit":
-        """For each time the better of both."""
-        worse = self.likelihood < other.likelihood
-        return Fit(
-            np.where(worse, other.likelihood, self.likelihood),
-            np.where(worse[:, None], other.misfit, self.misfit),
-            np.where(worse, other.on, self.on),
-        )
+        return likelihood, z

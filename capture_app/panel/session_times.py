@@ -1,5 +1,6 @@
 """Reads the panel in every picture of a session, and sets its times beside the session's own."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
@@ -61,11 +62,11 @@ def read_session(
     truth = {} if told is None else {(one.camera, one.instant): one.true_ns for one in told.images}
     pictures: list[PictureTime] = []
     refusals: list[tuple[ImageRecord, str]] = []
-    readers = {camera.name: _CameraReader(camera) for camera in session.manifest.cameras}
+    learnt: defaultdict[str, list[PanelTime]] = defaultdict(list)
     for number, image in enumerate(images):
         camera = session.camera(image.camera)
         try:
-            read = readers[image.camera].read(session, image)
+            read = _read(session, camera, image, learnt[image.camera])
         except PanelNotFoundError as error:
             refusals.append((image, str(error)))
         else:
@@ -106,29 +107,25 @@ def read_session(
     )
 
 
-class _CameraReader:
-    """Reads one camera's pictures; what it does not tell of its shutter is learnt of the first ones."""
+def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: list[PanelTime]) -> PanelTime:
+    """Read a picture; what its camera does not tell of its shutter is `learnt` of the first ones.
 
-    def __init__(self, camera: CameraRecord) -> None:
-        self._facts = camera.facts
-        self._learnt: list[PanelTime] = []
-
-    def read(self, session: Session, image: ImageRecord) -> PanelTime:
-        """Read a picture; raises PanelNotFoundError where that cannot be."""
-        picture = decode_image(session.image_bytes(image), colour=True)
-        if picture is None:
-            raise PanelNotFoundError("the picture cannot be decoded")
-        exposure_ns = image.exposure_ns or self._facts.exposure_ns
-        row_time_ns = self._facts.row_time_ns
-        exposures = [read.shutter.exposure_ns for read in self._learnt]
-        # The row time stays free: how well it is known is part of each error bar.
-        learns = (exposure_ns is None or row_time_ns is None) and len(exposures) < _LEARN
-        if exposure_ns is None and not learns and max(exposures) / min(exposures) < 1 + _ALIKE:
-            exposure_ns = round(median(exposures))
-        read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
-        if learns:
-            self._learnt.append(read)
-        return read
+    Raises PanelNotFoundError where that cannot be.
+    """
+    picture = decode_image(session.image_bytes(image), colour=True)
+    if picture is None:
+        raise PanelNotFoundError("the picture cannot be decoded")
+    exposure_ns = image.exposure_ns or camera.facts.exposure_ns
+    row_time_ns = camera.facts.row_time_ns
+    exposures = [read.shutter.exposure_ns for read in learnt]
+    # The row time stays free: how well it is known is part of each error bar.
+    learns = (exposure_ns is None or row_time_ns is None) and len(exposures) < _LEARN
+    if exposure_ns is None and not learns and max(exposures) / min(exposures) < 1 + _ALIKE:
+        exposure_ns = round(median(exposures))
+    read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+    if learns:
+        learnt.append(read)
+    return read
 
 
 def _stamp(camera: CameraRecord, image: ImageRecord, row: float) -> int:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.panel.finder import Floats
 from capture_app.panel.pattern import (
     MARKER_MODULES,
     MARKER_SIZE,
@@ -24,7 +25,6 @@ from capture_app.panel.pattern import (
 from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.simulation.sensor import SensorFrame
 
-Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]
 
 SUBPIXELS = 2
@@ -108,11 +108,9 @@ def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Flo
     rows, columns = np.nonzero(ground)
     x, y = x[rows, columns], y[rows, columns]
     # Lamps stand on a lattice of half pitches, so that no two share a cell of it.
-    numbers = {(round(2 * lamp.x), round(2 * lamp.y)): n for n, lamp in enumerate(panel.lamps)}
     lattice = np.full((round(2 * panel.width) + 3, round(2 * panel.height) + 3), -1)
     places = np.array([[lamp.x, lamp.y] for lamp in panel.lamps])
-    for (i, j), number in numbers.items():
-        lattice[i, j] = number
+    lattice[tuple(np.rint(2 * places).astype(int).T)] = np.arange(len(places))
     best, shape = np.full(len(x), -1), np.zeros(len(x))
     size = panel.lamp_size / 2
     for di in (0, 1):

@@ -3,7 +3,7 @@
 A whole cycle of the panel is searched, then how likely each time near the best ones is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -11,12 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.finder import PanelNotFoundError, find_panel
+from capture_app.panel.finder import Floats, PanelNotFoundError, find_panel
 from capture_app.panel.light_model import LINES, TONES, LightModel, Shutter, measure
 from capture_app.panel.pattern import COUNT, Panel
 from capture_app.text import duration
-
-Floats = NDArray[np.float64]
 
 STEPS = 8
 """Times tried for each tick."""
@@ -60,15 +58,12 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
     panel = model.panel
     step_ns = panel.tick_ns / STEPS
     times = np.arange(round(panel.cycle_ticks * STEPS))
-    off, on = model.rough_fit
-    groups = [
-        _Group(model, int(number), np.asarray(times * step_ns, float)) for number in np.unique(model.group)
-    ]
+    groups = [_group_scores(model, number, times * step_ns) for number in np.unique(model.group)]
     found: list[Candidate] = []
     for shutter in shutters:
         score = np.zeros(len(times))
-        for group in groups:
-            score += group.scores(shutter, off, on)
+        for scores in groups:
+            score += scores(shutter)
         for _ in range(CANDIDATES if len(shutters) == 1 else FEW_CANDIDATES):
             best = int(np.argmax(score))
             found.append(Candidate(best * step_ns, shutter, float(score[best])))
@@ -77,28 +72,27 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
     return found
 
 
-class _Group:
-    """Lamps that are lit by turns, and how well they fit at each of the times (ns) that are searched."""
+def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[[Shutter], Floats]:
+    """How well lamps that are lit by turns fit at each of the times (ns) that are searched, by shutter."""
+    of = model.group == number
+    off, on = model.rough_fit
+    period_ns, lit_ns = float(model.period[of][0]), float(model.lit[of][0])
+    bins = COUNT * min(round(lit_ns / model.panel.tick_ns * STEPS), _GROUP_STEPS)
+    middles_ns = (np.arange(bins) + 0.5) * period_ns / bins
+    bin_of = (times_ns / period_ns * bins).astype(int) % bins
 
-    def __init__(self, model: LightModel, number: int, times_ns: Floats) -> None:
-        self._model = model
-        self._of = model.group == number
-        period_ns, lit_ns = float(model.period[self._of][0]), float(model.lit[self._of][0])
-        bins = COUNT * min(round(lit_ns / model.panel.tick_ns * STEPS), _GROUP_STEPS)
-        self._times_ns = (np.arange(bins) + 0.5) * period_ns / bins
-        self._bin = (times_ns / period_ns * bins).astype(int) % bins
-
-    def scores(self, shutter: Shutter, off: float, on: float) -> Floats:
+    def scores(shutter: Shutter) -> Floats:
         """Log-likelihoods of the times, each the best of its own and its neighbours' of these lamps."""
-        model, of = self._model, self._of
-        shares = model.shares(self._times_ns, shutter, of, lines=_MIDDLE_LINE)
+        shares = model.shares(middles_ns, shutter, of, lines=_MIDDLE_LINE)
         variance = model.variance(shares, on, of)
         misfit = model.seen.light[of] - off - on * shares
         misfit = np.where(model.seen.saturated[of] & (misfit < 0), 0.0, misfit)
         score = -(3 * np.log1p(misfit**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
         # Time is coarse here: what a neighbour can be, this may be.
         score = np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1)))
-        return np.asarray(score[self._bin])
+        return np.asarray(score[bin_of])
+
+    return scores
 
 
 TEMPER = 0.55
@@ -237,7 +231,7 @@ def _refine(
     best: list[Candidate] = []
     for shutter in _near(one.shutter, factors, steps_ns):
         shares = model.shares(times, shutter, response_ns=response_ns)
-        likelihood = model.fit(shares, on, _PLAIN).likelihood
+        likelihood, _ = model.fit(shares, on, _PLAIN)
         at = int(np.argmax(likelihood))
         best.append(replace(one, middle_ns=float(times[at]), shutter=shutter, score=float(likelihood[at])))
     return max(best, key=lambda each: each.score)
@@ -273,7 +267,7 @@ def _neighbourhood(
     found: dict[Shutter, Floats] = {}
     for shutter in _near(one.shutter, factors, steps_ns):
         of_responses = [
-            TEMPER * model.fit(model.shares(times, shutter, response_ns=response_ns), on, tones).likelihood
+            TEMPER * model.fit(model.shares(times, shutter, response_ns=response_ns), on, tones)[0]
             for response_ns in (_RESPONSES_NS if model.panel.is_screen else (0.0,))
         ]
         found[shutter] = np.logaddexp.reduce(of_responses, axis=0)
@@ -363,7 +357,7 @@ def read_panel(
     posterior = gather(model, search(model, shutters), exposure_ns is None, row_time_ns is None)
     best = posterior.best
     shares = model.shares(np.array([best.middle_ns]), best.shutter)
-    misfit = model.fit(shares, on).misfit[0]
+    misfit = model.fit(shares, on)[1][0]
     wrong = float((np.abs(misfit) > _MISFIT).mean())
     rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
     if wrong > _MAX_MISFITS or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.panel.finder import Floats
 from capture_app.panel.pattern import Scan, nearest_ns
-from capture_app.panel.simulated import CYCLE_NS, Floats, Image, Photograph
+from capture_app.panel.simulated import CYCLE_NS, Image, Photograph
 from capture_app.panel.time_reading import read_panel
 
 

@@ -58,7 +58,8 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
     panel = model.panel
     step_ns = panel.tick_ns / STEPS
     times = np.arange(round(panel.cycle_ticks * STEPS))
-    groups = [_group_scores(model, number, times * step_ns) for number in np.unique(model.group)]
+    times_ns = np.asarray(times * step_ns, float)
+    groups = [_group_scores(model, number, times_ns) for number in np.unique(model.group)]
     found: list[Candidate] = []
     for shutter in shutters:
         score = np.zeros(len(times))

@@ -86,8 +86,6 @@ class SimulshotApp(App[None]):
     TITLE = "simulshot"
     CSS_PATH = Path(__file__).with_name("app.tcss")
     DEFAULT_MODE = "rig"
-    ENABLE_COMMAND_PALETTE = True
-    COMMAND_PALETTE_BINDING = "ctrl+p"
     BINDINGS: ClassVar[list[BindingType]] = [
         *(
             Binding(str(number), f"switch_mode('{mode}')", title, id=f"app.{mode}", show=False)

@@ -59,11 +59,11 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
     """
 
     def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
-        self._box = Vertical(*children)
+        box = Vertical(*children)
         if title:
-            self._box.border_title = Content(printable(title))
-        self._box.border_subtitle = Content(subtitle)
-        super().__init__(self._box)
+            box.border_title = Content(printable(title))
+        box.border_subtitle = Content(subtitle)
+        super().__init__(box)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,14 +123,12 @@ class TextQuestion(BoxDialog[str | None]):
         """`check` returns what is wrong with a text, or nothing."""
         self._check = check or (lambda _: "")
         self._wrong = Static("", classes="wrong")
-        self._value = value
-        super().__init__(title, Static(Content(printable(text)), classes="question"), self._wrong)
+        self._line, self._value = Input(select_on_focus=False), value
+        super().__init__(title, Static(Content(printable(text)), classes="question"), self._line, self._wrong)
 
-    async def on_mount(self) -> None:
-        """Type at once."""
-        line = Input(self._value, select_on_focus=False)
-        await self._box.mount(line, before=self._wrong)
-        line.focus()
+    def on_mount(self) -> None:
+        """Propose what there is."""
+        self._line.value = self._value
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Say at once what is wrong."""

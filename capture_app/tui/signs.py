@@ -50,6 +50,12 @@ def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:
     return tuple(node for node in status.nodes if node.camera.kind not in WITHOUT_CAMERA)
 
 
+def is_settled(node: NodeStatus) -> bool:
+    """Whether a camera is in step; one that touches up its phase for a moment is, too."""
+    close = abs(node.phase_error_ns or 0) <= 2 * node.tolerance_ns
+    return close and node.state in (NodeState.READY, NodeState.ALIGNING)
+
+
 def rig_sign(status: RigStatus) -> Sign:
     """How far the whole rig is: ready, or how many of its cameras are."""
     here = [node for node in cameras_of(status) if node.state is not NodeState.LOST]

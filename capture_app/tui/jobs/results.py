@@ -77,11 +77,6 @@ def percent(share: float | None) -> str:
     return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
 
 
-def _moves(found: Mapping[str, Any]) -> bool:
-    """Whether a panorama's misfit is known on what moves."""
-    return ((found["synced"].get("mover_misfit") or {}).get("median_px")) is not None
-
-
 def read_result(run: Run) -> StudyResult:
     """Read what a run has found. Raises BadInputError where it is gone or cannot be read."""
     path = run.result
@@ -89,12 +84,11 @@ def read_result(run: Run) -> StudyResult:
         raise BadInputError(f"{run.command.title} of {run.session.name} has no result", hint="run it again")
     try:
         found = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
-        result = _READERS[run.kind](found, run.out, run.message)
+        return _READERS[run.kind](found, run.out, run.message)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}", hint="run it again") from error
     except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise BadInputError(f"{path} is not as this version writes it", hint="run it again") from error
-    return result
 
 
 def _comparison(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
@@ -133,7 +127,8 @@ def _panorama(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResu
         other = None if late is None else inside(folder, late[key])
         return ResultPicture(title, caption, inside(folder, synced[key]), other, SYNCED, late_words)
 
-    moving = _moves(found)
+    # Whether the misfit is known on what moves.
+    moving = (synced.get("mover_misfit") or {}).get("median_px") is not None
     overlaps = {(o["first"], o["second"]): _misfit(o, moving) for o in (late or {}).get("overlaps", ())}
     rows = tuple(
         (

@@ -1,7 +1,6 @@
 """The questions that the sessions ask: a name, a note, which command, which format and where to."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from textual.content import Content
@@ -12,47 +11,39 @@ from capture_app.names import check_name
 from capture_app.session.library.changes import MAX_NOTE
 from capture_app.session.library.listing import SessionCard, SessionState
 from capture_app.text import printable
-from capture_app.tui.jobs.run import COMMANDS, EXPORTS, REPAIR, STUDIES, VERIFY
+from capture_app.tui.jobs.run import EXPORTS, REPAIR, STUDIES, VERIFY, Command
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.question import BoxDialog, TextQuestion
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """One thing to choose: its value, name and explanation, and the text that its line begins with."""
+class CommandForm(BoxDialog[tuple[Command, str] | None]):
+    """Commands to choose from, and a line of text for the one that is chosen.
 
-    value: str
-    label: str
-    what: str
-    text: str = ""
-
-
-class ChoiceForm(BoxDialog[Choice | None]):
-    """A list of things to choose from, and a line of text for the one that is chosen.
-
-    Enter takes it, Tab goes to its line of text and back; Escape gives None.
+    Enter takes both, Tab goes to the line of text and back; Escape gives None.
     """
 
     def __init__(
         self,
         title: str,
-        choices: Sequence[Choice],
-        command: Callable[[Choice], str],
+        commands: Mapping[str, Command],
+        texts: Sequence[str],
+        typed: Callable[[Command, str], str],
         *,
         label: str,
         chosen: str = "",
     ) -> None:
-        """`command`: what one would type for a choice; raises SimulshotError where its text is wrong.
+        """`commands` by what they are called here; `texts` are what their lines begin with.
 
-        `label` names the line; `chosen` is the value to begin with.
+        `typed`: what one would type to do the same; raises SimulshotError where the text is wrong. `label`
+        names the line; `chosen` is the name to begin with.
         """
-        wide = max(len(choice.label) for choice in choices)
+        wide = max(map(len, commands))
         rows = [
-            Content.assemble((f"{one.label:<{wide}}", "bold"), (f"  {one.what}", "$foreground-muted"))
-            for one in choices
+            Content.assemble((f"{name:<{wide}}", "bold"), (f"  {one.what}", "$foreground-muted"))
+            for name, one in commands.items()
         ]
-        self._choices, self._command = list(choices), command
-        self._first = next((at for at, one in enumerate(choices) if one.value == chosen), 0)
+        self._commands, self._texts, self._typed = list(commands.values()), list(texts), typed
+        self._first = list(commands).index(chosen) if chosen in commands else 0
         self._options = OptionList(*rows)
         self._line = Input(select_on_focus=False)
         self._wrong = Static("", classes="wrong")
@@ -74,18 +65,22 @@ class ChoiceForm(BoxDialog[Choice | None]):
 
     def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
         """Show the line of what is chosen now."""
-        self._line.value = self._choices[event.option_index].text
+        self._line.value = self._texts[event.option_index]
         self._show()
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Keep the line of each choice."""
-        at = self._options.highlighted or 0
-        self._choices[at] = replace(self._choices[at], text=event.value)
+        self._texts[self._options.highlighted or 0] = event.value
         self._show()
+
+    @property
+    def _chosen(self) -> tuple[Command, str]:
+        at = self._options.highlighted or 0
+        return self._commands[at], self._texts[at]
 
     def _take(self) -> None:
         if self._show():
-            self.dismiss(self._choices[self._options.highlighted or 0])
+            self.dismiss(self._chosen)
         else:
             # Where nothing can be started the line is what has to change.
             self._wrong.add_class("-refused")
@@ -97,7 +92,7 @@ class ChoiceForm(BoxDialog[Choice | None]):
         """Show what will be done, or what is wrong; whether nothing is."""
         wrong = command = ""
         try:
-            command = f"$ {self._command(self._choices[self._options.highlighted or 0])}"
+            command = f"$ {self._typed(*self._chosen)}"
         except SimulshotError as error:
             wrong = str(error)
         self._wrong.update(Content(printable(wrong)))
@@ -149,24 +144,24 @@ def note_question(card: SessionCard) -> TextQuestion:
     )
 
 
-def command_form(card: SessionCard, runs: Runs) -> ChoiceForm:
+def command_form(card: SessionCard, runs: Runs) -> CommandForm:
     """Ask what is to be made of a session, and with which options."""
     commands = (*STUDIES, VERIFY) if card.state is SessionState.COMPLETE else (REPAIR,)
 
-    def line(choice: Choice) -> str:
-        command = COMMANDS[choice.value]
-        return command.line(card.folder, runs.out(command, card.folder), choice.text)
+    def typed(command: Command, options: str) -> str:
+        return command.line(card.folder, runs.out(command, card.folder), options)
 
-    choices = [Choice(one.name, one.title, one.what, one.quick) for one in commands]
-    return ChoiceForm(f"What is to be made of {card.name}?", choices, line, label="options")
+    title = f"What is to be made of {card.name}?"
+    texts = [one.quick for one in commands]
+    return CommandForm(title, {one.title: one for one in commands}, texts, typed, label="options")
 
 
-def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm:
+def export_form(card: SessionCard, folder: Path, format_name: str) -> CommandForm:
     """Ask for the format and the folder of an export; `folder` is proposed to hold it."""
 
-    def line(choice: Choice) -> str:
-        target = typed_path(choice.text)
-        if not choice.text.strip():
+    def typed(command: Command, text: str) -> str:
+        target = typed_path(text)
+        if not text.strip():
             raise BadInputError("name a folder")
         try:
             taken = target.exists() and (not target.is_dir() or any(target.iterdir()))
@@ -174,13 +169,11 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm
             raise BadInputError(f"{target}: {error.strerror}") from error
         if taken:
             raise BadInputError(f"{target} exists already: choose another folder")
-        return EXPORTS[choice.value].line(card.folder, target, "")
+        return command.line(card.folder, target, "")
 
-    choices = [
-        Choice(name, name, one.what, str(_free_folder(folder / f"{card.name}-{name}")))
-        for name, one in EXPORTS.items()
-    ]
-    return ChoiceForm(f"Export {card.name}", choices, line, label="folder", chosen=format_name)
+    texts = [str(_free_folder(folder / f"{card.name}-{name}")) for name in EXPORTS]
+    title = f"Export {card.name}"
+    return CommandForm(title, EXPORTS, texts, typed, label="folder", chosen=format_name)
 
 
 def _free_folder(folder: Path) -> Path:

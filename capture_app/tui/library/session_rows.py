@@ -36,12 +36,6 @@ class Order(StrEnum):
     SYNCHRONIZED = "best synchronized first"
     NAME = "by name"
 
-    @property
-    def following(self) -> "Order":
-        """The next one, round and round."""
-        orders = list(Order)
-        return orders[(orders.index(self) + 1) % len(orders)]
-
 
 @dataclass(frozen=True, slots=True)
 class Entry:

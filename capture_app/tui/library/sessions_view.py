@@ -21,7 +21,7 @@ from capture_app.session.library.trash import restore_session, trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
 from capture_app.tui.jobs.result_screen import show_result
-from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, IMPORT, VERIFY, Command, Run
+from capture_app.tui.jobs.run import COMPARE, EXPORTS, IMPORT, VERIFY, Command, Run
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.library.forms import (
     command_form,
@@ -223,11 +223,10 @@ class SessionsView(ModeView):
 
     async def _try(self, do: Callable[[Path], T], folder: Path) -> T | None:
         """Do something on disk in a thread; None, and a sentence on the screen, where that fails."""
-        try:
-            return await asyncio.to_thread(do, folder)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
-            return None
+        found: T | None = None
+        with telling(self):
+            found = await asyncio.to_thread(do, folder)
+        return found
 
     # Looking
 
@@ -283,7 +282,8 @@ class SessionsView(ModeView):
 
     def action_sort(self) -> None:
         """Sort by the next thing, and go to the first."""
-        self._settings.remember("sessions.order", str(self._order.following))
+        orders = [*Order, Order.NEWEST]
+        self._settings.remember("sessions.order", str(orders[orders.index(self._order) + 1]))
         self._show()
         self._rows.action_move(-len(self._rows.keys))
 
@@ -320,7 +320,7 @@ class SessionsView(ModeView):
         if entry is not None:
             chosen = await self.app.push_screen_wait(command_form(entry.card, self._runs))
             if chosen is not None:
-                self._start(COMMANDS[chosen.value], entry, chosen.text)
+                self._start(chosen[0], entry, chosen[1])
 
     @work
     async def action_export(self) -> None:
@@ -332,10 +332,11 @@ class SessionsView(ModeView):
         name = self._settings.recall("sessions.export-format", "colmap")
         chosen = await self.app.push_screen_wait(export_form(entry.card, Path(folder), name))
         if chosen is not None:
-            out = typed_path(chosen.text)
+            command, out = chosen[0], typed_path(chosen[1])
             self._settings.remember("sessions.export-folder", str(out.parent))
-            self._settings.remember("sessions.export-format", chosen.value)
-            self._start(EXPORTS[chosen.value], entry, out=out)
+            name = next(name for name, one in EXPORTS.items() if one is command)
+            self._settings.remember("sessions.export-format", name)
+            self._start(command, entry, out=out)
 
     @work
     async def action_import(self) -> None:

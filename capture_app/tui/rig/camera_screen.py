@@ -24,12 +24,17 @@ from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, fitting, news_lines
 from capture_app.tui.widgets.picture import Picture
-from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
+from capture_app.tui.widgets.plots import (
+    USUAL_TOLERANCE_NS,
+    histogram_rows,
+    histogram_title,
+    wedge_rows,
+    wedge_title,
+)
 
 ASK_S = 0.7
 """Between two questions for the details of a camera."""
 PREVIEW_FPS, PREVIEW_WIDTH = 2.0, 320
-USUAL_TOLERANCE_NS = 100_000
 
 
 class CameraScreen(Dialog[None]):

@@ -15,7 +15,7 @@ from capture_app.errors import SimulshotError
 from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
 from capture_app.node.rig_link import LinkLost, RigLink
 from capture_app.node.wire.operating import RemoveCamera
-from capture_app.node.wire.status import NewsLine, NodeStatus, RigStatus
+from capture_app.node.wire.status import NewsLine, RigStatus
 from capture_app.rig_process import start_rig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import printable
@@ -26,7 +26,7 @@ from capture_app.tui.rig.panel_screen import PanelScreen
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
-from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
+from capture_app.tui.signs import MISSING, NO_LEADER, is_settled, rig_sign
 from capture_app.tui.widgets.lines import Lines, news_lines
 
 SCROLLBAR = 1
@@ -139,7 +139,7 @@ class RigView(ModeView):
                 words = (status.advice, status.message, *(node.message for node in status.nodes))
                 seen = (
                     *(_FIGURES.sub("", text) for text in words),
-                    *((node.name, _is_settled(node) or node.state) for node in status.nodes),
+                    *((node.name, is_settled(node) or node.state) for node in status.nodes),
                 )
                 if seen != self._drawn:
                     self._drawn = seen
@@ -275,10 +275,4 @@ class RigView(ModeView):
 
 def _is_calm(status: RigStatus) -> bool:
     """Whether all that changes is how much phases tremble."""
-    return all(node.state is NodeState.LOST or _is_settled(node) for node in status.nodes)
-
-
-def _is_settled(node: NodeStatus) -> bool:
-    """Whether a camera is in step; one that touches up its phase for a moment is, too."""
-    close = abs(node.phase_error_ns or 0) <= 2 * node.tolerance_ns
-    return close and node.state in (NodeState.READY, NodeState.ALIGNING)
+    return all(node.state is NodeState.LOST or is_settled(node) for node in status.nodes)

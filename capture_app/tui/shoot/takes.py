@@ -41,11 +41,6 @@ class Take:
         """The name of its session."""
         return self.status.name
 
-    @property
-    def key_instant(self) -> int:
-        """The instant of the key, which is what the photographer meant."""
-        return 0 if self.request is None else self.request.before
-
 
 def open_take(status: BurstStatus) -> TakeSheet | None:
     """Open the session of a burst that is done; None where it is not on this machine. Blocks on the disk.

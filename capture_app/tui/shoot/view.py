@@ -28,11 +28,11 @@ from capture_app.tui.mode import ModeView
 from capture_app.tui.question import CANCEL, Answer, Question
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
+from capture_app.tui.shoot import take_depth
 from capture_app.tui.shoot.plan import REGIONS, PlanPanel, moments_of
 from capture_app.tui.shoot.stage import Stage
-from capture_app.tui.shoot.take_depth import TakeDepth
 from capture_app.tui.shoot.takes import Take, TakePanel, open_take, progress_words, verdict_line
-from capture_app.tui.signs import cameras_of
+from capture_app.tui.signs import cameras_of, is_settled
 from capture_app.tui.widgets.lines import Lines
 
 MOST_ANSWERS = 9
@@ -76,7 +76,7 @@ class ShootView(ModeView):
     ) -> None:
         """`depth_runs`: what makes the depth of each take; None: nothing does."""
         self._rig, self._record = rig, record
-        self._depth = TakeDepth(depth_runs)
+        self._depth_runs = depth_runs
         self.takes: list[Take] = []
         """The takes that the screen has heard of, the newest last."""
         self._waiting: Worker[None] | None = None
@@ -165,7 +165,9 @@ class ShootView(ModeView):
         if last is None or last.sheet is None or last.trashed:
             self._begin(request)
             return
-        answer = await self.app.push_screen_wait(again_question(last.sheet))
+        verdict = last.sheet.verdict
+        text = f"{last.sheet.session.name} is {verdict.headline}\nspread {verdict.spread}"
+        answer = await self.app.push_screen_wait(Question(text, AGAIN, title="Take again"))
         if answer == "trash":
             self._trash(last, last.sheet)
         if answer is not None:
@@ -190,7 +192,7 @@ class ShootView(ModeView):
 
     def action_turn(self) -> None:
         """Open the page on which the depth of the newest take is turned by hand."""
-        run = self._depth.of(self._newest_sheet)
+        run = take_depth.run_of(self._depth_runs, self._newest_sheet)
         if run is None or run.report is None:
             self.notify("the newest take has no depth")
         else:
@@ -316,11 +318,12 @@ class ShootView(ModeView):
         shown = self._shown
         newer = shown is None or self.takes.index(take) > self.takes.index(shown)
         if take.sheet is not None and newer:
-            self.stage.load_sheet(take.sheet, take.key_instant)
+            # The instant of the key is what the photographer meant.
+            self.stage.load_sheet(take.sheet, 0 if take.request is None else take.request.before)
             if take.is_new and not self._under_way:
                 self.stage.show_sheet()
         if take.sheet is not None and take.is_new:
-            await self._depth.begin(take.sheet)
+            await take_depth.begin(self._depth_runs, take.sheet)
         self._show_course()
 
     @property
@@ -346,7 +349,10 @@ class ShootView(ModeView):
         """Show what is under way, in the takes and in the line below."""
         now_s = self._record.clock()
         sheet = self._newest_sheet
-        self.take_panel.show(self.takes, now_s, self._depth.lines(sheet), self._depth.picture(sheet))
+        runs = self._depth_runs
+        self.take_panel.show(
+            self.takes, now_s, take_depth.lines(runs, sheet), take_depth.picture(runs, sheet)
+        )
         line = self._course(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
         self._line.show([line])
 
@@ -376,9 +382,6 @@ class ShootView(ModeView):
 ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
-DRIFT_TOLERANCES = 2
-"""Up to so many tolerances off a camera is in step, and just corrects its drift."""
-
 
 class NotReadyQuestion(Question):
     """Says what keeps the cameras from being ready, as it is now."""
@@ -390,16 +393,12 @@ class NotReadyQuestion(Question):
             self.query_one(".question", Static).update(Content(printable(text)))
 
 
-def again_question(take: TakeSheet) -> Question:
-    """Ask whether to `keep` the take before or to `trash` it."""
-    text = f"{take.session.name} is {take.verdict.headline}\nspread {take.verdict.spread}"
-    return Question(text, AGAIN, title="Take again")
-
-
 def doubts_about(status: RigStatus) -> str:
     """Say in sentences which cameras are not ready and what their pictures will be; empty: none."""
     cameras = cameras_of(status)
-    unready = [node for node in cameras if node.state is not NodeState.READY and not _touches_up(node)]
+    # Just correcting a drift, for a moment, is no reason to ask.
+    in_step = [node for node in cameras if is_settled(node) and node.phase_error_ns is not None]
+    unready = [node for node in cameras if node.state is not NodeState.READY and node not in in_step]
     here = [node for node in unready if node.state is not NodeState.LOST]
     if not here:
         return ""
@@ -409,13 +408,6 @@ def doubts_about(status: RigStatus) -> str:
     if len(here) > 6:
         lines.append(f"and {count(len(here) - 6, 'more camera')}")
     return "\n".join(lines)
-
-
-def _touches_up(node: NodeStatus) -> bool:
-    """Whether a camera in step is just correcting a drift: for a moment, which is no reason to ask."""
-    error_ns = node.phase_error_ns
-    aligning = node.state is NodeState.ALIGNING and error_ns is not None
-    return aligning and abs(error_ns or 0) <= DRIFT_TOLERANCES * node.tolerance_ns
 
 
 def _doubt(node: NodeStatus, period_ns: int | None) -> str:
@@ -437,10 +429,9 @@ def cancellable_bursts(status: RigStatus) -> dict[int, str]:
     """The bursts that can be cancelled, by number, in words: the one being saved, then those ahead."""
     offers = {}
     newest = status.burst
-    ahead = sorted(status.ahead, key=lambda burst: burst.first_leader_ns)
     if newest is not None and newest.burst and not newest.done:
         offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images are here"
-    for burst in ahead:
+    for burst in sorted(status.ahead, key=lambda burst: burst.first_leader_ns):
         begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
         offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"
     return offers

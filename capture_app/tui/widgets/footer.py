@@ -45,21 +45,22 @@ class KeyFooter(Lines):
         last = [shown.pop(action) for action in ALWAYS if action in shown]
         right = [self._item(binding) for binding in last]
         room = self.size.width - sum(item.cell_length for item in right)
-        line, at, self._spans = Content(""), 0, []
+        line, self._spans = Content(""), []
         for binding in shown.values():
             item = self._item(binding)
-            if at + item.cell_length > room:
+            if line.cell_length + item.cell_length > room:
                 # The others are in the help, whose key is beside.
-                line, at = line + "…"[: room - at], min(at + 1, room)
+                line += "…"[: room - line.cell_length]
                 break
-            self._spans.append((at, at + item.cell_length, binding.key))
-            line, at = line + item, at + item.cell_length
-        line = line + " " * (room - at)
-        at = room
+            line = self._with_key(line, binding, item)
+        line = line.pad_right(room - line.cell_length)
         for binding, item in zip(last, right, strict=True):
-            self._spans.append((at, at + item.cell_length, binding.key))
-            line, at = line + item, at + item.cell_length
+            line = self._with_key(line, binding, item)
         self.show([line])
+
+    def _with_key(self, line: Content, binding: Binding, item: Content) -> Content:
+        self._spans.append((line.cell_length, line.cell_length + item.cell_length, binding.key))
+        return line + item
 
     def _item(self, binding: Binding) -> Content:
         key = self.app.get_key_display(binding)

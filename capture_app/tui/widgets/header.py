@@ -17,8 +17,6 @@ MODES = {"rig": "Rig", "shoot": "Shoot", "sessions": "Sessions", "jobs": "Jobs"}
 class Header(Lines):
     """The modes, to which a click goes, and how the rig is, in as many words as there is room for."""
 
-    DEFAULT_CSS = "Header { dock: top; height: 1; background: $panel; color: $foreground; }"
-
     def __init__(self, mode: str, record: RigRecord) -> None:
         super().__init__(id="header")
         self._record = record

@@ -67,7 +67,6 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         Binding("plus,equals_sign", "pace(1.5)", "Faster", id="look.faster", show=False, key_display="+"),
         Binding("minus", "pace(0.67)", "Slower", id="look.slower", show=False, key_display="-"),
     ]
-    DEFAULT_CSS = "LookScreen > .title { padding: 0 1; }"
 
     def __init__(self, sheet: TakeSheet, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
         self._picture = Picture(words="no picture")

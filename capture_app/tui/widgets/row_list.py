@@ -28,9 +28,6 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         Binding("home", "move(-99999)", "First row", show=False, id="list.first"),
         Binding("end", "move(99999)", "Last row", show=False, id="list.last"),
     ]
-    DEFAULT_CSS = """
-    RowList { height: 1fr; width: 1fr; overflow-x: hidden; scrollbar-size-vertical: 1; }
-    """
 
     @dataclass
     class Chosen(Message):

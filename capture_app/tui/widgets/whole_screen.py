@@ -1,14 +1,10 @@
 """A view of the whole screen over a mode: a line that says what it is of, what it shows, and the keys."""
 
-from typing import TypeVar
-
 from textual.widget import Widget
 
-from capture_app.tui.question import Dialog
+from capture_app.tui.question import Dialog, Result
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
-
-Result = TypeVar("Result")
 
 
 class WholeScreen(Dialog[Result]):

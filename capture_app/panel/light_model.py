@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.panel.finder import Floats, FoundPanel
-from capture_app.panel.pattern import COUNT, Panel
+from capture_app.panel.pattern import COUNT
 
 LINES = 3
 """Parts of a lamp whose exposure is reckoned apart: under a rolling shutter its top is earlier."""
@@ -19,22 +19,15 @@ _FULL = 250
 """Levels from here on are saturated."""
 
 
-@dataclass(frozen=True, slots=True)
-class LampLight:
-    """The light of a panel's lamps (n,) in a picture, in linear units, and the picture's rows (n, LINES) of
-    their parts."""
+def measure(
+    found: FoundPanel, picture: NDArray[np.uint8]
+) -> tuple[Floats, Floats, NDArray[np.bool_], Floats, float]:
+    """The light of each lamp in a picture (uint8 BGR), of the colour in which lamps stand out most.
 
-    light: Floats
-    """Above the ground next to each lamp."""
-    ground: Floats
-    saturated: NDArray[np.bool_]
-    rows: Floats
-    noise: float
-    """Standard deviation of a lamp's light by the picture's noise."""
-
-
-def measure(found: FoundPanel, picture: NDArray[np.uint8]) -> LampLight:
-    """The light of each lamp in a picture (uint8 BGR), of the colour in which lamps stand out most."""
+    Of the lamps (n,), in linear units: the light above the ground next to each, that ground, and whether it
+    is saturated; the picture's rows (n, LINES) of their parts; and the standard deviation of a lamp's light
+    by the picture's noise.
+    """
     lamps = found.panel.lamps
     middles = np.array([[lamp.x, lamp.y] for lamp in lamps])
     core = _core_places(found.panel.lamp_size * _CORE, square=found.panel.is_screen)
@@ -54,7 +47,7 @@ def measure(found: FoundPanel, picture: NDArray[np.uint8]) -> LampLight:
         found.pixels((middles[:, None] + core).reshape(-1, 2))[:, 1].reshape(len(lamps), -1), axis=1
     )
     lines = np.stack([part.mean(axis=1) for part in np.array_split(rows, LINES, axis=1)], axis=1)
-    return LampLight(light[:, channel], ground[:, channel], saturated[:, channel], lines, noise)
+    return light[:, channel], ground[:, channel], saturated[:, channel], lines, noise
 
 
 def to_linear(levels: Floats) -> Floats:
@@ -108,17 +101,18 @@ class Shutter:
 class LightModel:
     """A panel's lamps in one picture; times are of the middle of the exposure of the row `row`, in ns."""
 
-    def __init__(self, panel: Panel, seen: LampLight) -> None:
+    def __init__(self, found: FoundPanel, picture: NDArray[np.uint8]) -> None:
+        self.panel = panel = found.panel
         lamps = panel.lamps
-        self.panel, self.seen = panel, seen
+        self.light, ground, self.saturated, rows, self.noise = measure(found, picture)
         self.group = np.array([lamp.group for lamp in lamps])
         self.start = np.array([(lamp.start + lamp.delay) * panel.tick_ns for lamp in lamps])
         self.lit = np.array([lamp.lit * panel.tick_ns for lamp in lamps])
         self.period = np.array([lamp.period * panel.tick_ns for lamp in lamps])
-        ground = seen.ground
-        self._still = seen.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2
-        self.row = float(seen.rows.mean())
-        self.later = seen.rows - self.row
+        self._ground = ground
+        self._still = self.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2
+        self.row = float(rows.mean())
+        self.later = rows - self.row
         self.rough_fit = self._find_rough_fit()
         """The light of a lamp that is off, and of one that is lit all the time, before the time is known."""
 
@@ -159,7 +153,7 @@ class LightModel:
     def _find_rough_fit(self) -> tuple[float, float]:
         # At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's;
         # not in a group that goes on as quickly as the rows of a picture in which it lies on its side.
-        light = self.seen.light
+        light = self.light
         off = float(np.sort(light)[: len(light) // 5].mean())
         sums = [float((light[self.group == group] - off).mean()) * COUNT for group in np.unique(self.group)]
         return off, max(float(np.median(sums)), float(np.percentile(light, 98)) - off)
@@ -175,8 +169,8 @@ class LightModel:
         return likelihoods[best], misfits[best]
 
     def _fit_tone(self, shares: Floats, lamp_light: float, tone: float) -> tuple[Floats, Floats]:
-        ground = np.maximum(self.seen.ground, 1e-4)
-        total = np.maximum(self.seen.light + ground, 1e-5)
+        ground = np.maximum(self._ground, 1e-4)
+        total = np.maximum(self.light + ground, 1e-5)
         # Kept as bright at a lit lamp's level, so that variances hold for all tones.
         scale = lamp_light / max(1e-6, (lamp_light + float(ground.mean())) ** tone)
         light = (total**tone - ground**tone) * scale
@@ -191,7 +185,7 @@ class LightModel:
         off = (seen - on * per_share) / one
         misfit = light - off[:, None] - on[:, None] * shares
         # Of a lamp that is too bright to tell is only known that it is at least so bright.
-        misfit = np.where(self.seen.saturated & (misfit < 0), 0.0, misfit)
+        misfit = np.where(self.saturated & (misfit < 0), 0.0, misfit)
         z = misfit / np.sqrt(variance)
         law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM) + 0.5 * np.log(variance)
         likelihood = -law.sum(axis=1) - 0.5 * prior * off**2 - 0.5 * ((tone - 1) / _TONE_SIGMA) ** 2

@@ -160,9 +160,6 @@ class Panel:
                     yield self._lamp(left + column, y, group + row, column, lit * COUNT**row)
 
     def _lamp(self, x: float, y: float, group: int, turn: int, lit: int) -> Lamp:
-        return Lamp(x, y, group, turn * lit, lit, COUNT * lit, self._delay(x, y))
-
-    def _delay(self, x: float, y: float) -> float:
         across, down = x / self.width, y / self.height
         share = {
             Scan.NONE: 0.5,
@@ -171,7 +168,8 @@ class Panel:
             Scan.RIGHT: across,
             Scan.LEFT: 1 - across,
         }
-        return SCAN_SHARE * (share[self.scan] - 0.5)
+        delay = SCAN_SHARE * (share[self.scan] - 0.5)
+        return Lamp(x, y, group, turn * lit, lit, COUNT * lit, delay)
 
     def description(self) -> dict[str, Any]:
         """The whole panel as plain data, for pages and sketches that draw it."""

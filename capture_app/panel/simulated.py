@@ -34,24 +34,15 @@ _LENS_RING = 0.05
 """Light that surfaces throw back, of 1 where the sensor is full; lamps that are off throw back the last."""
 
 
-@dataclass(frozen=True, slots=True)
-class PanelSight:
-    """Of a picture: the light (height, width) of what does not shine, and the pixels on which lamps do."""
-
-    still: Floats
-    lamp: NDArray[np.int64]
-    """Number of the lamp, (n,), of a pixel that it shines on; a pixel on an edge has more than one."""
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
-    weight: Floats
-    """How bright that lamp makes the pixel, 1 for its mean."""
-
-
 @lru_cache(maxsize=8)
 def see_panel(
     panel: Panel, width: int, height: int, corners: Corners, distortion: float, hidden: tuple[int, ...]
-) -> PanelSight:
-    """Trace every pixel's rays back through the lens onto the panel."""
+) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Trace every pixel's rays back through the lens onto the panel.
+
+    The light (height, width) of what does not shine; lamp, row and column (3, n) of each pixel that a lamp
+    shines on, more than once of one on an edge; and how bright that lamp makes it (n,), 1 for its mean.
+    """
     still = np.zeros((height, width))
     found: list[tuple[NDArray[np.int64], Floats]] = []
     offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
@@ -65,9 +56,7 @@ def see_panel(
             found.append((np.stack([which[rows, columns], rows, columns]), share * profile[rows, columns]))
     places, weights = np.concatenate([f[0] for f in found], axis=1), np.concatenate([f[1] for f in found])
     keys, inverse = np.unique(places, axis=1, return_inverse=True)
-    lamp, row, column = keys
-    summed = np.asarray(np.bincount(inverse.ravel(), weights, len(lamp)), np.float64)
-    return PanelSight(still, lamp, row, column, summed)
+    return still, keys, np.asarray(np.bincount(inverse.ravel(), weights, keys.shape[1]), np.float64)
 
 
 def _trace(
@@ -176,17 +165,17 @@ class Photograph:
 
     def _look(self, start_ns: float, rng: np.random.Generator) -> Floats:
         """Light (height, width, 3) that comes through a sharp lens."""
-        sight = see_panel(
+        still, (lamp, row, column), weight = see_panel(
             self.panel, self.width, self.height, self.corners, self.distortion, tuple(sorted(self.hidden))
         )
-        pairs, inverse = np.unique(np.stack([sight.lamp, sight.row]), axis=1, return_inverse=True)
+        pairs, inverse = np.unique(np.stack([lamp, row]), axis=1, return_inverse=True)
         shares = self._shares(start_ns, pairs[0], pairs[1], rng)[inverse.ravel()]
         spread = np.random.default_rng(len(self.panel.name)).standard_normal(len(self.panel.lamps))
         gains = 1 + self.uneven * spread
-        bright = self.lamp_light * gains[sight.lamp] * shares * sight.weight
+        bright = self.lamp_light * gains[lamp] * shares * weight
         colour = np.array(_SCREEN_LIGHT if self.panel.is_screen else _LED_LIGHT)
-        light = np.repeat(self.ambient * sight.still[..., None], 3, axis=2)
-        np.add.at(light, (sight.row, sight.column), bright[:, None] * colour)
+        light = np.repeat(self.ambient * still[..., None], 3, axis=2)
+        np.add.at(light, (row, column), bright[:, None] * colour)
         return light
 
     def _shares(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.panel.finder import Floats, PanelNotFoundError, find_panel
-from capture_app.panel.light_model import LINES, TONES, LightModel, Shutter, measure
+from capture_app.panel.light_model import LINES, TONES, LightModel, Shutter
 from capture_app.panel.pattern import COUNT, Panel
 from capture_app.text import duration
 
@@ -86,8 +86,8 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
         """Log-likelihoods of the times, each the best of its own and its neighbours' of these lamps."""
         shares = model.shares(middles_ns, shutter, of, lines=_MIDDLE_LINE)
         variance = model.variance(shares, on, of)
-        misfit = model.seen.light[of] - off - on * shares
-        misfit = np.where(model.seen.saturated[of] & (misfit < 0), 0.0, misfit)
+        misfit = model.light[of] - off - on * shares
+        misfit = np.where(model.saturated[of] & (misfit < 0), 0.0, misfit)
         score = -(3 * np.log1p(misfit**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
         # Time is coarse here: what a neighbour can be, this may be.
         score = np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1)))
@@ -347,10 +347,10 @@ def read_panel(
     and where it tells no time or not one time.
     """
     found = find_panel(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
-    model = LightModel(found.panel, measure(found, picture))
+    model = LightModel(found, picture)
     _, on = model.rough_fit
-    dark, bright = np.percentile(model.seen.light, (20, 97))
-    if bright - dark < _MIN_CONTRAST * model.seen.noise + _MIN_LIGHT:
+    dark, bright = np.percentile(model.light, (20, 97))
+    if bright - dark < _MIN_CONTRAST * model.noise + _MIN_LIGHT:
         raise PanelNotFoundError(
             "its lamps do not stand out: too dark, too short an exposure, or switched off"
         )

@@ -5,7 +5,7 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -152,20 +152,15 @@ class SimulshotApp(App[None]):
         await self.runs.close()
 
     def _mode_screen(self, mode: str) -> ModeScreen:
-        view: ModeView
-        samples = find_samples(self._sessions)
-        if mode == "rig":
-            view = RigView(
-                self._source, self._record, self._settings, self._sessions, samples, local=self._local
-            )
-        elif mode == "shoot":
-            runs = self.runs if self._depth else None
-            view = ShootView(self._source, self._record, self._settings, runs)
-        elif mode == "sessions":
-            view = SessionsView(self._sessions, self.runs, samples, self._settings)
-        else:
-            view = JobsView(self.runs)
-        return ModeScreen(mode, view, self._record)
+        samples, depth_runs = find_samples(self._sessions), self.runs if self._depth else None
+        rig = self._source, self._record, self._settings
+        views: dict[str, Callable[[], ModeView]] = {
+            "rig": lambda: RigView(*rig, self._sessions, samples, local=self._local),
+            "shoot": lambda: ShootView(*rig, depth_runs),
+            "sessions": lambda: SessionsView(self._sessions, self.runs, samples, self._settings),
+            "jobs": lambda: JobsView(self.runs),
+        }
+        return ModeScreen(mode, views[mode](), self._record)
 
     # What screens are told; those that are not seen read the record when they are
 

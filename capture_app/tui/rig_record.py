@@ -1,6 +1,8 @@
 """What the rig has told so far, for views that open later; and the messages between the app and its views."""
 
+import math
 import time
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -64,16 +66,9 @@ class RigRecord:
 
 def phases_at(phases: Iterable[tuple[float, int | None]], times: Iterable[float]) -> list[int | None]:
     """The phase error at each of these times, which grow; None before the first."""
-    found: list[int | None] = []
-    steps = iter(phases)
-    following = next(steps, None)
-    value: int | None = None
-    for moment in times:
-        while following is not None and following[0] <= moment:
-            value = following[1]
-            following = next(steps, None)
-        found.append(value)
-    return found
+    steps = [(-math.inf, None), *phases]
+    since = [when for when, _ in steps]
+    return [steps[bisect_right(since, moment) - 1][1] for moment in times]
 
 
 @dataclass

@@ -121,14 +121,11 @@ def name_question(card: SessionCard) -> TextQuestion:
 def import_question(folder: str) -> TextQuestion:
     """Ask which folder is imported; `folder` is proposed."""
 
-    def check(text: str) -> str:
-        return "" if typed_path(text).is_dir() and text.strip() else "there is no such folder"
-
     return TextQuestion(
         "A folder of videos, or of another program's recording. Clips that belong together are found and "
         "aligned by all they have.",
         folder,
-        check=check,
+        check=lambda text: "" if text.strip() and typed_path(text).is_dir() else "there is no such folder",
         title="Import",
     )
 

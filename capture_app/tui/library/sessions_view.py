@@ -223,10 +223,11 @@ class SessionsView(ModeView):
 
     async def _try(self, do: Callable[[Path], T], folder: Path) -> T | None:
         """Do something on disk in a thread; None, and a sentence on the screen, where that fails."""
-        found: T | None = None
-        with telling(self):
-            found = await asyncio.to_thread(do, folder)
-        return found
+        try:
+            return await asyncio.to_thread(do, folder)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+            return None
 
     # Looking
 

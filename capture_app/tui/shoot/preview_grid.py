@@ -38,11 +38,10 @@ def grid_columns(cameras: int, width: int, height: int) -> int:
 class PreviewTile(Vertical):
     """One camera: name, state and rate above its picture."""
 
-    def __init__(self, name: str) -> None:
-        self.camera = name
+    def __init__(self, node: NodeStatus) -> None:
         self._title = Lines()
         self.picture = Picture(words="no picture yet", noise=NOISE)
-        self._node: NodeStatus | None = None
+        self._node = node
         super().__init__(self._title, self.picture)
 
     @property
@@ -63,8 +62,6 @@ class PreviewTile(Vertical):
 
     def _show(self) -> None:
         node = self._node
-        if node is None:
-            return
         sign = SIGNS[node.state]
         title = Content.assemble(
             ("▸" if self.has_class("chosen") else " ", "bold $primary"),
@@ -120,7 +117,7 @@ class PreviewGrid(Container, can_focus=True):
         nodes = {node.name: node for node in cameras_of(status)}
         if list(nodes) != list(self._tiles):
             before = self._tiles
-            self._tiles = {name: before.get(name) or PreviewTile(name) for name in nodes}
+            self._tiles = {name: before.get(name) or PreviewTile(node) for name, node in nodes.items()}
             with self.app.batch_update():
                 self.remove_children([tile for name, tile in before.items() if name not in nodes])
                 self.mount(*(tile for tile in self.tiles if not tile.is_attached))
@@ -143,7 +140,8 @@ class PreviewGrid(Container, can_focus=True):
     def action_choose(self) -> None:
         """Open the camera under the cursor."""
         if self.tiles:
-            full = FullView(self._rig, self._record, tuple(self._tiles), self.tiles[self._at].camera)
+            cameras = tuple(self._tiles)
+            full = FullView(self._rig, self._record, cameras, cameras[self._at])
             self.app.push_screen(full, lambda camera: None if camera is None else self.go_to(camera))
 
     def watch_has_focus(self, has_focus: bool) -> None:

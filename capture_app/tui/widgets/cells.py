@@ -148,7 +148,7 @@ def keep_what_looks_alike(shown: CellPicture, new: CellPicture, threshold: int) 
 
     A sensor's noise would else have every cell sent to the terminal again.
     """
-    if new.palette is Palette.DOTS or shown.palette is not new.palette or not _same_size(shown, new):
+    if new.palette is Palette.DOTS or (shown.palette, shown.glyphs.shape) != (new.palette, new.glyphs.shape):
         return new
     difference = np.abs(new.pixels().astype(np.int16) - shown.pixels())
     alike = difference.max(axis=(2, 3)) <= threshold
@@ -164,7 +164,7 @@ def changed_spans(shown: CellPicture, new: CellPicture) -> list[tuple[int, int, 
 
     None where they are of different sizes.
     """
-    if not _same_size(shown, new):
+    if shown.glyphs.shape != new.glyphs.shape:
         return None
     differs = (shown.glyphs != new.glyphs) | (shown.inks != new.inks).any(axis=(2, 3))
     spans = []
@@ -189,10 +189,6 @@ def _colour(rgb: int, eight_bit: bool) -> Color:
         return Color.from_ansi(232 + red // 10)
     steps = [int(np.searchsorted(_CUBE, value)) for value in (red, green, blue)]
     return Color.from_ansi(16 + 36 * steps[0] + 6 * steps[1] + steps[2])
-
-
-def _same_size(shown: CellPicture, new: CellPicture) -> bool:
-    return shown.glyphs.shape == new.glyphs.shape
 
 
 def _split_in_two(quarters: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -130,20 +130,20 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def render_line(self, y: int) -> Strip:
         """One line: the cameras' names, then pictures and what is said below each."""
-        width, plain = self.size.width, self.rich_style
-        if self.sheet is None:
+        width, plain, sheet = self.size.width, self.rich_style, self.sheet
+        if sheet is None:
             return Strip.blank(width, plain)
         size, left = self.thumb_size, self.scroll_offset.x
         first, beyond = divmod(left, size.width + 1)
         room = width - GUTTER
-        cameras = range(first, min(first + room // (size.width + 1) + 2, len(self.sheet.cameras)))
+        cameras = range(first, min(first + room // (size.width + 1) + 2, len(sheet.cameras)))
         if y == 0:
-            gutter, content = self._words(" instant", GUTTER, "sheet--label"), self._names(cameras)
+            gutter, content = self._words(" instant", GUTTER, "sheet--label"), self._names(sheet, cameras)
         else:
             instant, line = divmod(y - 1 + self.scroll_offset.y, size.height + 1)
-            if instant >= self.sheet.instants:
+            if instant >= sheet.instants:
                 return Strip.blank(width, plain)
-            gutter, content = self._gutter(instant, line), self._row(cameras, instant, line)
+            gutter, content = self._gutter(sheet, instant, line), self._row(sheet, cameras, instant, line)
         line_of_cells = Strip.join([gutter, content.crop(beyond, beyond + room)])
         return line_of_cells.adjust_cell_length(width, plain)
 
@@ -160,22 +160,20 @@ class ContactSheet(ScrollView, can_focus=True):
 
     on_resize = _lay_out
 
-    def _names(self, cameras: range) -> Strip:
-        assert self.sheet is not None
+    def _names(self, sheet: TakeSheet, cameras: range) -> Strip:
         room = self.thumb_size.width + 1
         styles = ["sheet--cursor" if at == self.cursor.x else "sheet--label" for at in cameras]
         return Strip.join(
-            self._words(self.sheet.cameras[at], room, style, gap=1)
+            self._words(sheet.cameras[at], room, style, gap=1)
             for at, style in zip(cameras, styles, strict=True)
         )
 
-    def _gutter(self, instant: int, line: int) -> Strip:
-        assert self.sheet is not None
+    def _gutter(self, sheet: TakeSheet, instant: int, line: int) -> Strip:
         if line == 0:
             style = "sheet--cursor" if instant == self.cursor.y else "sheet--label"
-            text = duration(self.sheet.since_start_ns(instant), signed=True) if instant else "first"
+            text = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"
             gutter = self._words(text.rjust(GUTTER - 1), GUTTER, style, gap=1)
-        elif line == 1 and (spread := self.sheet.spread_ns(instant)) is not None:
+        elif line == 1 and (spread := sheet.spread_ns(instant)) is not None:
             gutter = self._words(f"↔{duration(spread)}".rjust(GUTTER - 1), GUTTER, "sheet--label", gap=1)
         else:
             gutter = Strip.blank(GUTTER, self.rich_style)
@@ -183,15 +181,14 @@ class ContactSheet(ScrollView, can_focus=True):
             gutter = Strip.join([gutter.crop(0, GUTTER - 1), self._words("▐", 1, "sheet--frame")])
         return gutter
 
-    def _row(self, cameras: range, instant: int, line: int) -> Strip:
-        assert self.sheet is not None
+    def _row(self, sheet: TakeSheet, cameras: range, instant: int, line: int) -> Strip:
         size, parts = self.thumb_size, []
         for at in cameras:
             here = self.cursor == (at, instant)
             if line < size.height:
                 parts.append(self._thumb_line(at, instant, line))
             else:
-                remark = self.sheet.place(self.sheet.cameras[at], instant).remark
+                remark = sheet.place(sheet.cameras[at], instant).remark
                 style = "sheet--remark" if remark else "sheet--frame" if here else "sheet--label"
                 mark = "! " if remark else ""
                 text = mark + printable(remark) if remark else "▀" * size.width if here else ""

@@ -107,7 +107,7 @@ class AravisCamera(ThreadedCamera):
         self._connect = connect
         self._silence_ns = silence_ns
         self._fetching: threading.Thread | None = None
-        self._device: AravisDevice | None = None
+        self._device: AravisDevice
         self._clock: LatchedClock | ArrivalClock | None = None
         self._wanted_ns: deque[int] = deque()
         """Durations of one coming frame each, until they are asked for."""
@@ -131,7 +131,7 @@ class AravisCamera(ThreadedCamera):
 
     @property
     def _connected(self) -> AravisDevice:
-        if self._device is None or self._closing.is_set():
+        if not hasattr(self, "_device") or self._closing.is_set():
             raise CameraError("the camera is not connected")
         return self._device
 
@@ -202,7 +202,6 @@ class AravisCamera(ThreadedCamera):
 
     def _fetch(self) -> None:
         """Take frames until the camera is stopped or fails; durations are set as frames come."""
-        assert self._device is not None
         period_ns = self.facts.period_ns
         begun_ns = heard_ns = read_ns = fresh_ns = time.monotonic_ns()
         while not self._closing.is_set():
@@ -266,7 +265,6 @@ class AravisCamera(ThreadedCamera):
             self._say(self._set_period, usual_ns)
 
     def _set_period(self, period_ns: int) -> None:
-        assert self._device is not None
         for _ in range(MOST_TRIES):
             try:
                 self._device.set_period(period_ns)
@@ -276,7 +274,6 @@ class AravisCamera(ThreadedCamera):
         self._tell(self._fail, str(failure))
 
     def _read_counter(self) -> None:
-        assert self._device is not None
         try:
             reading = self._device.read_counter()
         except CameraError as error:
@@ -290,9 +287,8 @@ class AravisCamera(ThreadedCamera):
             self._worker.submit(word, *arguments)
 
     def _release(self) -> None:
-        if self._device is not None:
+        if hasattr(self, "_device"):
             self._device.close()
-            self._device = None
 
     def _fail(self, what: str) -> None:
         if not self._closing.is_set():

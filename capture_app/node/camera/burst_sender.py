@@ -27,10 +27,6 @@ class PostponedError(NetworkError):
     """The leader cannot take a burst now, and may later."""
 
 
-class PausedError(Exception):
-    """A burst that is still being picked has nothing to send at present, and another one has."""
-
-
 class BurstSender:
     """Sends bursts over one stream; `news` is set whenever there is more to send."""
 
@@ -41,19 +37,14 @@ class BurstSender:
         self._channel, self._news, self._log, self._waiting = channel, news, log, waiting
         self._in_flight: deque[messages.ImageUpload] = deque()
         self._answer: asyncio.Task[Answer] | None = None
+        self._receipts: dict[int, messages.ImageReceipt] = {}
+        """By instant, what the leader has of images of which the rest is to be sent."""
 
-    async def send_burst(self, burst: BurstUpload) -> messages.Refusal | None:
-        """Send a burst as it is encoded; returns when the leader has all it wants, or its refusal for good.
-
-        Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off,
-        PausedError where other bursts have something to send, and this one at present has not.
-        """
-        try:
-            return await self._send_burst(burst)
-        finally:
-            if self._answer is not None:
-                self._answer.cancel()
-                await asyncio.gather(self._answer, return_exceptions=True)
+    async def aclose(self) -> None:
+        """Wait for no answer any more."""
+        if self._answer is not None:
+            self._answer.cancel()
+            await asyncio.gather(self._answer, return_exceptions=True)
 
     async def ask(
         self,
@@ -69,23 +60,23 @@ class BurstSender:
             raise NetworkError("the leader sent an unexpected answer")
         return answer
 
-    async def _send_burst(self, burst: BurstUpload) -> messages.Refusal | None:
+    async def send_burst(self, burst: BurstUpload) -> messages.Refusal | None:
+        """Send a burst as it is encoded; returns when the leader has all it wants, or its refusal for good.
+
+        Returns, too, where one that is still being picked has nothing to send at present, and another has.
+        Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off.
+        """
         # A leader that was away has kept what it acknowledged; only the stream's own state is new.
         told: messages.CameraReport | None = None
-        receipts: dict[int, messages.ImageReceipt] = {}
         burst.reopen()
         while not burst.is_over:
             self._news.clear()
             refusal = None
             if told is not burst.report or not burst.is_committed:
                 first, told = told is None, burst.report
-                answer = await self._tell(burst, first=first)
-                if isinstance(answer, messages.Refusal):
-                    refusal = answer
-                else:
-                    receipts = answer
+                refusal = await self._tell(burst, first=first)
             elif len(burst.images) > len(self._in_flight) < MAX_IN_FLIGHT:
-                await self._send_image(burst, burst.images[len(self._in_flight)], receipts)
+                await self._send_image(burst, burst.images[len(self._in_flight)])
             elif self._in_flight:
                 refusal = await self._take_answer(burst)
             elif (
@@ -93,7 +84,7 @@ class BurstSender:
                 and not burst.frames
                 and any(other.has_work for other in self._waiting if other is not burst)
             ):
-                raise PausedError("others have something to send")
+                return None
             elif burst.frames or burst.is_picking:
                 await self._news.wait()
             elif burst.disputed:
@@ -105,39 +96,37 @@ class BurstSender:
                 return None
             if refusal is not None:
                 await self._take_all_answers(burst)
-                return _final(refusal)
+                if refusal.retry:
+                    raise PostponedError(refusal.what, hint=refusal.hint)
+                return refusal
         await self._take_all_answers(burst)
         return None
 
-    async def _tell(
-        self, burst: BurstUpload, *, first: bool
-    ) -> dict[int, messages.ImageReceipt] | messages.Refusal:
-        """Tell what the node has of the burst, its events only at first; return what the leader has of it."""
+    async def _tell(self, burst: BurstUpload, *, first: bool) -> messages.Refusal | None:
+        """Tell what the node has of the burst, its events only at first.
+
+        Let go of what the leader does not want or has already, and note what it has of the rest.
+        """
         refusal = await self._take_all_answers(burst)
         if refusal is not None:
             return refusal
         report = burst.report_now()
         answer = await self.ask(report if first else replace(report, events=()))
-        return await self._take_receipts(burst, answer) if isinstance(answer, messages.ReportAck) else answer
-
-    async def _take_receipts(
-        self, burst: BurstUpload, answer: messages.ReportAck
-    ) -> dict[int, messages.ImageReceipt]:
-        """Let go of what the leader does not want or has already, and return what it has of the rest."""
+        if isinstance(answer, messages.Refusal):
+            return answer
+        self._receipts = {receipt.instant: receipt for receipt in answer.receipts if not receipt.stored}
         if answer.undecided:
             # The leader takes its time before it says so; another one may not.
             await asyncio.sleep(ASK_AGAIN_S)
-            return {}
+            return None
         unwanted = burst.commit(answer.wanted)
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
         await _delete([*unwanted, *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
-        return {receipt.instant: receipt for receipt in answer.receipts if not receipt.stored}
+        return None
 
-    async def _send_image(
-        self, burst: BurstUpload, image: messages.ImageUpload, receipts: dict[int, messages.ImageReceipt]
-    ) -> None:
+    async def _send_image(self, burst: BurstUpload, image: messages.ImageUpload) -> None:
         record = image.record
         try:
             data = await asyncio.to_thread(burst.load, image)
@@ -148,7 +137,7 @@ class BurstSender:
                 burst.images.remove(image)
             await self._report_lost(burst, [record.instant], "its file in the spool is damaged")
             return
-        receipt = receipts.pop(record.instant, None)
+        receipt = self._receipts.pop(record.instant, None)
         resumes = receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data)
         offset = receipt.bytes if receipt is not None and resumes else 0
         self._in_flight.append(image)
@@ -229,10 +218,3 @@ async def _delete(files: Collection[Path]) -> None:
 
     if files:
         await asyncio.to_thread(delete)
-
-
-def _final(refusal: messages.Refusal) -> messages.Refusal:
-    """The refusal, if it is for good. Raises PostponedError if it is not."""
-    if refusal.retry:
-        raise PostponedError(refusal.what, hint=refusal.hint)
-    return refusal

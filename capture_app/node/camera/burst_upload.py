@@ -1,7 +1,4 @@
-"""What a node has of a burst on its way to the leader: frames, encoded images, a folder in the spool.
-
-A burst whose frames are sent as they are picked: what is known of it so far.
-"""
+"""What a node has of a burst on its way to the leader: frames, encoded images, a folder in the spool."""
 
 import hashlib
 from collections import deque
@@ -19,6 +16,8 @@ from capture_app.session.files.disk import disk_error
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import ImageRecord, MissingImage, image_path
 from capture_app.sync.rig.frame_selection import RING_BYTES, SelectedFrame
+
+TOO_SLOW = "the node could not save its frames as fast as they came"
 
 
 def encode_frame(
@@ -64,71 +63,6 @@ def encode_frame(
     return upload, image + truth
 
 
-TOO_SLOW = "the node could not save its frames as fast as they came"
-
-
-@dataclass(slots=True)
-class PickedStream:
-    """Which instants of one camera are decided, and which of them are missing."""
-
-    video: bool = False
-    """The frames go into a video, which has no ground truth but their times."""
-    most_bytes: int = RING_BYTES
-    """The most memory that frames may take that are not on a disk yet: the camera goes on."""
-    over: int = 0
-    """How many instants are decided."""
-    ended: bool = False
-    """Nothing more is picked."""
-    runs: list[MissingRun] = field(default_factory=list)
-    kept: bool = False
-    """Whether the spool has what is known at the end."""
-    waiting_bytes: int = 0
-    """What the frames take that are not encoded yet."""
-
-    def add(
-        self,
-        frames: Iterable[SelectedFrame[CapturedFrame]],
-        missing: Iterable[MissingImage],
-        *,
-        over: int,
-        held_bytes: int,
-    ) -> list[SelectedFrame[CapturedFrame]]:
-        """Note what was picked, and return the frames that there is memory for; others are missing.
-
-        `held_bytes` is what images take that are encoded, and are not on a disk yet.
-        """
-        self.over = max(self.over, over)
-        for gap in missing:
-            self.note_missing(gap.instant, gap.reason, dropped=gap.dropped)
-        kept = []
-        for frame in frames:
-            size = frame.frame.picture.held_bytes
-            if held_bytes + self.waiting_bytes + size > self.most_bytes:
-                self.note_missing(frame.instant, TOO_SLOW)
-                continue
-            self.waiting_bytes += size
-            kept.append(frame)
-        return kept
-
-    def note_encoded(self, frame: SelectedFrame[CapturedFrame]) -> None:
-        """A frame waits no longer."""
-        self.waiting_bytes -= frame.frame.picture.held_bytes
-
-    def note_missing(self, instant: int, reason: str, *, dropped: bool = False) -> None:
-        """An instant has no frame."""
-        last = self.runs[-1] if self.runs else None
-        follows = last is not None and last.first + last.count == instant
-        if last is not None and follows and (last.reason, last.dropped) == (reason, dropped):
-            self.runs[-1] = replace(last, count=last.count + 1)
-        else:
-            self.runs.append(MissingRun(first=instant, count=1, reason=reason, dropped=dropped))
-
-    def report(self, report: CameraReport, waiting: Iterable[int]) -> CameraReport:
-        """A node's report with what there is to tell now; `waiting` are instants whose images are here."""
-        told = report.with_plan(instants=tuple(waiting), picking=not self.ended, missing=())
-        return told.with_plan(picked=self.over, missing_runs=tuple(self.runs)) if self.ended else told
-
-
 @dataclass(slots=True)
 class BurstUpload:
     """A burst's frames on their way to the leader: picked, then encoded, then confirmed."""
@@ -157,33 +91,45 @@ class BurstUpload:
     """Nothing of it is to be sent any more: the leader has it, or does not want it."""
     on_commit: Callable[[], None] = lambda: None
     """Called when no further instants are wanted."""
-    stream: PickedStream | None = None
-    """What is known of a burst whose frames are sent as they are picked; None for any other."""
+    streamed: bool = False
+    """The frames are sent as they are picked."""
+    video: bool = False
+    """They go into a video, which has no ground truth but their times."""
+    most_bytes: int = RING_BYTES
+    """The most memory that streamed frames may take that are not on a disk yet: the camera goes on."""
+    over: int = 0
+    """How many instants of a streamed burst are decided."""
+    ended: bool = False
+    """Nothing more of it is picked."""
+    missing_runs: list[MissingRun] = field(default_factory=list)
+    """Which of its instants are missing."""
+    end_is_kept: bool = False
+    """Whether the spool has what is known at its end."""
 
     @property
     def is_picking(self) -> bool:
         """Whether further frames will be picked."""
-        return self.stream is not None and not self.stream.ended
+        return self.streamed and not self.ended
 
     @property
     def has_work(self) -> bool:
         """Whether there is something to tell or to send."""
         return not self.is_picking or bool(self.images) or not self.is_committed
 
-    @property
-    def announced(self) -> set[int]:
-        """The instants that the leader was told of."""
-        return {*self.report.plan.instants}
-
     def report_now(self) -> CameraReport:
         """The report as it stands now."""
-        if self.stream is None:
-            return self.report
-        return self.stream.report(self.report, (image.record.instant for image in self.images))
+        return self.report_to_keep(tuple(image.record.instant for image in self.images))
 
-    def report_to_keep(self) -> CameraReport:
-        """The report as the spool has it, which has the images beside it."""
-        return self.report if self.stream is None else self.stream.report(self.report, ())
+    def report_to_keep(self, waiting: tuple[int, ...] = ()) -> CameraReport:
+        """The report as the spool has it, which has the images beside it.
+
+        Of a streamed burst those instants are told whose images are `waiting`.
+        """
+        if not self.streamed:
+            return self.report
+        told = self.report.with_plan(instants=waiting, picking=not self.ended, missing=())
+        runs = tuple(self.missing_runs)
+        return told.with_plan(picked=self.over, missing_runs=runs) if self.ended else told
 
     def load(self, image: ImageUpload) -> bytes | None:
         """An image's bytes; None where the spool does not have them as they were.
@@ -216,11 +162,13 @@ class BurstUpload:
         Of a burst whose frames are sent as they are picked, `over` instants are decided now; with `ended`
         these are all.
         """
-        if self.stream is not None:
-            waiting = sum(map(len, list(self.in_memory.values())))
-            self.frames.extend(self.stream.add(frames, missing, over=over, held_bytes=waiting))
-            if ended and not self.stream.ended:
-                self.stream.ended = True
+        if self.streamed:
+            self.over = max(self.over, over)
+            for gap in missing:
+                self._note_missing(gap.instant, gap.reason, dropped=gap.dropped)
+            self._add_frames(frames)
+            if ended and not self.ended:
+                self.ended = True
                 self.report = replace(self.report)
             return
         if self.is_committed or self.is_over:
@@ -252,7 +200,7 @@ class BurstUpload:
 
         An image that it has another one in the place of is disputed.
         """
-        if self.stream is None:
+        if not self.streamed:
             self.confirmed.update(stored)
         for image in tuple(self.images):
             if stored.get(image.record.instant, image.record.sha256) != image.record.sha256:
@@ -268,18 +216,19 @@ class BurstUpload:
 
     def lost_instants(self) -> list[int]:
         """The instants that are wanted of what was announced, and are neither here nor with the leader."""
-        if self.stream is not None:
+        if self.streamed:
             return []
         here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
-        wanted = self.announced if self.wanted is None else self.wanted & self.announced
+        announced = frozenset(self.report.plan.instants)
+        wanted = announced if self.wanted is None else self.wanted & announced
         return sorted(wanted - here - self.confirmed)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
         """Move announced images that will not come to those that are missing."""
-        if self.stream is not None:
+        if self.streamed:
             for instant in instants:
-                self.stream.note_missing(instant, reason)
-            if self.stream.ended:
+                self._note_missing(instant, reason)
+            if self.ended:
                 self.report = replace(self.report)
             return
         plan = self.report.plan
@@ -287,6 +236,26 @@ class BurstUpload:
         gone = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
         left = tuple(instant for instant in plan.instants if instant not in instants)
         self.report = self.report.with_plan(instants=left, missing=(*plan.missing, *gone))
+
+    def _add_frames(self, frames: Iterable[SelectedFrame[CapturedFrame]]) -> None:
+        """Take those frames that there is memory for; others are missing."""
+        held_bytes = sum(map(len, list(self.in_memory.values())))
+        held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
+        for frame in frames:
+            size = frame.frame.picture.held_bytes
+            if held_bytes + size > self.most_bytes:
+                self._note_missing(frame.instant, TOO_SLOW)
+                continue
+            held_bytes += size
+            self.frames.append(frame)
+
+    def _note_missing(self, instant: int, reason: str, *, dropped: bool = False) -> None:
+        last = self.missing_runs[-1] if self.missing_runs else None
+        follows = last is not None and last.first + last.count == instant
+        if last is not None and follows and (last.reason, last.dropped) == (reason, dropped):
+            self.missing_runs[-1] = replace(last, count=last.count + 1)
+        else:
+            self.missing_runs.append(MissingRun(first=instant, count=1, reason=reason, dropped=dropped))
 
     def _let_go(self, of: Callable[[int], bool]) -> list[Path]:
         gone = [image for image in self.images if of(image.record.instant)]

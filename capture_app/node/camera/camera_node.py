@@ -16,7 +16,7 @@ from capture_app.errors import NetworkError, ungrouped_errors
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
-from capture_app.node.camera.burst_upload import BurstUpload, PickedStream
+from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.records import (
     camera_record,
     camera_report,
@@ -304,7 +304,12 @@ class RigMember:
             forget = functools.partial(self._engine.forget_burst, ready.leader, ready.burst)
             self._uploader.add_burst(BurstUpload(report, deque(ready.frames), on_commit=forget))
             return
-        stream = PickedStream(ready.trigger.video, self.options.ring_bytes)
-        upload = BurstUpload(report.with_plan(instants=(), missing=(), picking=True), deque(), stream=stream)
+        upload = BurstUpload(
+            report.with_plan(instants=(), missing=(), picking=True),
+            deque(),
+            streamed=True,
+            video=ready.trigger.video,
+            most_bytes=self.options.ring_bytes,
+        )
         upload.extend(ready.frames, report.plan.missing, over=ready.over, ended=ready.ended)
         self._uploader.add_burst(upload)

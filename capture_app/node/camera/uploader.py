@@ -12,7 +12,7 @@ from capture_app.cameras.pictures import lower_priority
 from capture_app.errors import CameraError, NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_sender import BurstSender, PausedError, PostponedError
+from capture_app.node.camera.burst_sender import BurstSender, PostponedError
 from capture_app.node.camera.burst_upload import BurstUpload, encode_frame
 from capture_app.node.camera.spool import Spool
 from capture_app.node.news import Log
@@ -175,15 +175,12 @@ class Uploader:
         # While it was encoded, the leader may have refused the burst.
         if burst.frames and burst.frames[0] is picked:
             burst.frames.popleft()
-            if burst.stream is not None:
-                burst.stream.note_encoded(picked)
             if image is not None:
                 burst.images.append(image)
 
     def _encode(self, burst: BurstUpload, picked: SelectedFrame[CapturedFrame]) -> ImageUpload:
         """Encode a frame into the spool where there is room, else into memory; in a thread of its own."""
-        with_truth = burst.stream is None or not burst.stream.video
-        image, data = encode_frame(burst.report, picked, with_truth=with_truth)
+        image, data = encode_frame(burst.report, picked, with_truth=not burst.video)
         # It can be sent from here at once, while the spool's disk takes its time.
         burst.in_memory[picked.instant] = data
         if self.spool is None or not burst.spooling:
@@ -206,11 +203,11 @@ class Uploader:
     async def _keep_ends(self) -> None:
         """Keep in the spool what is missing of bursts that have ended."""
         for burst in tuple(self._waiting):
-            stream, spooled = burst.stream, burst.spooled
-            if stream is not None and stream.ended and not stream.kept and spooled and not burst.is_over:
-                stream.kept = True
+            has_ended = burst.ended and not burst.is_over
+            if has_ended and not burst.end_is_kept and burst.spooled is not None:
+                burst.end_is_kept = True
                 with contextlib.suppress(SimulshotError):
-                    await asyncio.to_thread(spooled.write_report, burst.report_to_keep())
+                    await asyncio.to_thread(burst.spooled.write_report, burst.report_to_keep())
 
     async def _sync_spool(self) -> None:
         """Sync the spool for all images that were written to it during the sync before."""
@@ -224,7 +221,7 @@ class Uploader:
                 try:
                     # What goes on to the leader at once is here for too short a time to be worth a sync: it
                     # outlives this process, and a power cut of this machine would end the stream anyway.
-                    if burst.stream is None or self._stream is None:
+                    if not burst.streamed or self._stream is None:
                         await asyncio.to_thread(spooled.sync, images.values())
                 except SimulshotError as error:
                     burst.unsynced.clear()
@@ -241,14 +238,18 @@ class Uploader:
                 self._news.clear()
                 await self._news.wait()
             try:
-                async with await connect(self.leader, FromLeader, trust=self._trust) as channel:
+                async with (
+                    await connect(self.leader, FromLeader, trust=self._trust) as channel,
+                    contextlib.aclosing(BurstSender(channel, self._news, self._log, self._waiting)) as sender,
+                ):
                     self._stream = channel
-                    sender = BurstSender(channel, self._news, self._log, self._waiting)
                     if isinstance(refusal := await sender.ask(self._opening), Refusal):
                         raise NetworkError(refusal.what, hint=refusal.hint)
                     while self._waiting or self._space_is_due:
                         if self._space_is_due:
-                            await self._tell_space(sender)
+                            self._space_is_due = False
+                            if self.spool is not None:
+                                await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:
                             await self._send_burst(sender, self._waiting[0])
                             failures = 0
@@ -263,9 +264,8 @@ class Uploader:
                 self._stream = None
 
     async def _send_burst(self, sender: BurstSender, burst: BurstUpload) -> None:
-        try:
-            refusal = await sender.send_burst(burst)
-        except PausedError:
+        refusal = await sender.send_burst(burst)
+        if refusal is None and burst.is_picking and not burst.is_over:
             self._waiting.rotate(-1)
             return
         forget = refusal is not None and refusal.forget and burst.report.leader == self._run
@@ -296,12 +296,6 @@ class Uploader:
             await asyncio.sleep(SPACE_EVERY_S)
             self._space_is_due = True
             self._news.set()
-
-    async def _tell_space(self, sender: BurstSender) -> None:
-        self._space_is_due = False
-        if self.spool is None:
-            return
-        await sender.ask(await asyncio.to_thread(self.spool.look))
 
 
 def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraReport:

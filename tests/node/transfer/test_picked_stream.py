@@ -6,7 +6,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, PickedStream
+from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload
 from capture_app.node.camera.spool import Spool
 from capture_app.node.wire.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
@@ -19,7 +19,7 @@ def streamed(burst: int, *pictures: Picture, most_bytes: int = 1 << 20) -> Burst
     """A burst that is being picked, with these frames so far."""
     whole = burst_upload(*pictures)
     report = replace(whole.report, burst=burst).with_plan(instants=(), picking=True)
-    upload = BurstUpload(report, deque(), stream=PickedStream(most_bytes=most_bytes))
+    upload = BurstUpload(report, deque(), streamed=True, most_bytes=most_bytes)
     upload.extend(whole.frames, [], over=len(pictures))
     return upload
 

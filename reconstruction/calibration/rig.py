@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View
@@ -151,14 +151,6 @@ class Rig:
         """
         self.calibration = calibration
         self.views = calibrated_views(self.dataset, calibration)
-
-    def try_calibrate(self) -> NotAvailableError | BadInputError | None:
-        """As `calibrate`; the error says why there are no views."""
-        try:
-            self.calibrate()
-        except (NotAvailableError, BadInputError) as error:
-            return error
-        return None
 
     def check_pair(self, pair: tuple[str, str] | None) -> None:
         """Refuse a pair of cameras that the session does not have."""

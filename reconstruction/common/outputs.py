@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -96,18 +96,16 @@ class StageCache:
         text = repr((VERSION, self.source, stage, inputs))
         return self.folder / f"{stage}-{hashlib.sha256(text.encode()).hexdigest()[:16]}{suffix}"
 
-    def arrays(
-        self, stage: str, make: Callable[[], dict[str, Any]], *inputs: object
-    ) -> dict[str, np.ndarray[Any, Any]]:
-        """Named arrays, from the stage's .npz or made and saved there."""
+    def arrays(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
+        """A dataclass of arrays, from the stage's .npz or made and saved there."""
         path = self.path(stage, ".npz", *inputs)
         if not path.exists():
             part = path.with_suffix(".part")
             with part.open("wb") as file:
-                np.savez(file, **make())
+                np.savez(file, **vars(make()))
             part.rename(path)
         with np.load(path) as data:
-            return {name: data[name] for name in data.files}
+            return kind(**{name: data[name] for name in data.files})
 
     def record(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
         """A msgspec struct (or plain data), from the stage's .json or made and saved there."""

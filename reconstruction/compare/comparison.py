@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import NotAvailableError
+from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.bullet_time import render_burst_grid, render_camera_sweep
 from reconstruction.calibration.kept import settle_calibration
@@ -139,7 +139,11 @@ class Comparison:
         self.progress.step(f"detecting motion in {self.dataset.name}")
         moving = self.rig.moving_share([k for k, _ in evenly_spread(self.offset.pairs, 4)])
         self.progress.step("calibration")
-        no_views = self.rig.try_calibrate()
+        no_views: BadInputError | NotAvailableError | None = None
+        try:
+            self.rig.calibrate()
+        except (BadInputError, NotAvailableError) as error:
+            no_views = error
         self.progress.step("choosing cameras")
         if no_views is None:
             self._run(self.stereo)

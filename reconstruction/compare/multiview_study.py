@@ -249,9 +249,10 @@ class MultiviewStudy(Study):
         if not sources[self.group.reference]:
             raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
         reach = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
-        made = self.rig.stages.arrays(
+        return self.rig.stages.arrays(
             "multiview",
-            lambda: vars(compute_instant_depth(shots, sources, reach, self.group.reference, self.matcher)),
+            InstantDepth,
+            lambda: compute_instant_depth(shots, sources, reach, self.group.reference, self.matcher),
             self.group.reference,
             tuple(shown.items()),
             repr(views),
@@ -260,7 +261,6 @@ class MultiviewStudy(Study):
             self.matcher.name,
             self.matcher.quick,
         )
-        return InstantDepth(**made)
 
     def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float]:
         pixels = synced.shares["mover_coverage"][1]

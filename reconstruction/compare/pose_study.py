@@ -2,7 +2,6 @@
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -45,7 +44,6 @@ class PoseFinder:
         self._folder = folder
         self._extracted: set[ImageKey] = set()
         self._matched: set[tuple[ImageKey, ImageKey]] = set()
-        self._models = 0
 
     @cached_property
     def _colmap(self) -> Any:
@@ -70,9 +68,7 @@ class PoseFinder:
             ba_refine_extra_params=False,
             ba_refine_principal_point=False,
         )
-        self._models += 1
-        target = self._folder / f"model{self._models}"
-        target.mkdir()
+        target = tempfile.mkdtemp(dir=self._folder)
         models = self._colmap.incremental_mapping(self._database, self._images, target, options)
         best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
         if best is None:
@@ -151,28 +147,6 @@ def _relative(a: Pose, b: Pose) -> Pose:
     return turn, a[1] - turn.T @ b[1]
 
 
-@dataclass(frozen=True)
-class InstantPoses:
-    """Poses of one instant: how many cameras were placed, and both errors (degrees) of each pair of them."""
-
-    cameras: int
-    registered: int
-    errors: tuple[tuple[float, float], ...]
-
-    def measure(self) -> Measurements:
-        """The measures of the instant."""
-        pairs = self.cameras * (self.cameras - 1) // 2
-        right = sum(max(error) <= TOLERANCE_DEG for error in self.errors)
-        errors = np.array(self.errors, float).reshape(-1, 2)
-        return Measurements(
-            medians={"rotation_deg": errors[:, 0], "direction_deg": errors[:, 1]},
-            means={
-                "registered": np.array([float(self.registered)]),
-                "correct_pairs": np.array([right / pairs]),
-            },
-        )
-
-
 class PoseStudy(Study):
     """Camera poses of single instants, compared with the calibration."""
 
@@ -218,7 +192,7 @@ class PoseStudy(Study):
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))
             for one in instants:
                 sides = one.sides.items()
-                measured = {side: self._poses(finder, pictures).measure() for side, pictures in sides}
+                measured = {side: self._measure(finder, pictures) for side, pictures in sides}
                 tally.add(measured, {"instant": one.instant})
         found = StudyResult(
             name=self.name,
@@ -240,13 +214,29 @@ class PoseStudy(Study):
         found = fullest_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
         return evenly_spread(found, self.max_instants)
 
-    def _poses(self, finder: PoseFinder, shown: dict[str, int]) -> InstantPoses:
+    def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:
+        """How many cameras were placed, and both errors of each pair of them."""
         views = self.rig.views
 
-        def make() -> InstantPoses:
+        def make() -> tuple[int, list[tuple[float, float]]]:
             poses = finder.find_poses(shown)
             true = {name: (view.rotation, view.translation) for name, view in views.items()}
-            return InstantPoses(len(shown), len(poses), tuple(relative_pose_errors(poses, true)))
+            return len(poses), relative_pose_errors(poses, true)
 
-        version = library_versions()["pycolmap"]
-        return self.rig.stages.record("poses", InstantPoses, make, tuple(shown.items()), repr(views), version)
+        placed, found = self.rig.stages.record(
+            "placed_pairs",
+            tuple[int, list[tuple[float, float]]],
+            make,
+            tuple(shown.items()),
+            repr(views),
+            library_versions()["pycolmap"],
+        )
+        right = sum(max(error) <= TOLERANCE_DEG for error in found)
+        errors = np.array(found, float).reshape(-1, 2)
+        return Measurements(
+            medians={"rotation_deg": errors[:, 0], "direction_deg": errors[:, 1]},
+            means={
+                "registered": np.array([float(placed)]),
+                "correct_pairs": np.array([right / (len(shown) * (len(shown) - 1) // 2)]),
+            },
+        )

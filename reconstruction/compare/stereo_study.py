@@ -223,11 +223,10 @@ class StereoStudy(PairStudy):
     def _depth(self, matcher: StereoPair, disparities: tuple[float, float], now: int, shown: int) -> DepthMap:
         """Depth of the reference at an instant, with what the other camera shows, from the stages' folder."""
         rig, (reference, other) = self.rig, self.cameras
-        made = rig.stages.arrays(
+        return rig.stages.arrays(
             "depth",
-            lambda: vars(
-                matcher.compute_depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown))
-            ),
+            DepthMap,
+            lambda: matcher.compute_depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown)),
             reference,
             other,
             repr((rig.views[reference], rig.views[other])),
@@ -236,7 +235,6 @@ class StereoStudy(PairStudy):
             now,
             shown,
         )
-        return DepthMap(**made)
 
     def _instants(
         self, pairs: Sequence[tuple[int, int]], maps: Sequence[dict[str, DepthMap]], matcher: StereoPair

@@ -331,14 +331,14 @@ class TriangulationStudy(Study):
     def _points(self, shown: Mapping[str, int]) -> RigPoints:
         views = [repr(self.rig.views[camera]) for camera in shown]
         version = library_versions()["pycolmap"]
-        made = self.rig.stages.arrays(
+        return self.rig.stages.arrays(
             "triangulation",
-            lambda: vars(self._triangulator.triangulate(shown)),
+            RigPoints,
+            lambda: self._triangulator.triangulate(shown),
             tuple(shown.items()),
             views,
             version,
         )
-        return RigPoints(**made)
 
     def _masks(self, pictures: Mapping[str, int], sides: Mapping[str, Mapping[str, int]]) -> list[Masks]:
         motion, masks = self.motion, []

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,18 +49,30 @@ class PointIndex:
         return self._tensor(np.ascontiguousarray(points, np.float32))
 
 
-@dataclass(frozen=True, eq=False)
-class TrueSurfaces:
-    """True surfaces of one instant, moving or still: an index of all that any view sees, and points (n, 3)
-    evenly spread over what at least two views see, which a reconstruction can find."""
+TrueSurface = tuple[PointIndex, Array]
+"""An index of all that any view sees of it, and points (n, 3) evenly spread over what at least two views see,
+which a reconstruction can find."""
 
-    index: PointIndex
-    shared: Array
+
+def known_surfaces(
+    dataset: Dataset, views: Mapping[str, View], instant: int
+) -> dict[str, TrueSurface] | None:
+    """The true surfaces of an instant, as `true_surfaces`; None where a camera's truth is not known.
+
+    `views` have the distortion of the session's pictures.
+    """
+    loaded = {camera: undistorted_truth(dataset, view, camera, instant) for camera, view in views.items()}
+    known = {camera: one for camera, one in loaded.items() if one is not None}
+    if len(known) < len(loaded):
+        return None
+    plain = {camera: replace(view, distortion=np.zeros(5)) for camera, view in views.items()}
+    depth, movers = ({camera: one[which] for camera, one in known.items()} for which in (0, 1))
+    return true_surfaces(plain, depth, movers)
 
 
 def true_surfaces(
     views: Mapping[str, View], depth: Mapping[str, Array], movers: Mapping[str, Array]
-) -> dict[str, TrueSurfaces]:
+) -> dict[str, TrueSurface]:
     """The moving (`mover`) and the still (`static`) surfaces by undistorted true depth and masks (bool).
 
     Raises:
@@ -79,7 +91,7 @@ def true_surfaces(
         points = np.concatenate(every)
         asked = _sample(_thin_out(points))
         seen = sum(visible_points(view, depth[name], asked).astype(int) for name, view in views.items())
-        found[kind] = TrueSurfaces(PointIndex(points), asked[np.asarray(seen) >= 2])
+        found[kind] = PointIndex(points), asked[np.asarray(seen) >= 2]
     return found
 
 
@@ -161,21 +173,19 @@ def score_movers(
     """
     if unit != "m":
         return None
-    surfaces = {c: undistorted_truth(dataset, image.view, c, instant) for c, image in images.items()}
     shown = {c: undistorted_truth(dataset, image.view, c, image.instant) for c, image in images.items()}
-    true = {camera: one for camera, one in surfaces.items() if one is not None}
     movers = {camera: one[1] for camera, one in shown.items() if one is not None}
-    if not len(true) == len(movers) == len(images):
-        return None
-    views = {camera: image.calibrated.view for camera, image in images.items()}
-    depth = {camera: one[0] for camera, one in true.items()}
     try:
-        surface = true_surfaces(views, depth, {camera: one[1] for camera, one in true.items()})["mover"]
+        known = known_surfaces(dataset, {c: image.view for c, image in images.items()}, instant)
     except NotAvailableError:
         return None
+    if known is None or len(movers) < len(images):
+        return None
+    index, shared = known["mover"]
+    views = {camera: image.calibrated.view for camera, image in images.items()}
     fused = read_fused_cloud(cloud, len(images))
     points = fused.points[points_on_movers(fused.points, fused.seen, views, movers)]
-    precise, complete = surface.index.count_near(points), PointIndex(points).count_near(surface.shared)
+    precise, complete = index.count_near(points), PointIndex(points).count_near(shared)
     found = Measurements({"precision": precise, "recall": complete})
     precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))
     if math.isnan(recall):

@@ -1,7 +1,6 @@
 """Scores of an instant's depth and cloud, on what moves and on the still control that must not change."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -10,12 +9,11 @@ from reconstruction.common.geometry import Array
 from reconstruction.multiview.cloud_accuracy import (
     TOLERANCE_M,
     PointIndex,
-    TrueSurfaces,
+    TrueSurface,
+    known_surfaces,
     points_on_masks,
     points_on_movers,
-    true_surfaces,
 )
-from reconstruction.multiview.input_images import undistorted_truth
 from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.tally import Measurements, measure_depth
@@ -87,23 +85,16 @@ class InstantScorer:
         return np.asarray(~here & ~hidden_here)
 
     def _true_depth(self, instant: int, static: Array) -> Array | None:
-        loaded = self.undistorted.ground_truth(self.reference, instant)
-        return None if loaded is None else true_depth_in_unit(loaded[0], self.unit, self._still, static)
+        truth = self.undistorted.true_depth(self.reference, instant)
+        return None if truth is None else true_depth_in_unit(truth, self.unit, self._still, static)
 
-    def _true_surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurfaces] | None:
+    def _true_surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurface] | None:
         """The true surfaces of an instant, if the calibration knows metres."""
         if self.unit != "m":
             return None
         full = {camera: self.undistorted.full_views[camera] for camera in shown}
-        dataset = self.undistorted.dataset
-        loaded = {camera: undistorted_truth(dataset, view, camera, instant) for camera, view in full.items()}
-        known = {camera: one for camera, one in loaded.items() if one is not None}
-        if len(known) < len(loaded):
-            return None
-        views = {camera: replace(view, distortion=np.zeros(5)) for camera, view in full.items()}
-        depth = {camera: one[0] for camera, one in known.items()}
         try:
-            return true_surfaces(views, depth, {camera: one[1] for camera, one in known.items()})
+            return known_surfaces(self.undistorted.dataset, full, instant)
         except NotAvailableError as error:
             self.cloud_skipped = str(error)
             return None
@@ -113,7 +104,7 @@ class InstantScorer:
         found: InstantDepth,
         times: Mapping[str, int],
         hidden: Mapping[str, Array],
-        surfaces: dict[str, TrueSurfaces] | None,
+        surfaces: dict[str, TrueSurface] | None,
     ) -> dict[str, Measurements]:
         """Points, precision and recall of the cloud on movers and on the still control."""
         self.cloud_skipped = self.cloud_skipped or str(found.no_cloud)
@@ -129,9 +120,9 @@ class InstantScorer:
             one = measured[kind] = Measurements(means={"points": np.array([float(len(points))])})
             if surfaces is None:
                 continue
-            true = surfaces[kind]
-            shared = true.shared[~points_on_masks(true.shared, views, masks)]
-            one.shares["precision"] = true.index.count_near(points)
-            one.shares["recall"] = PointIndex(points).count_near(shared)
+            index, shared = surfaces[kind]
+            free = shared[~points_on_masks(shared, views, masks)]
+            one.shares["precision"] = index.count_near(points)
+            one.shares["recall"] = PointIndex(points).count_near(free)
             self.tolerance_m = TOLERANCE_M
         return measured

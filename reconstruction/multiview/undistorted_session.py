@@ -52,12 +52,10 @@ class UndistortedSession:
         mask = self.undistort_mask(camera, self.motion.changing(camera, instant))
         return dilate(mask, max(3, mask.shape[1] // 80))
 
-    def ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
-        """True depth (m, 0 = unknown) and movers (bool), undistorted, at the small size."""
+    def true_depth(self, camera: str, instant: int) -> Array | None:
+        """True depth (m, 0 = unknown), undistorted, at the small size; None without."""
         loaded = self.dataset.ground_truth(camera, instant)
-        if loaded is None:
-            return None
-        return self._undistort_small(camera, loaded[0]), self.undistort_mask(camera, loaded[1])
+        return None if loaded is None else self._undistort_small(camera, loaded[0])
 
     def undistort_mask(self, camera: str, mask: Array) -> Array:
         """A mask (bool) of the session's own pixels as the small picture shows it."""

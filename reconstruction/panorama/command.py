@@ -183,8 +183,9 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
     absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
     settle_calibration(dataset)
-    views = _known_views(dataset, cameras)
     calibration = dataset.calibration()
+    known = calibrated_views(dataset, calibration) if calibration is not None else {}
+    views = {name: known[name] for name in cameras if name in known}
     source = calibration.source_words if calibration is not None and views else ""
     motion = SceneMotion(dataset, 1) if len(dataset.instants_ns) > 1 else None
     shown = {"synced": dict.fromkeys(cameras, instant)}
@@ -205,12 +206,3 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
 def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:
     images = {name: dataset.image(name, k) for name, k in shown.items()}
     return images, {name: motion.widened_movers(name, k) for name, k in shown.items()} if motion else {}
-
-
-def _known_views(dataset: Dataset, cameras: Sequence[str]) -> dict[str, View]:
-    """The session's calibration, as far as it has one that fits."""
-    calibration = dataset.calibration()
-    if calibration is None:
-        return {}
-    views = calibrated_views(dataset, calibration)
-    return {name: views[name] for name in cameras if name in views}

@@ -269,11 +269,11 @@ def test_a_cloud_is_held_against_true_surfaces() -> None:
         mask[:, :160] = True
     surfaces = true_surfaces(views, depth, movers)
     wall = np.array([(x, y, 2.0) for x in np.linspace(-0.5, 0.5, 120) for y in np.linspace(-0.5, 0.5, 120)])
-    near = [surfaces[kind].index.count_near(wall)[0] for kind in ("mover", "static")]
+    near = [surfaces[kind][0].count_near(wall)[0] for kind in ("mover", "static")]
     assert sum(near) >= len(wall)
     assert min(near) > 0.3 * len(wall)
-    assert surfaces["static"].index.count_near(wall + np.array([0, 0, 0.02]))[0] == 0
-    right, asked = PointIndex(wall).count_near(surfaces["static"].shared)
+    assert surfaces["static"][0].count_near(wall + np.array([0, 0, 0.02]))[0] == 0
+    right, asked = PointIndex(wall).count_near(surfaces["static"][1])
     assert 0 < right < asked
     assert PointIndex(np.zeros((0, 3))).count_near(wall[:5]) == (0, 5)
     on_masks = points_on_masks(np.array([[-0.5, 0.0, 2.0], [0.6, 0.0, 2.0]]), views, movers)

@@ -84,11 +84,10 @@ def find_calibration(dataset: Dataset) -> KeptCalibration | None:
     modes = camera_modes(dataset)
     found = [kept for path in sorted(shelf().glob("*.json")) if (kept := _read(path)) is not None]
     known = [(sum(kept.modes.get(name) == mode for name, mode in modes.items()), kept) for kept in found]
-    ranked = [(count, kept.created, kept.session) for count, kept in known]
-    best = max(range(len(known)), key=lambda i: ranked[i], default=None)
-    if best is None or known[best][0] < max(2, (len(modes) + 1) // 2):
+    best = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=None)
+    if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
-    kept = known[best][1]
+    kept = best[1]
     # Without cameras that are set otherwise now.
     same = {
         name: camera

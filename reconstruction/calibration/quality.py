@@ -59,28 +59,31 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
 
 def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
     """Raise BadInputError with the reason where a rig's calibration is not fit to measure with."""
-    why, judged = "", True
+    error, angle = quality.reprojection_error_px, quality.triangulation_angle_deg
+    share = f"{100 * quality.inlier_share:.0f} %"
+    unjudged = why = ""
     if 2 * len(quality.coverage) < cameras:
         why = f"it covers only {len(quality.coverage)} of {cameras} cameras"
-    elif quality.reprojection_error_px is None or quality.triangulation_angle_deg is None:
-        why, judged = "no two of its cameras see enough of the same points", False
+    elif error is None or angle is None:
+        unjudged = "no two of its cameras see enough of the same points"
     elif quality.points < MIN_POINTS:
-        why, judged = f"its cameras share only {quality.points} points; {MIN_POINTS} are needed", False
+        unjudged = f"its cameras share only {quality.points} points; {MIN_POINTS} are needed"
     elif quality.inlier_share < MIN_INLIER_SHARE:
-        share = f"{100 * quality.inlier_share:.0f} %"
         why = f"only {share} of the shared points have a reprojection error below {INLIER_PX:g} px"
-    elif quality.reprojection_error_px > MAX_REPROJECTION_PX:
-        error = f"{quality.reprojection_error_px:.1f} px"
-        why = f"the median reprojection error is {error}, above {MAX_REPROJECTION_PX:g} px"
-    elif quality.triangulation_angle_deg < MIN_ANGLE_DEG:
-        angle = f"{quality.triangulation_angle_deg:.2f} degrees"
-        why = f"the median triangulation angle is {angle}, too little to tell depth"
-    if why and not judged:
-        hint = "record a board, held where neighbouring cameras both see it"
-        raise BadInputError(f"this calibration cannot be judged: {why}", hint=hint)
+    elif error > MAX_REPROJECTION_PX:
+        why = f"the median reprojection error is {error:.1f} px, above {MAX_REPROJECTION_PX:g} px"
+    elif angle < MIN_ANGLE_DEG:
+        why = f"the median triangulation angle is {angle:.2f} degrees, too little to tell depth"
+    if unjudged:
+        raise BadInputError(
+            f"this calibration cannot be judged: {unjudged}",
+            hint="record a board, held where neighbouring cameras both see it",
+        )
     if why:
-        hint = "were the cameras moved, or is it another rig's? record a board from several places"
-        raise BadInputError(f"this calibration is not good enough: {why}", hint=hint)
+        raise BadInputError(
+            f"this calibration is not good enough: {why}",
+            hint="were the cameras moved, or is it another rig's? record a board from several places",
+        )
 
 
 def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Array]:

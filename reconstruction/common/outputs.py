@@ -28,6 +28,21 @@ def comparison_folder(out: Path) -> OutputFolder:
     return OutputFolder(out, replaces_only(OURS), reuse=STAGES)
 
 
+class Provenance(msgspec.Struct, frozen=True, kw_only=True):
+    """How a result was made: what every command says of its own run."""
+
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
+    seconds: float = 0.0
+    """All of it, wall time."""
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
+    changed_pictures: tuple[str, ...] = ()
+    """Files whose bytes are not those that were saved."""
+    versions: dict[str, str] = {}
+    """Of the libraries that made it."""
+
+
 def write_metrics(folder: Path, result: msgspec.Struct) -> None:
     """Write what was measured into a comparison's folder."""
     write_atomic(folder / METRICS, pretty_json(result))

@@ -24,7 +24,7 @@ from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import ChosenMatcher
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.scores.tally import Tally
 from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
 from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
@@ -205,7 +205,9 @@ class MultiviewStudy(Study):
         tally = Tally()
         for one, maps in zip(instants, found, strict=True):
             measured = scorer.measure(one.instant, one.shown, maps)
-            tally.add(measured, self._facts(one, measured["synced"]))
+            pixels = measured["synced"].shares["mover_coverage"][1]
+            facts = {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
+            tally.add(measured, facts)
         pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
         group = self.group
         return StudyResult(
@@ -261,10 +263,6 @@ class MultiviewStudy(Study):
             self.matcher.name,
             self.matcher.quick,
         )
-
-    def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float]:
-        pixels = synced.shares["mover_coverage"][1]
-        return {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
 
     def _show(
         self,

@@ -5,16 +5,15 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.terminal import Progress
-from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import SYNCHRONIZED, Pair, PairStudy, write_pictures
+from reconstruction.compare.study import SYNCHRONIZED, PairStudy, write_pictures
 from reconstruction.panorama.composition import Layer, average_layers
 from reconstruction.panorama.overlap import Overlap, known, measure_misfit, overlap_of
 from reconstruction.panorama.stitcher import PanoramaStitcher
 from reconstruction.scores.study_result import Picture, StudyResult
 from reconstruction.scores.tally import SIDES, Measurements, Tally
-from reconstruction.session.conditions import Condition, FrameOffset
+from reconstruction.session.conditions import Condition
 from reconstruction.session.motion import dilate
 
 FEWEST_GREY_LEVELS = 12
@@ -40,16 +39,8 @@ class PanoramaStudy(PairStudy):
 
     name = "panorama"
 
-    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
-        super().__init__(rig, offset, asked, max_instants)
-        self._stitcher: PanoramaStitcher | None = None
-
-    @property
-    def stitcher(self) -> PanoramaStitcher:
-        """What registers, projects and composes the pair. Raises RuntimeError before `prepare`."""
-        if self._stitcher is None:
-            raise RuntimeError("the panorama study is not prepared")
-        return self._stitcher
+    stitcher: PanoramaStitcher
+    """What registers, projects and composes the pair, from `prepare` on."""
 
     def prepare(self, middle: int, progress: Progress) -> None:
         """Choose the pair, and register its pictures of the same instant.
@@ -67,7 +58,7 @@ class PanoramaStudy(PairStudy):
             for read in (self.dataset.image, self.motion.widened_movers)
         )
         known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
-        self._stitcher = PanoramaStitcher(images, movers, known)
+        self.stitcher = PanoramaStitcher(images, movers, known)
         if overlap_of(*self.stitcher.layers(images).values()) is None:
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 

@@ -14,7 +14,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import ForeignError, opencv_calls
 from reconstruction.pairs import PairChoice
-from reconstruction.scores.study_result import SUBJECTS, Measure, Picture, StudyResult
+from reconstruction.scores.study_result import Measure, Picture, StudyResult
 from reconstruction.scores.tally import SIDES
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition, FrameOffset
 from reconstruction.session.instants import choose_moving_instants, pair_instants
@@ -41,11 +41,6 @@ class Study(ABC):
         self.condition = ALL_APART
         """What it compares with the synchronized condition if nothing else is asked for."""
         self.found = StudyResult(name=self.name, skipped="it was not asked for", unasked=True)
-
-    @property
-    def subject(self) -> str:
-        """What it measures, for messages."""
-        return SUBJECTS[self.name]
 
     @property
     @abstractmethod
@@ -76,7 +71,7 @@ class Study(ABC):
     def run(self, middle: int, progress: Progress, folder: Path) -> None:
         """Prepare the study and compare its own condition; pictures go into the folder."""
         try:
-            with opencv_calls(self.subject):
+            with opencv_calls(self.found.subject):
                 self.prepare(middle, progress)
                 self.found = self.compare(self.condition, progress, folder)
         except (ValueError, ForeignError, NotAvailableError) as error:
@@ -91,7 +86,7 @@ class Study(ABC):
         if condition == self.condition:
             return self.found
         try:
-            with opencv_calls(self.subject):
+            with opencv_calls(self.found.subject):
                 return self.compare(condition, Progress(0, silent=True))
         except (ValueError, ForeignError) as error:
             return StudyResult(name=self.name, skipped=str(error))
@@ -101,7 +96,7 @@ class Study(ABC):
         theirs = self.for_session(rig)
         quiet = Progress(0, silent=True)
         try:
-            with opencv_calls(self.subject):
+            with opencv_calls(self.found.subject):
                 theirs.prepare(len(rig.dataset.instants_ns) // 2, quiet)
                 found = theirs.compare(SYNCHRONIZED, quiet)
         except (ValueError, ForeignError) as error:

@@ -1,6 +1,8 @@
 """What `reconstruct multiview` found; written as multiview.json and printed by --json."""
 
-from msgspec import Struct
+from msgspec import Struct, field
+
+from reconstruction.common.outputs import Provenance
 
 
 class ViewResult(Struct, frozen=True, kw_only=True):
@@ -35,14 +37,12 @@ class CloudScore(Struct, frozen=True, kw_only=True):
     """Their harmonic mean."""
 
 
-class MultiviewResult(Struct, frozen=True, kw_only=True):
+class MultiviewResult(Provenance, frozen=True, kw_only=True):
     """Depth of all cameras of an instant; the first shares are those of the reference camera."""
 
     session: str
     instant: int
     offsets_ms: tuple[float, ...] = ()
-    time_shifts_ms: dict[str, float] = {}
-    """What was added to the times of these cameras."""
     matcher: str
     matcher_note: str = ""
     """Why this matcher was taken."""
@@ -62,21 +62,14 @@ class MultiviewResult(Struct, frozen=True, kw_only=True):
     nearest: float
     farthest: float
     views: tuple[ViewResult, ...]
-    left_out: dict[str, str] = {}
+    left_out: dict[str, str] = field(default_factory=dict)
     """Cameras without depth, and why."""
     fused_points: int
     cloud_points: int
     mesh_triangles: int
     files: tuple[str, ...]
-    seconds: float
-    """All of it."""
     seconds_of: dict[str, float]
     """Wall seconds of each stage."""
-    memory_notes: tuple[str, ...] = ()
-    """What the memory budget changed."""
-    changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes are not those that were saved."""
-    versions: dict[str, str] = {}
 
 
 class SequenceInstant(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -97,8 +90,8 @@ class SequenceInstant(Struct, frozen=True, kw_only=True, omit_defaults=True):
     reason: str = ""
 
 
-class SequenceResult(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The clouds of many instants; shares are medians over the instants that have them."""
+class SequenceResult(Provenance, frozen=True, kw_only=True, omit_defaults=True):
+    """The clouds of many instants, and this run; shares are medians over the instants that have them."""
 
     session: str
     condition: str
@@ -114,8 +107,3 @@ class SequenceResult(Struct, frozen=True, kw_only=True, omit_defaults=True):
     within_2pct: float | None = None
     masks: bool = False
     files: tuple[str, ...]
-    seconds: float
-    """Wall seconds of this run."""
-    memory_notes: tuple[str, ...] = ()
-    changed_pictures: tuple[str, ...] = ()
-    versions: dict[str, str] = {}

@@ -397,7 +397,6 @@ def _summary(
         mover_within_2pct=_median([one.mover_within_2pct for one in every]),
         within_2pct=_median([one.within_2pct for one in every]),
         files=(),
-        seconds=0.0,
         memory_notes=memory_budget().notes,
         changed_pictures=picture_checks().changed,
         versions=library_versions(),

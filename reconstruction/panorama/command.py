@@ -15,7 +15,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, opencv_calls
-from reconstruction.common.outputs import comparison_folder, write_metrics
+from reconstruction.common.outputs import Provenance, comparison_folder, write_metrics
 from reconstruction.panorama.overlap import Misfit, Overlaps, OverlapScore
 from reconstruction.panorama.stitcher import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.conditions import nearest_frame_offset
@@ -53,7 +53,7 @@ class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
     overlaps: tuple[OverlapScore, ...]
 
 
-class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
+class PanoramaResult(Provenance, frozen=True, kw_only=True):
     """Everything `reconstruct panorama` found."""
 
     source: str
@@ -65,14 +65,6 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     synced: ConditionPanorama
     offset: ConditionPanorama | None = None
     actual_offset_ms: float = 0.0
-    time_shifts_ms: dict[str, float] = {}
-    """What was added to the times of these cameras."""
-    seconds: float = 0.0
-    memory_notes: tuple[str, ...] = ()
-    """What the memory budget changed."""
-    changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes are not those that were saved."""
-    versions: dict[str, str] = {}
 
 
 Pictures = tuple[dict[str, Array], dict[str, Array]]

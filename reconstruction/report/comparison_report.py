@@ -1,15 +1,14 @@
 """The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from capture_app.text import count
 from reconstruction.report.charts import pose_chart
 from reconstruction.report.embedding import embed_image, view_clouds
 from reconstruction.report.findings import (
     UNSYNCHRONIZED,
-    Sides,
     claims,
     describe_control,
     describe_delays,
@@ -17,9 +16,9 @@ from reconstruction.report.findings import (
     describe_synchronization,
     name_sides,
 )
-from reconstruction.report.measures import STUDIES, StudyText, describe_facts
+from reconstruction.report.measures import STUDIES, describe_facts
 from reconstruction.report.page import Section, render_page, write_page
-from reconstruction.report.tables import Table, conditions_table, instants_table, study_table, timing_table
+from reconstruction.report.tables import conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
 from reconstruction.scores.comparison_results import CompareResult, ReportWords, WordTable
 from reconstruction.scores.study_result import Picture, StudyResult
@@ -31,19 +30,6 @@ ORIGINS = {
 }
 HEROES = ("stereo_depth", "panorama")
 """The picture of the first screen: where something is lost, not only elsewhere, in the late one."""
-
-
-@dataclass(frozen=True)
-class StudyView:
-    """What a page shows of a study; without tables where it was skipped."""
-
-    found: StudyResult
-    text: StudyText
-    sides: Sides
-    delays: str = ""
-    engine: str = ""
-    table: Table | None = None
-    instants: Table | None = None
 
 
 def write_report(result: CompareResult, out: Path) -> Path:
@@ -60,7 +46,8 @@ def write_report(result: CompareResult, out: Path) -> Path:
 def report_words(result: CompareResult) -> ReportWords:
     """The tables of the measurements and what they call the conditions, without a page around them."""
     sides = name_sides(result)
-    tables = [view.table for study in result.studies if (view := _view(result, study)).table is not None]
+    made = [study for study in result.studies if not study.skipped]
+    tables = [study_table(study, name_sides(result, study.cameras)) for study in made]
     return ReportWords(
         synced=sides.first,
         offset=sides.late,
@@ -77,14 +64,19 @@ def report_words(result: CompareResult) -> ReportWords:
     )
 
 
-def _view(result: CompareResult, found: StudyResult) -> StudyView:
-    text, sides = STUDIES[found.name], name_sides(result, found.cameras)
-    if found.skipped:
-        return StudyView(found, text, sides)
+def _view(result: CompareResult, found: StudyResult) -> dict[str, Any]:
+    """What a page shows of a study; without tables where it was skipped."""
+    text, sides, made = STUDIES[found.name], name_sides(result, found.cameras), not found.skipped
     many = "all cameras" if len(found.cameras) > 2 else f"cameras {' and '.join(found.cameras)}"
-    instants = instants_table(f"Moving things, {many}", found, sides)
-    engine = text.engine.format(**describe_facts(found))
-    return StudyView(found, text, sides, describe_delays(found), engine, study_table(found, sides), instants)
+    return {
+        "found": found,
+        "text": text,
+        "sides": sides,
+        "delays": describe_delays(found) if made else "",
+        "engine": text.engine.format(**describe_facts(found)) if made else "",
+        "table": study_table(found, sides) if made else None,
+        "instants": instants_table(f"Moving things, {many}", found, sides) if made else None,
+    }
 
 
 def _page(result: CompareResult, out: Path) -> str:
@@ -121,20 +113,20 @@ def _page(result: CompareResult, out: Path) -> str:
         "tolerance": tolerance_view(result.tolerance) if result.tolerance else None,
         "control": describe_control(result),
         "synchronization": describe_synchronization(result),
-        "pose_chart": pose_chart(poses, views["poses"].sides) if poses is not None else None,
+        "pose_chart": pose_chart(poses, views["poses"]["sides"]) if poses is not None else None,
         "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
         "conditions_table": conditions_table(result),
     }
     return render_page(view, _sections(result, len(pictures) > (hero is not None)))
 
 
-def _pair_pictures(views: Mapping[str, StudyView]) -> list[tuple[Picture, StudyView]]:
+def _pair_pictures(views: Mapping[str, dict[str, Any]]) -> list[tuple[Picture, dict[str, Any]]]:
     """The pictures that compare a pair; those with a slider come first, they show the difference at once."""
     found = [
         (picture, view)
         for view in views.values()
-        if len(view.found.cameras) == 2
-        for picture in view.found.pictures
+        if len(view["found"].cameras) == 2
+        for picture in view["found"].pictures
     ]
     return sorted(found, key=lambda one: one[0].panels > 1)
 

@@ -2,6 +2,7 @@
 
 from msgspec import Struct
 
+from reconstruction.common.outputs import Provenance
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing, Timings
 
@@ -17,7 +18,7 @@ class InstantTolerance(Struct, frozen=True, kw_only=True):
     """The offset of the highest of them; None where none stands out."""
 
 
-class OffsetTolerance(Struct, frozen=True, kw_only=True):
+class OffsetTolerance(Provenance, frozen=True, kw_only=True):
     """A pair's depth against offset to both sides, by the same calibration throughout."""
 
     cameras: tuple[str, str]
@@ -45,16 +46,8 @@ class OffsetTolerance(Struct, frozen=True, kw_only=True):
     verdict: str = ""
     """The result in words; empty where it is a part of a comparison, whose page tells it."""
     session: str = ""
-    time_shifts_ms: dict[str, float] = {}
-    """What was added to the times of these cameras."""
     calibration: str = ""
     report: str = ""
-    seconds: float = 0.0
-    memory_notes: tuple[str, ...] = ()
-    """What the memory budget changed."""
-    changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes are not those that were saved."""
-    versions: dict[str, str] = {}
 
     @property
     def as_recorded(self) -> StudyResult:
@@ -133,7 +126,7 @@ class ReportWords(Struct, frozen=True, kw_only=True):
     tables: tuple[WordTable, ...]
 
 
-class CompareResult(Struct, frozen=True, kw_only=True):
+class CompareResult(Provenance, frozen=True, kw_only=True):
     """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
 
     session: str
@@ -145,8 +138,6 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     """The offset that was asked for."""
     offset_frames: int
     actual_offset_ms: float
-    time_shifts_ms: dict[str, float] = {}
-    """What was added to the times of these cameras."""
     unsynchronized: str = ""
     """Why nothing is called synchronized: the offsets between the cameras' times are unknown."""
     verdict: str = ""
@@ -170,12 +161,6 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     bullet_time: BulletTime | None = None
     words: ReportWords | None = None
     report: str = ""
-    seconds: float = 0.0
-    memory_notes: tuple[str, ...] = ()
-    """What the memory budget changed."""
-    changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes are not those that were saved."""
-    versions: dict[str, str] = {}
 
     @property
     def timings(self) -> Timings:

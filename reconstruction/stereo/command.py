@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
 import numpy as np
-from msgspec import Struct, structs
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
@@ -16,7 +16,7 @@ from reconstruction.common.drawing import colour_depth, display_range, side_by_s
 from reconstruction.common.image_files import save_picture, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import STAGES, Provenance, comparison_folder, write_metrics
 from reconstruction.scores.truth import share_right
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.picture_checksums import picture_checks
@@ -37,7 +37,7 @@ class StereoOptions:
     """What is added to the times of the cameras it names."""
 
 
-class StereoDepth(Struct, frozen=True, kw_only=True):
+class StereoDepth(Provenance, frozen=True, kw_only=True):
     """What `reconstruct stereo` made: paths relative to the output folder, shares of all pixels.
 
     `depth` holds float32 in `unit`s along the reference's axis, 0 = none; `depth_filled` the same with a
@@ -62,19 +62,11 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     filled_within_2pct: float | None
     """Share of these pixels whose filled depth is right."""
     calibration: str
-    time_shifts_ms: dict[str, float] = {}
-    """What was added to the times of these cameras."""
     why: str = ""
-    left_out: dict[str, str] = {}
+    left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """Cameras without an image of the instant, and that."""
-    pairs_left_out: dict[str, str] = {}
+    pairs_left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """By two names with a comma between, why those cameras can make no depth."""
-    memory_notes: tuple[str, ...] = ()
-    """What the memory budget changed."""
-    changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes are not those that were saved."""
-    seconds: float = 0.0
-    versions: dict[str, str]
 
 
 def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
@@ -113,8 +105,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         except ValueError as error:
             raise BadInputError(f"{reference} and {other}: {error}") from error
         result = _save_result(rig, choice.cameras, (options.instant, later), found, output.folder)
-        seconds = time.monotonic() - began
-        result = structs.replace(
+        result = msgspec.structs.replace(
             result,
             session=str(session),
             time_shifts_ms=dict(options.time_shifts_ms),
@@ -123,7 +114,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
             pairs_left_out=dict(choice.left_out),
             memory_notes=memory_budget().notes,
             changed_pictures=picture_checks().changed,
-            seconds=seconds,
+            seconds=time.monotonic() - began,
         )
         write_metrics(output.folder, result)
     return result

@@ -100,7 +100,7 @@ class Rectification:
 
     def remap(self, image: Array, *, other: bool = False, nearest: bool = False) -> tuple[Array, Array]:
         """The image on the canvas, and where the canvas sees it (bool)."""
-        xs, ys, seen = self._other_canvas if other else self._reference_canvas
+        xs, ys, seen = self._canvases[other]
         how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
         # What lies outside continues the edge: windows that reach out match better than with a black frame.
         return cv2.remap(image, xs, ys, how, borderMode=cv2.BORDER_REPLICATE), seen
@@ -125,15 +125,14 @@ class Rectification:
         return np.asarray(cv2.remap(canvas, xs, ys, cv2.INTER_NEAREST, borderValue=(0.0,)))
 
     @cached_property
-    def _reference_canvas(self) -> tuple[Array, Array, Array]:
-        return self._canvas(self.reference, self.reference_rotation, other=False)
+    def _canvases(self) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+        """The reference's and the other's."""
+        return self._canvas(other=False), self._canvas(other=True)
 
-    @cached_property
-    def _other_canvas(self) -> tuple[Array, Array, Array]:
-        return self._canvas(self.other, self.other_rotation, other=True)
-
-    def _canvas(self, view: View, turn: Array, *, other: bool) -> tuple[Array, Array, Array]:
+    def _canvas(self, *, other: bool) -> tuple[Array, Array, Array]:
         """A view's pixel for each of the canvas's (x, y: float32), and where the canvas sees it (bool)."""
+        view = self.other if other else self.reference
+        turn = self.other_rotation if other else self.reference_rotation
         size = (self.width, self.height)
         xs, ys = cv2.initUndistortRectifyMap(
             view.matrix, view.distortion, turn, self._projection(), size, cv2.CV_32FC1

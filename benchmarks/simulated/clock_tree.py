@@ -19,7 +19,7 @@ from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.simulation.links import Channel, Link
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
-from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import Relay
 
 _S = 1_000_000_000
@@ -190,15 +190,15 @@ class Tree:
     def _add_relay(self, number: int, clients: float) -> None:
         name = f"relay{number}"
         rng = self._rng(name)
-        config = TreeMemberConfig(name, rng.getrandbits(32), (ROOT,))
+        member = TreeMember(name, rng.getrandbits(32), (ROOT,), rng)
         limits = LeaderConfig(0, 0, RIG, exchanges_per_s=clients / self.spec.client_pace_s)
-        relay = Relay(config, limits, rng)
-        self.add(name, relay, rng, config.parents, relay.member)
+        relay = Relay(member, limits, rng)
+        self.add(name, relay, rng, member.parents, member)
 
     def _add_client(self, number: int, parents: tuple[Address, ...]) -> None:
         name = f"client{number}"
         rng = self._rng(name)
-        member = TreeMember(TreeMemberConfig(name, rng.getrandbits(32), parents), rng)
+        member = TreeMember(name, rng.getrandbits(32), parents, rng)
         self.add(name, member, rng, parents, member)
 
     def _start(self, node: _Node, start_true_ns: int) -> None:

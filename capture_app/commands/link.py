@@ -1,5 +1,6 @@
 """`capture-app link`: the clock over a real link, or over a recorded one."""
 
+import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -117,15 +118,19 @@ def link(
     if plot is not None:
         require_plots(plot)
     if connect is not None:
-        options = measuring.LinkOptions(
-            address=connect,
-            messages=messages,
-            pace_ns=None if interval_ms is None else round(interval_ms * 1e6),
-            true_offset_ns=true_offset_ns,
-            clock=parse_clock(clock, node="link"),
-            kind="emulated link" if emulated else "real",
+        outcome = asyncio.run(
+            measuring.measure(
+                connect,
+                parse_clock(clock, node="link"),
+                messages=messages,
+                pace_ns=None if interval_ms is None else round(interval_ms * 1e6),
+                true_offset_ns=true_offset_ns,
+                kind="emulated link" if emulated else "real",
+                trials=trials,
+                seed=seed,
+                talk=talk,
+            )
         )
-        outcome = measuring.run(options, trials=trials, seed=seed, talk=talk)
     elif recording is not None:
         outcome = measuring.replay(recording, messages, trials=trials, seed=seed)
     else:

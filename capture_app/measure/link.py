@@ -4,7 +4,7 @@ import asyncio
 import random
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
@@ -146,23 +146,6 @@ REPLAYED_SKEW_PPM = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class LinkOptions:
-    """What to measure: clients that join anew for each trial, until they have `messages` samples.
-
-    They ask as the engine does by itself, or each `pace_ns`. `true_offset_ns` is the leader's clock minus the
-    host clock of this process, which is known where both share one kernel; `clock` is this end's own, perhaps
-    simulated.
-    """
-
-    address: Address
-    messages: int = MESSAGES
-    pace_ns: int | None = None
-    true_offset_ns: int = 0
-    clock: NodeClock = field(default_factory=HostClock)
-    kind: Kind = "real"
-
-
-@dataclass(frozen=True, slots=True)
 class Trial:
     """Errors of each estimator in us at the end of one trial, and what ours claims."""
 
@@ -172,12 +155,6 @@ class Trial:
     seconds: float
     sent: int
     round_trip_us: float
-
-
-def run(options: LinkOptions, *, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
-    """Measure from this end; the other runs `serve`. Raises NetworkError."""
-    done = asyncio.run(measure(options, trials or TRIALS, seed, talk))
-    return report(done, options.kind, options.messages, seed)
 
 
 def replay(recording: Path, messages: int, *, trials: int | None, seed: int) -> Outcome:
@@ -220,20 +197,36 @@ def report(done: list[Trial], kind: Kind, messages: int, seed: int) -> Outcome:
     return Outcome(result, (_table(done),), notes, lambda folder: [_draw(done, folder / "link.png")])
 
 
-async def measure(options: LinkOptions, count: int, seed: int, talk: Callable[[str], None]) -> list[Trial]:
-    """Let so many clients join and synchronize, one after the other. Raises NetworkError."""
-    trials = []
+async def measure(
+    address: Address,
+    clock: NodeClock,
+    *,
+    messages: int,
+    pace_ns: int | None,
+    true_offset_ns: int,
+    kind: Kind,
+    trials: int | None,
+    seed: int,
+    talk: Callable[[str], None],
+) -> Outcome:
+    """Let clients join anew for each trial, until they have so many samples; the other end runs `serve`.
+
+    They ask as the engine does by itself, or each `pace_ns`. `true_offset_ns` is the leader's clock minus the
+    host clock of this process, which is known where both share one kernel; `clock` is this end's own, perhaps
+    simulated. Raises NetworkError.
+    """
+    done: list[Trial] = []
     rng = random.Random(f"{seed} link")
-    pace_ns = PACE_NS if options.pace_ns is None else options.pace_ns
-    timeout_s = 10.0 + 5.0 * options.messages * pace_ns / 1e9
-    for i in range(count):
-        link = LinkClient(rng, options.messages, options.pace_ns)
-        reached = await synchronize(options.address, options.clock, link, timeout_s=timeout_s)
-        trials.append(judge(reached, options.clock, options.true_offset_ns))
-        if (i + 1) % 10 == 0 or options.messages > 1000:
-            talk(f"{i + 1} of {count}: ours {trials[-1].errors_us['ours']:+.1f} us")
+    timeout_s = 10.0 + 5.0 * messages * (PACE_NS if pace_ns is None else pace_ns) / 1e9
+    wanted = trials or TRIALS
+    for i in range(wanted):
+        link = LinkClient(rng, messages, pace_ns)
+        reached = await synchronize(address, clock, link, timeout_s=timeout_s)
+        done.append(judge(reached, clock, true_offset_ns))
+        if (i + 1) % 10 == 0 or messages > 1000:
+            talk(f"{i + 1} of {wanted}: ours {done[-1].errors_us['ours']:+.1f} us")
         await asyncio.sleep(GAP_S)
-    return trials
+    return report(done, kind, messages, seed)
 
 
 def judge(reached: Synchronization, clock: NodeClock, true_offset_ns: int = 0) -> Trial:

@@ -39,7 +39,7 @@ from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
-from capture_app.sync.tree.member import TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
@@ -109,15 +109,18 @@ class RelayNode:
             peers = tuple((peer.host, peer.port) for _, peer in found)
             instance = secrets.randbits(32)
             beacons = options.beacons
+            rng = random.Random(secrets.randbits(64))
             engine = Relay(
-                TreeMemberConfig(options.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS),
+                TreeMember(
+                    options.name, instance, peers, rng, OF_CAMERAS, heartbeat_every_ns=HEARTBEAT_EVERY_NS
+                ),
                 LeaderConfig(
                     instance,
                     transfer_port=listening.getsockname()[1],
                     beacons=None if beacons is None else beacons.group,
                     agree_fully=beacons is None or beacons.fully,
                 ),
-                random.Random(secrets.randbits(64)),
+                rng,
             )
             relay = cls(options, engine, listening)
             await relay._server.start(listening)

@@ -12,7 +12,7 @@ from itertools import combinations
 from math import hypot
 from statistics import median
 
-from capture_app.sync.clock.time_map import Correction, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.wire.messages import AgreedArrival, Arrival, ArrivalReport, Beacon, Group
 
 LEAST_COMMON = 12
@@ -253,15 +253,14 @@ class Listener:
 
     def reset(self) -> None:
         """Forget everything: there is another leader, or a clock stepped."""
-        self.correction: Correction | None = None
-        """None where no answer came, or all are too old."""
+        self.corrected: TimeMap | None = None
+        """The newest estimate, moved; None where no answer came, or all are too old."""
         self._arrivals: dict[int, int] = {}
         """By number, the one that came first in front."""
         self._reported_ns: int | None = None
         self._new_arrivals = False
         self._answer: tuple[int, AgreedArrival] | None = None
         """With the local time at which its beacon was heard."""
-        self._last: TimeMap | None = None
 
     def add_arrival(self, number: int, local_ns: int) -> None:
         """Note when a beacon arrived; of copies the first counts."""
@@ -308,18 +307,18 @@ class Listener:
         `own` is the newest estimate, at the epoch `now_ns`. Without an answer it is returned as it is.
         """
         answer, goal_ns = self._usable_answer(own, now_ns), 0
-        if answer is None and self.correction is None:
+        if answer is None and self.corrected is None:
             return own
         if answer is not None:
             goal_ns = answer[1].leader_ns - own.leader_from_local(answer[0])
-        last = self._last or own
+        last = self.corrected or own
         # From where the clock stood, not from the newest estimate: that one jumps with each better message.
         stood_ns = last.leader_from_local(now_ns) - own.leader_from_local(now_ns)
         step_ns, bound_ns = round(SLEW * max(0, now_ns - last.epoch_local_ns)), int(own.hard_bound_ns)
         correction_ns = stood_ns + min(max(goal_ns - stood_ns, -step_ns), step_ns)
         correction_ns = min(max(correction_ns, -bound_ns), bound_ns)
         if answer is None and correction_ns == 0:
-            self.correction = self._last = None
+            self.corrected = None
             return own
         uncertainty_ns = relative_uncertainty_ns = own.uncertainty_ns + abs(correction_ns)
         if answer is not None:
@@ -327,9 +326,8 @@ class Listener:
             left_ns = abs(goal_ns - correction_ns) + own.skew_uncertainty * (now_ns - answer[0])
             uncertainty_ns = min(uncertainty_ns, answer[1].uncertainty_ns + left_ns)
             relative_uncertainty_ns = answer[1].relative_uncertainty_ns + left_ns
-        self.correction = Correction(correction_ns, relative_uncertainty_ns)
-        self._last = own.corrected_by(self.correction, uncertainty_ns)
-        return self._last
+        self.corrected = own.corrected_by(correction_ns, uncertainty_ns, relative_uncertainty_ns)
+        return self.corrected
 
     def _usable_answer(self, own: TimeMap, now_ns: int) -> tuple[int, AgreedArrival] | None:
         """The answer, unless it is old or the hard bound excludes it."""

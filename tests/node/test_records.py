@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
-from capture_app.sync.clock.time_map import Correction, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import FramesSelected
 from capture_app.sync.timekeeping.clock_events import ReferenceCorrected
 from tests.facts import make_facts
@@ -32,7 +32,7 @@ def clock_of(time_map: TimeMap) -> ClockRecord | None:
 
 @pytest.mark.parametrize("below_relay", [False, True])
 def test_a_clock_that_was_moved_says_so(below_relay: bool) -> None:
-    time_map = OWN.corrected_by(Correction(-120_000, 7_499.6), 30_000.0)
+    time_map = OWN.corrected_by(-120_000, 30_000.0, 7_499.6)
     if below_relay:
         time_map = time_map.chained_to(replace(OWN, uncertainty_ns=0.0, hard_bound_ns=0.0, offset_ns=0))
     clock = clock_of(time_map)

@@ -33,7 +33,7 @@ def camera_record(
     where it stamps by one; `held` are the controls that somebody set.
     """
     time_map, phase = ready.time_map, ready.phase
-    correction = time_map.correction
+    relative_ns = time_map.relative_uncertainty_ns
     return CameraRecord(
         name=name,
         facts=facts,
@@ -46,8 +46,8 @@ def camera_record(
             hard_bound_ns=round(time_map.hard_bound_ns),
             round_trip_ns=time_map.round_trip_ns,
             samples=time_map.samples,
-            reference_correction_ns=None if correction is None else correction.reference_correction_ns,
-            relative_uncertainty_ns=None if correction is None else round(correction.relative_uncertainty_ns),
+            reference_correction_ns=time_map.reference_correction_ns,
+            relative_uncertainty_ns=None if relative_ns is None else round(relative_ns),
             device_uncertainty_ns=None if device is None else device.uncertainty_ns,
             device_hard_bound_ns=None if device is None else device.hard_bound_ns,
         ),

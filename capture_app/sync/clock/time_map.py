@@ -7,14 +7,6 @@ ROUNDING_NS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Correction:
-    """What the reference broadcast added to a clock, and its 95 % error against other receivers; in ns."""
-
-    reference_correction_ns: int
-    relative_uncertainty_ns: float
-
-
-@dataclass(frozen=True, slots=True)
 class TimeMap:
     """Leader time as a line over local time: leader = local + offset + skew * (local - epoch).
 
@@ -34,8 +26,10 @@ class TimeMap:
     age_ns: int = 0
     """From the newest sample to the epoch."""
     drift_uncertainty: float = 0.0
-    correction: Correction | None = None
+    reference_correction_ns: int | None = None
     """What the reference broadcast has added at the epoch; None where it is not in use."""
+    relative_uncertainty_ns: float | None = None
+    """95 % error against other receivers of it."""
 
     def leader_from_local(self, local_ns: int) -> int:
         """Leader time in ns of a local time in ns."""
@@ -56,15 +50,18 @@ class TimeMap:
         """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
 
-    def corrected_by(self, correction: Correction, uncertainty_ns: float) -> "TimeMap":
-        """Return the map with a correction added, which widens the hard bound, and another uncertainty."""
-        hard_bound_ns = self.hard_bound_ns + abs(correction.reference_correction_ns)
+    def corrected_by(
+        self, correction_ns: int, uncertainty_ns: float, relative_uncertainty_ns: float
+    ) -> "TimeMap":
+        """Return the map with a correction added, which widens the hard bound, and other uncertainties."""
+        hard_bound_ns = self.hard_bound_ns + abs(correction_ns)
         return replace(
             self,
-            offset_ns=self.offset_ns + correction.reference_correction_ns,
+            offset_ns=self.offset_ns + correction_ns,
             uncertainty_ns=min(uncertainty_ns, hard_bound_ns),
             hard_bound_ns=hard_bound_ns,
-            correction=correction,
+            reference_correction_ns=correction_ns,
+            relative_uncertainty_ns=relative_uncertainty_ns,
         )
 
     def chained_to(self, upstream: "TimeMap") -> "TimeMap":

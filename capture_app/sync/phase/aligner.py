@@ -47,12 +47,11 @@ expected must be no more than so many times the noise off the others."""
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
-_S = 1_000_000_000
 HOLD_NS = {
     PhaseControl.FRAME_DURATION: 0,
-    PhaseControl.INJECTION: 2 * _S,
-    PhaseControl.RESET: 10 * _S,
-    PhaseControl.NONE: 2 * _S,
+    PhaseControl.INJECTION: 2_000_000_000,
+    PhaseControl.RESET: 10_000_000_000,
+    PhaseControl.NONE: 2_000_000_000,
 }
 """How long a phase should last between two corrections: the setpoint centres the drift over it."""
 
@@ -205,7 +204,7 @@ class Aligner:
             )
         if setpoint is None:
             return None
-        return self._command_towards(setpoint, time_map, grid, now, now_local_ns)
+        return self._command_towards(setpoint, drift, time_map, grid, now_local_ns)
 
     def _judge(self, time_map: TimeMap, grid: FrameGrid, now_local_ns: int) -> PhaseEstimate | None:
         """Judge the stream as it is now; return its error where it may be acted on."""
@@ -245,15 +244,16 @@ class Aligner:
         )
 
     def _command_towards(
-        self, setpoint: Setpoint, time_map: TimeMap, grid: FrameGrid, now: PhaseEstimate, now_local_ns: int
+        self, setpoint: Setpoint, drift: Drift, time_map: TimeMap, grid: FrameGrid, now_local_ns: int
     ) -> CameraCommand | None:
         """Return the command that moves the stream; None where none comes nearer, or one has to wait."""
         leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
         instant_local_ns = time_map.local_from_leader(grid.instant(grid.index_of(leader_ns)))
+        error_ns = drift.error_after(setpoint.lead_ns)
         move = Move(
             now_local_ns=now_local_ns,
             wanted_local_ns=instant_local_ns + round(setpoint.wanted_ns),
-            shift_ns=round((setpoint.wanted_ns - setpoint.error_ns) % self.phase.period_ns),
+            shift_ns=round((setpoint.wanted_ns - error_ns) % self.phase.period_ns),
             period_ns=self.phase.period_ns,
             tolerance_ns=self.window.inner_ns,
         )

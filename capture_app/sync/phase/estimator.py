@@ -104,14 +104,13 @@ TIMEOUT_FRAMES = 30
 """A shift that has not come by then never will: devices obey after 2 to 12 frames."""
 UNMISTAKABLE = 4.0
 """One frame tells that an expected shift has come if it is over so many times what noise explains."""
-WINDOW_FRAMES = 300
 
 
 class PhaseEstimator(FrameLine):
     """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
 
     def __init__(self, *, period_ns: int) -> None:
-        super().__init__(period_ns=float(period_ns), window_frames=WINDOW_FRAMES)
+        super().__init__(period_ns=float(period_ns))
         self.frames = 0
         self.drops = 0
         self.last_shift_ns: int | None = None

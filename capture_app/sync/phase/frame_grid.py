@@ -65,24 +65,22 @@ class Setpoint:
     """A wish for a move that takes effect `lead_ns` from now; times and errors in ns."""
 
     lead_ns: float
-    error_ns: float
-    """What the error will be then without the move."""
     wanted_ns: float
-    """What it should be then."""
+    """What the error should be then."""
 
 
 def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
     """Where a stream stays within its tolerance for longest: drift takes it through the middle."""
     furthest_ns = LARGEST_LEAD * drift.tolerance_ns
     wanted_ns = min(max(-drift.rate * hold_ns / 2, -furthest_ns), furthest_ns)
-    return Setpoint(lead_ns, drift.error_after(lead_ns), wanted_ns)
+    return Setpoint(lead_ns, wanted_ns)
 
 
 def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint | None:
     """Where drift takes a stream to its grid at a moment to come; None if it will be there without a move."""
     if drift.tolerates(drift.error_after(ahead_ns)):
         return None
-    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (ahead_ns - lead_ns))
+    return Setpoint(lead_ns, -drift.rate * (ahead_ns - lead_ns))
 
 
 def setpoint_for_burst(
@@ -97,4 +95,4 @@ def setpoint_for_burst(
     small_ns = max(BURST_SHARE * drift.tolerance_ns, scatter_ns)
     if begins_ns < ready_ns or abs(drift.error_after(middle_ns)) <= small_ns:
         return None
-    return Setpoint(lead_ns, drift.error_after(lead_ns), -drift.rate * (middle_ns - lead_ns))
+    return Setpoint(lead_ns, -drift.rate * (middle_ns - lead_ns))

@@ -69,6 +69,8 @@ def fit_shared_slope(
 Point = tuple[int, int]
 """Index of a frame, and its time in ns since the stream's origin."""
 
+WINDOW_FRAMES = 300
+"""The newest frames, which the line is fitted to."""
 REFIT_FRAMES = 10
 REFIT_SHARE = 0.1
 """A period is fitted anew after so many frames, or so large a share of those that it was fitted to."""
@@ -89,8 +91,7 @@ FINEST_PHASE = 1e-4
 class FrameLine:
     """Runs of points, the last one under way, with their common period; all times in ns."""
 
-    def __init__(self, *, period_ns: float, window_frames: int) -> None:
-        self._window = window_frames
+    def __init__(self, *, period_ns: float) -> None:
         self._nominal_ns = period_ns
         self.period_ns = period_ns
         self.period_sigma_ns = float("inf")
@@ -122,7 +123,7 @@ class FrameLine:
         enough = round((MEDIAN_FACTOR * self.noise_ns / finest_ns) ** 2)
         if self.noise_ns < self.quantum_ns:
             return QUANTIZED_FRAMES
-        return max(PHASE_FRAMES, min(self._window, enough))
+        return max(PHASE_FRAMES, min(WINDOW_FRAMES, enough))
 
     @property
     def tolerance_ns(self) -> float:
@@ -196,7 +197,7 @@ class FrameLine:
         self.update_height()
 
     def _trim(self) -> None:
-        while self._frames > self._window:
+        while self._frames > WINDOW_FRAMES:
             oldest = self.runs[0]
             drop = min(len(oldest), max(1, len(oldest) // 8))
             del oldest[:drop]

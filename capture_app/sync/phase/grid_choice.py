@@ -52,14 +52,6 @@ class WeightedDrift:
     weight: int
 
 
-def time_needed_ns(outside: int, chance: float) -> int:
-    """About how long it takes until so many cameras have all landed in the window.
-
-    The expected largest of that many geometric tries: the harmonic number over the chance of one.
-    """
-    return ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * RESTART_NS)
-
-
 def weight_inside(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> int:
     """Weight of the cameras that will be within their tolerance of the grid so much later."""
     half = period_ns / 2
@@ -140,7 +132,9 @@ class GridChoice:
             shift_ns, weight = best_shift(drifts, ahead_ns, period_ns)
             if weight_inside(drifts, ahead_ns, period_ns) >= weight:
                 shift_ns = 0
-            needed_ns = time_needed_ns(unknown + min(total_weight - weight, MOST_OUTSIDE), chance)
+            outside = unknown + min(total_weight - weight, MOST_OUTSIDE)
+            # The expected largest of that many geometric tries: the harmonic number over the chance of one.
+            needed_ns = ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * RESTART_NS)
             cost = max(ahead_ns, needed_ns) + EARLY_COST * max(0.0, needed_ns - ahead_ns)
             if cost < least:
                 least, best_ahead_ns, best_move_ns = cost, ahead_ns, shift_ns

@@ -300,6 +300,7 @@ class FrameDurationActuator(PhaseActuator):
         most_ns = 4 * camera.period_ns if most_ns is None else most_ns
         self._least_rows = min(0, -((self._base_rows * self._row_ns - least_ns) // self._row_ns))
         self._most_rows = max(0, most_ns // self._row_ns - self._base_rows)
+        self._fine_ns = FINE_ROWS * self._row_ns
         self.shift_ns = 0
         """What the last command does to the phase, in ns."""
 
@@ -311,25 +312,19 @@ class FrameDurationActuator(PhaseActuator):
         return "none of its frames can be made longer than the usual ones"
 
     @property
-    def fine_ns(self) -> int:
-        """Largest shift in ns that is a small step."""
-        return FINE_ROWS * self._row_ns
-
-    @property
     def small_shift_ns(self) -> int | None:
         """What the last command does to the phase, None where it is more than a small step."""
-        return self.shift_ns if abs(self.shift_ns) <= self.fine_ns else None
+        return self.shift_ns if abs(self.shift_ns) <= self._fine_ns else None
 
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
         """Straight at the grid: a step of a row costs nothing."""
         lead_ns = drift.latency_frames * drift.period_ns
-        return Setpoint(lead_ns, drift.error_after(lead_ns), 0.0)
+        return Setpoint(lead_ns, 0.0)
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
         """At the grid, if it is a few rows away at most: such a step shows in no picture."""
         lead_ns = drift.latency_frames * drift.period_ns
-        error_ns = drift.error_after(lead_ns)
-        return None if abs(error_ns) > self.fine_ns else Setpoint(lead_ns, error_ns, 0.0)
+        return None if abs(drift.error_after(lead_ns)) > self._fine_ns else Setpoint(lead_ns, 0.0)
 
     def command(self, move: Move) -> SetFrameDuration | None:
         """The duration of one frame; None while the error is within about half a row."""

@@ -269,7 +269,7 @@ class Client(Generic[F]):
             return state
         if not self._phase_loop.ready:
             return NodeState.ALIGNING
-        fine = self.time.timekeeper.target.met and not self._phase_loop.coarseness
+        fine = self.time.timekeeper.target.met and not self.aligner.window.coarseness
         return state if fine else NodeState.COARSE
 
     @property
@@ -459,7 +459,8 @@ class Client(Generic[F]):
         grid, time_map = self._grid, self.time_map
         if grid is None or time_map is None:
             return
-        member = self.time.is_member
         self._events.extend(
-            self._bursts.select_due(self.ring, self._phase_loop, grid, time_map, now_ns, is_member=member)
+            self._bursts.select_due(
+                self.ring, self._phase_loop, grid, time_map, now_ns, is_member=self.time.is_member
+            )
         )

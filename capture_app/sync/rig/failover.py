@@ -18,19 +18,61 @@ SHORT_STAY = 4
 _PROBE = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
 
 
-class Failback:
-    """Probes the leaders that are preferred to the present one; `now_ns` is the node's own clock."""
+class LeaderChoice:
+    """Which of several leaders a node follows, or asks to join; probes those that it would rather follow.
 
-    def __init__(self, leaders: tuple[Address, ...], probe_every_ns: int = PROBE_EVERY_NS) -> None:
-        """`leaders` are in the order of preference."""
+    `now_ns` is the node's own clock.
+    """
+
+    def __init__(
+        self, leaders: tuple[Address, ...], time: TimeClient, probe_every_ns: int = PROBE_EVERY_NS
+    ) -> None:
+        """`leaders`, preferred first, must lead to the same root; `time` is the node's membership."""
         self.due_ns = NEVER_NS
-        self._leaders, self._probe_every_ns = leaders, probe_every_ns
+        """When the next probes are due."""
+        self._leaders, self._time, self._probe_every_ns = leaders, time, probe_every_ns
+        self._turn = 0
+        self._was_member = False
+        self._found_by_probes = False
+        """Whether the present leader was found by probes, not asked in turn."""
         self._needed = dict.fromkeys(leaders, LEAST_ANSWERS)
         self._answers: dict[Address, int] = {}
         """How often each leader that was probed last had answered in a row before."""
         self._answered: set[Address] = set()
         self._probed: list[Address] = []
         self._back_since_ns: int | None = None
+
+    @property
+    def leader(self) -> Address:
+        """The leader that is followed, or asked to join at present."""
+        return self._leaders[self._turn]
+
+    def update(self, now_ns: int) -> None:
+        """Note whether the leader is there, and turn to the next one when hellos stay unanswered."""
+        if self._time.is_member is not self._was_member:
+            self._was_member = self._time.is_member
+            if self._was_member:
+                self.leader_joined(now_ns, back=self._found_by_probes)
+            else:
+                self.leader_lost(self.leader, now_ns)
+        if self._time.hellos > HELLOS:
+            self._turn = (self._turn + 1) % len(self._leaders)
+            self._time.hellos = 1
+            self._found_by_probes = False
+
+    def probe_if_due(self, now_ns: int) -> Address | None:
+        """Probe better leaders when that is due; return one that has answered often enough."""
+        followed = self._time.followed
+        if now_ns < self.due_ns or followed is None or not self._time.is_member:
+            return None
+        return self.probe(self.leader, now_ns, in_holdover=followed.told.in_holdover)
+
+    def change_to(self, leader: Address, now_ns: int) -> None:
+        """Follow another leader, which was found by probes."""
+        self._turn = self._leaders.index(leader)
+        self._found_by_probes = True
+        if self._time.is_member:
+            self.leader_joined(now_ns, back=True)
 
     def leader_joined(self, now_ns: int, *, back: bool = False) -> None:
         """A leader has taken this node in; `back` where it was found by probes, not asked in turn."""
@@ -76,53 +118,6 @@ class Failback:
         self._probed.clear()
 
 
-class LeaderChoice:
-    """Which of several leaders a node follows, or asks to join; `now_ns` is the node's own clock."""
-
-    def __init__(
-        self, leaders: tuple[Address, ...], time: TimeClient, probe_every_ns: int = PROBE_EVERY_NS
-    ) -> None:
-        """`leaders`, preferred first, must lead to the same root; `time` is the node's membership."""
-        self.failback = Failback(leaders, probe_every_ns)
-        self._leaders, self._time = leaders, time
-        self._turn = 0
-        self._was_member = False
-        self._found_by_probes = False
-        """Whether the present leader was found by probes, not asked in turn."""
-
-    @property
-    def leader(self) -> Address:
-        """The leader that is followed, or asked to join at present."""
-        return self._leaders[self._turn]
-
-    def update(self, now_ns: int) -> None:
-        """Note whether the leader is there, and turn to the next one when hellos stay unanswered."""
-        if self._time.is_member is not self._was_member:
-            self._was_member = self._time.is_member
-            if self._was_member:
-                self.failback.leader_joined(now_ns, back=self._found_by_probes)
-            else:
-                self.failback.leader_lost(self.leader, now_ns)
-        if self._time.hellos > HELLOS:
-            self._turn = (self._turn + 1) % len(self._leaders)
-            self._time.hellos = 1
-            self._found_by_probes = False
-
-    def probe_if_due(self, now_ns: int) -> Address | None:
-        """Probe better leaders when that is due; return one that has answered often enough."""
-        followed = self._time.followed
-        if now_ns < self.failback.due_ns or followed is None or not self._time.is_member:
-            return None
-        return self.failback.probe(self.leader, now_ns, in_holdover=followed.told.in_holdover)
-
-    def change_to(self, leader: Address, now_ns: int) -> None:
-        """Follow another leader, which was found by probes."""
-        self._turn = self._leaders.index(leader)
-        self._found_by_probes = True
-        if self._time.is_member:
-            self.failback.leader_joined(now_ns, back=True)
-
-
 F = TypeVar("F")
 
 
@@ -150,7 +145,7 @@ class Failover(Generic[F]):
             self._client.receive_datagram(data, now_ns)
             self._choice.update(now_ns)
         elif _answers_probe(data):
-            self._choice.failback.note_answer(address)
+            self._choice.note_answer(address)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
@@ -164,12 +159,12 @@ class Failover(Generic[F]):
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        return min(self._client.next_timer(), self._choice.failback.due_ns)
+        return min(self._client.next_timer(), self._choice.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
         datagrams = [(data, self.leader) for data in self._client.datagrams_to_send(now_ns)]
-        return datagrams + self._choice.failback.datagrams_to_send()
+        return datagrams + self._choice.datagrams_to_send()
 
 
 def _answers_probe(data: bytes) -> bool:

@@ -42,7 +42,7 @@ def of_state(
             waits = grid is not None and loop.waits_for_others(grid)
             return aligning(phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits)
         case NodeState.COARSE if keeper.target.met:
-            return loop.coarseness
+            return aligner.window.coarseness
         case NodeState.ALIGNING | NodeState.COARSE if (
             time_map is not None and error_ns is not None and wanted_ns is not None
         ):
@@ -53,7 +53,7 @@ def of_state(
                 return f"{_sure_to(error_ns, wanted_ns)}: {way_longer(keeper.clock.longer_ns)}"
             return coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
         case NodeState.READY if not loop.can_move:
-            return off_grid(phase, loop.tolerance_ns)
+            return off_grid(phase, aligner.window.asked_ns)
         case NodeState.READY:
             return loop.fleetingness
     return ""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.grid_choice import CameraPhase
+from capture_app.sync.phase.grid_choice import MOST_PPM, CameraPhase
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
@@ -21,7 +21,6 @@ from capture_app.sync.rig.roster import Member, Roster, camera_phases
 from capture_app.sync.wire.messages import Trigger, TriggerAck
 
 MOST_CANDIDATES = 200
-MOST_PPM = 1000.0
 
 
 def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int) -> float:

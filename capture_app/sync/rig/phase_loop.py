@@ -85,7 +85,6 @@ class PhaseLoop:
         )
         for latency_ns in config.start_latencies_ns:
             self.aligner.learn_start_latency(latency_ns)
-        self.tolerance_ns = config.tolerance_ns
         self.can_move = camera.phase_control != PhaseControl.NONE
         self._restarts = camera.phase_control == PhaseControl.RESET
         self._reported_problem = ""
@@ -102,11 +101,6 @@ class PhaseLoop:
         """Whether the stream is aligned as nearly as it can be, or will be by the time of a burst."""
         aligner = self.aligner
         return aligner.window.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
-
-    @property
-    def coarseness(self) -> str:
-        """Why a ready stream does not meet the tolerance asked for, in plain words; empty if it does."""
-        return self.aligner.window.coarseness
 
     @property
     def fleetingness(self) -> str:

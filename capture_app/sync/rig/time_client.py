@@ -14,7 +14,6 @@ from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
 from capture_app.sync.wire.codec import (
     Message,
-    OtherVersionError,
     WireError,
     decode,
     encode,
@@ -151,7 +150,7 @@ class TimeClient:
     def note_unreadable(self, error: WireError) -> None:
         """Count what is no message, and take from one of another version why its leader takes nobody in."""
         self.malformed += 1
-        if isinstance(error, OtherVersionError) and not self.is_member:
+        if error.version is not None and not self.is_member:
             self.note_refusal(version_mismatch(error.version))
 
     def is_addressed(self, message: Message) -> bool:

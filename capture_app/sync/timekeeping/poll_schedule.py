@@ -49,7 +49,6 @@ depends on the number of the newest samples."""
 NEAR_NS = 750_000
 """Shorter round trips are those of a cable."""
 BACKLOG_NS = 100_000_000
-ESTIMATE_EVERY_NS = 100_000_000
 
 
 class SteadySchedule(_Due):
@@ -101,7 +100,7 @@ class SteadySchedule(_Due):
 
     def estimated(self, now_ns: int) -> None:
         """The next estimate is a tenth of a second later."""
-        self.estimate_due_ns = now_ns + ESTIMATE_EVERY_NS
+        self.estimate_due_ns = now_ns + 100_000_000
 
     def _pace(self, progress: Progress) -> int:
         if not progress.synced:

@@ -85,7 +85,10 @@ class RateVote:
         """
         rates: dict[str | None, float] = {LEADER: 0.0}
         rates.update(rates_ppm)
-        friends = {name: self._friends(rate, rates) for name, rate in rates.items()}
+        friends = {
+            name: sum(abs(rate - other) <= USUAL_PPM / 2.0 for other in rates.values())
+            for name, rate in rates.items()
+        }
         most = max(friends.values())
         # Of equals the leader's is the rate of the rig, being the time that all pictures are stamped in.
         usual_ppm = rates[next(name for name, count in friends.items() if count == most)]
@@ -99,6 +102,3 @@ class RateVote:
         before, self.off = self.off, off
         news = [off[name] for name in off if name not in before or before[name].certain != off[name].certain]
         return [*news, *(HostAtRate(name) for name in before if name not in off)]
-
-    def _friends(self, rate: float, rates: Mapping[str | None, float]) -> int:
-        return sum(abs(rate - other) <= USUAL_PPM / 2.0 for other in rates.values())

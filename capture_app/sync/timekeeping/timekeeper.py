@@ -244,13 +244,13 @@ class Timekeeper:
             samples=samples,
             slewing_ppm=slewing_ppm,
         )
-        correction = self.listener.correction
-        if correction is None:
+        corrected = self.listener.corrected
+        if corrected is None:
             return report
         return replace(
             report,
-            reference_correction_ns=correction.reference_correction_ns,
-            relative_uncertainty_ns=round(correction.relative_uncertainty_ns),
+            reference_correction_ns=corrected.reference_correction_ns,
+            relative_uncertainty_ns=round(corrected.relative_uncertainty_ns or 0.0),
         )
 
     # The parts
@@ -298,12 +298,11 @@ class Timekeeper:
         return self.time_map.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)
 
     def _corrected(self, own: TimeMap, now_ns: int) -> TimeMap:
-        was_corrected = self.listener.correction is not None
+        was_corrected = self.listener.corrected is not None
         time_map = self.listener.correct(own, now_ns)
-        correction = self.listener.correction
-        if was_corrected is (correction is None):
-            error_ns = None if correction is None else round(correction.relative_uncertainty_ns)
-            self.events.append(ReferenceCorrected(error_ns))
+        error_ns = time_map.relative_uncertainty_ns
+        if was_corrected is (error_ns is None):
+            self.events.append(ReferenceCorrected(None if error_ns is None else round(error_ns)))
         return time_map
 
 

@@ -2,14 +2,13 @@
 
 import random
 from collections import deque
-from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.failover import LeaderChoice
-from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
+from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
@@ -29,39 +28,38 @@ WINDOW_NS = 300_000_000_000
 """Several rounds, for the skew between them; over longer times a clock is not a straight line."""
 
 
-@dataclass(frozen=True, slots=True)
-class TreeMemberConfig:
-    """What a member is; `parents` are asked in turn, the best one first."""
-
-    name: str
-    instance: int
-    parents: tuple[Address, ...]
-    camera: CameraFacts = CLOCK
-    """How it describes itself to its parent."""
-    heartbeat_every_ns: int | None = None
-    """None to report once a round only, and to notice only then that the parent is silent."""
-
-
 class TreeMember:
     """Keeps the time of a tree's root; `now_ns` is always the node's own clock.
 
     When its parent falls silent it asks the next one (failover), and keeps its time map meanwhile (holdover).
     """
 
-    def __init__(self, config: TreeMemberConfig, rng: random.Random) -> None:
-        self.config = config
-        every_ns = config.heartbeat_every_ns
-        clock = ClockFilter(window_ns=WINDOW_NS)
+    def __init__(
+        self,
+        name: str,
+        instance: int,
+        parents: tuple[Address, ...],
+        rng: random.Random,
+        camera: CameraFacts = CLOCK,
+        *,
+        heartbeat_every_ns: int | None = None,
+    ) -> None:
+        """`parents` are asked in turn, the best one first; `camera` describes this node to them.
+
+        Without `heartbeat_every_ns` it reports once a round only, and notices only then that a parent is
+        silent.
+        """
+        self.parents = parents
         self.time = TimeClient(
-            config.name,
-            config.instance,
-            Timekeeper(rng.getrandbits(32), RoundSchedule(), clock=clock),
-            config.camera,
-            heartbeat_every_ns=every_ns,
-            silent_ns=SILENT_HEARTBEATS * (every_ns or 0),
+            name,
+            instance,
+            Timekeeper(rng.getrandbits(32), RoundSchedule(), clock=ClockFilter(window_ns=WINDOW_NS)),
+            camera,
+            heartbeat_every_ns=heartbeat_every_ns,
+            silent_ns=SILENT_HEARTBEATS * (heartbeat_every_ns or 0),
         )
         """Its membership and its clock."""
-        self._choice = LeaderChoice(config.parents, self.time)
+        self._choice = LeaderChoice(parents, self.time)
         self._better: Address | None = None
         """A preferred parent that was asked to join while the present one is still followed."""
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
@@ -81,16 +79,11 @@ class TreeMember:
         """From this node's clock to the root's; kept without a parent, with an uncertainty that grows."""
         return self.time.time_map
 
-    @property
-    def path(self) -> tuple[int, ...]:
-        """Instances from the root to the parent of the newest estimate."""
-        return self.time.timekeeper.path
-
     # In
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Take in a datagram that arrived at `now_ns`."""
-        if address in self.config.parents:
+        if address in self.parents:
             message = self.time.decode(data)
             if message is not None:
                 self.receive_message(message, address, now_ns)
@@ -106,8 +99,8 @@ class TreeMember:
             return
         match message:
             case UnknownMember() if message.client == PROBE_NUMBER:
-                self._choice.failback.note_answer(address)
-            case Welcome() if address == self._better and message.instance == self.config.instance:
+                self._choice.note_answer(address)
+            case Welcome() if address == self._better and message.instance == self.time.instance:
                 self._go_back(address, message, now_ns)
             case _:
                 pass
@@ -130,7 +123,7 @@ class TreeMember:
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        return min(self.time.next_timer(), self._choice.failback.due_ns)
+        return min(self.time.next_timer(), self._choice.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
@@ -138,16 +131,12 @@ class TreeMember:
         while self._outbox:
             message, address = self._outbox.popleft()
             datagrams.append((encode(message), address))
-        return datagrams + self._choice.failback.datagrams_to_send()
+        return datagrams + self._choice.datagrams_to_send()
 
     def leave(self) -> None:
         """Say goodbye and drop the time map: this node is about to stop."""
         self.time.leave()
         self.time.timekeeper.forget()
-
-    def next_event(self) -> TimeClientEvent | None:
-        """Return the next thing that happened, None where there is none."""
-        return self.time.next_event()
 
     # The parts
 

@@ -15,7 +15,7 @@ from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
-from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
 from capture_app.sync.wire.messages import (
     CLOCK,
@@ -45,10 +45,10 @@ class Relay:
     also for new clients; bursts come again with a parent.
     """
 
-    def __init__(self, config: TreeMemberConfig, leader: LeaderConfig, rng: random.Random) -> None:
-        self.member = TreeMember(config, rng)
-        self.uplink = Uplink(config.name)
-        self.leader = Leader(replace(leader, instance=config.instance), rng, self.uplink)
+    def __init__(self, member: TreeMember, leader: LeaderConfig, rng: random.Random) -> None:
+        self.member = member
+        self.uplink = Uplink(member.time.name)
+        self.leader = Leader(replace(leader, instance=member.time.instance), rng, self.uplink)
         self.malformed = 0
         self._number: int | None = None
 
@@ -63,7 +63,7 @@ class Relay:
             message = decode(data)
         except WireError as error:
             self.malformed += 1
-            if address in self.member.config.parents:
+            if address in self.member.parents:
                 self.member.note_unreadable(error, address)
             else:
                 self.leader.outbox.tell_version(data, address)
@@ -74,7 +74,7 @@ class Relay:
                 self.leader.impostures += 1
             elif address == self.member.parent:
                 self._receive_from_parent(message, address, now_ns)
-            elif address in self.member.config.parents:
+            elif address in self.member.parents:
                 self.member.receive_message(message, address, now_ns)
             self._update_terms()
         elif (
@@ -119,7 +119,7 @@ class Relay:
 
     def next_event(self) -> TimeClientEvent | LeaderEvent | None:
         """Return the next thing that happened on either side, None where there is none."""
-        return self.member.next_event() or self.leader.next_event()
+        return self.member.time.next_event() or self.leader.next_event()
 
     # The parts
 
@@ -127,12 +127,12 @@ class Relay:
         """Take in a message for this relay itself, or for one of its members."""
         uplink, members = self.uplink, self.leader.roster.members
         match message:
-            case Welcome() if message.instance != self.member.config.instance:
+            case Welcome() if message.instance != self.member.time.instance:
                 usurper = uplink.note_welcome(message.instance, message.client, members)
                 if usurper is not None:
                     # The root knows whose the name is, and this one had it here.
                     self.leader.put_away(usurper)
-            case JoinRefusal() if message.instance != self.member.config.instance:
+            case JoinRefusal() if message.instance != self.member.time.instance:
                 refused = uplink.note_refusal(message.instance, message.reason, members)
                 if refused is not None:
                     self.leader.drop_member(refused, message.reason)
@@ -165,11 +165,11 @@ class Relay:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
             current.upstream = None
             return
-        if above is None or above.path[0] != member.path[0]:
+        if above is None or above.path[0] != member.time.timekeeper.path[0]:
             # Another root's grid means nothing before its time is known.
             return
         if current.upstream is None or current.upstream.epoch_local_ns != member.time_map.epoch_local_ns:
-            current.upstream = upstream_map(member.path, member.time_map)
+            current.upstream = upstream_map(member.time.timekeeper.path, member.time_map)
         moved = (leader.grid, current.config.align_row) != (above.grid, above.told.align_row)
         if current.grid_choice is None or moved:
             current.grid_choice = GridChoice(above.grid)

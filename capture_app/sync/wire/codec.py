@@ -104,14 +104,10 @@ _decoder = msgspec.msgpack.Decoder(ControlMessage)
 
 
 class WireError(ValueError):
-    """A datagram that is not one of ours, cut, or of another version."""
+    """A datagram that is not one of ours, cut, or of another version, which it then tells."""
 
-
-class OtherVersionError(WireError):
-    """A datagram of another version of the protocol."""
-
-    def __init__(self, version: int) -> None:
-        super().__init__(f"protocol version {version}, this is version {VERSION}")
+    def __init__(self, why: str, *, version: int | None = None) -> None:
+        super().__init__(why)
         self.version = version
 
 
@@ -131,13 +127,13 @@ def encode(message: Message) -> bytes:
 def decode(data: bytes) -> Message:
     """Return the message of a datagram. Raises WireError where it is not a message of this version.
 
-    That is an OtherVersionError where it says that it is of another one.
+    Where it says that it is of another one, the error has that `version`.
     """
     if len(data) < _HEADER.size or data[:2] != MAGIC:
         raise WireError("not a simulshot datagram")
     version, kind = data[2], data[3]
     if version != VERSION:
-        raise OtherVersionError(version)
+        raise WireError(f"protocol version {version}, this is version {VERSION}", version=version)
     if kind == _KIND_CONTROL:
         try:
             return _printable(_decoder.decode(data[_HEADER.size :]))

@@ -19,7 +19,6 @@ MOST_ARRIVALS = 32
 _OCTET = "(25[0-5]|2[0-4][0-9]|1[0-9][0-9]|[1-9]?[0-9])"
 Host = Annotated[str, Meta(pattern=rf"^239\.{_OCTET}\.{_OCTET}\.{_OCTET}$")]
 """An IPv4 multicast address within an organization (RFC 2365), so that no client joins a global one."""
-Port = Annotated[int, Meta(ge=1024, le=65535)]
 BeaconNumber = Annotated[int, Meta(ge=1, le=2**32 - 1)]
 TimeNs = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 ErrorNs = Annotated[int, Meta(ge=0, le=10**18)]
@@ -31,7 +30,7 @@ class Group(Struct, frozen=True, array_like=True):
     """The IPv4 multicast group and the UDP port that a leader sends its beacons to."""
 
     host: Host
-    port: Port
+    port: Annotated[int, Meta(ge=1024, le=65535)]
 
 
 class Beacon(Struct, frozen=True, tag="beacon"):
@@ -68,10 +67,8 @@ class AgreedArrival(Struct, frozen=True, tag="agreed-arrival"):
 
 MAX_DEPTH = 8
 """Most clocks between a node's and the root's."""
-Skew = Annotated[float, Meta(ge=-0.01, le=0.01)]
 Error = Annotated[float, Meta(ge=0.0, le=1e18)]
 SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
-Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 
 
 class UpstreamMap(Struct, frozen=True, array_like=True):
@@ -83,8 +80,8 @@ class UpstreamMap(Struct, frozen=True, array_like=True):
 
     path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
     epoch_local_ns: int
-    offset_ns: Offset
-    skew: Skew
+    offset_ns: Annotated[int, Meta(ge=-(2**62), le=2**62)]
+    skew: Annotated[float, Meta(ge=-0.01, le=0.01)]
     uncertainty_ns: Error
     hard_bound_ns: Error
     skew_uncertainty: SkewError
@@ -125,7 +122,6 @@ class NodeState(StrEnum):
 
 MOST_TEXT = 200
 Text = Annotated[str, Meta(max_length=MOST_TEXT)]
-Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """The number of a client, as time messages carry it."""
 CLOCK_ONLY = "clock"
@@ -147,7 +143,6 @@ PROBE_NUMBER = 0
 """The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
 Pin = Annotated[str, Meta(pattern="^[a-z2-7-]{0,39}$")]
 """By which a machine is known; empty in a rig that asks nobody."""
-HeightShare = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class TimeRequest(Struct, frozen=True):
@@ -188,11 +183,11 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     anchor_leader_ns: int
     """An instant of the rig's grid, which has one each `period_ns`."""
     period_ns: int
-    align_row: HeightShare | None = None
+    align_row: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
     meeting_leader_ns: int | None = None
     """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
-    pace_ns: Pace = 0
+    pace_ns: Annotated[int, Meta(ge=0, le=60_000_000_000)] = 0
     """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
     upstream: UpstreamMap | None = None
     """A relay's map from its clock to the root's."""

@@ -20,7 +20,7 @@ from capture_app.sync.engine import Address
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
-from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
@@ -62,7 +62,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
         self.build(random.Random(seed))
 
     def build(self, rng: random.Random) -> None:
-        self.node = self.member = TreeMember(TreeMemberConfig("me", INSTANCE, PARENTS), rng)
+        self.node = self.member = TreeMember("me", INSTANCE, PARENTS, rng)
 
     @rule(data=st.binary(max_size=80), at=addresses)
     def noise(self, data: bytes, at: Address) -> None:
@@ -140,7 +140,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         if hasattr(self, "node"):
-            events = list(iter(self.member.next_event, None))
+            events = list(iter(self.member.time.next_event, None))
             assert len(events) <= MOST_EVENTS
             honest = PARENTS[self.seed % len(PARENTS)]
             peers: dict[Address, TreeMember | Relay | Leader] = {("me", 1): self.node}
@@ -154,7 +154,11 @@ class FollowerAmongLiars(RuleBasedStateMachine):
 
     def knows(self, member: TreeMember) -> bool:
         time_map = member.time_map
-        if member.state is not NodeState.READY or time_map is None or member.path[0] != HONEST:
+        if (
+            member.state is not NodeState.READY
+            or time_map is None
+            or member.time.timekeeper.path[0] != HONEST
+        ):
             return False
         error_ns = abs(time_map.offset_ns - OFFSET_NS)
         return error_ns <= min(2 * ONE_WAY_NS, time_map.hard_bound_ns)
@@ -164,15 +168,16 @@ class RelayAmongLiars(FollowerAmongLiars):
     """A relay among liars above it and below it; in the end a client of its own has the time, too."""
 
     def build(self, rng: random.Random) -> None:
-        config = TreeMemberConfig("me", INSTANCE, PARENTS, OF_CAMERAS, HEARTBEAT_EVERY_NS)
-        self.node = Relay(config, LeaderConfig(0, 0), rng)
-        self.member = self.node.member
+        self.member = TreeMember(
+            "me", INSTANCE, PARENTS, rng, OF_CAMERAS, heartbeat_every_ns=HEARTBEAT_EVERY_NS
+        )
+        self.node = Relay(self.member, LeaderConfig(0, 0), rng)
 
     def recover(self, peers: dict[Address, TreeMember | Relay | Leader], honest: Address) -> None:
-        client = TreeMember(TreeMemberConfig("client", 5, (("me", 1),)), random.Random(self.seed))
+        client = TreeMember("client", 5, (("me", 1),), random.Random(self.seed))
         peers["client", 1] = client
         run(peers, honest, self.now_ns, lambda: self.knows(client) and self.knows(self.member))
-        assert client.path == (HONEST, INSTANCE)
+        assert client.time.timekeeper.path == (HONEST, INSTANCE)
 
 
 def run(
@@ -229,7 +234,7 @@ def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int
 
 @pytest.mark.parametrize("number", [-1, 2**32])
 def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
-    member = TreeMember(TreeMemberConfig("me", INSTANCE, PARENTS), random.Random(1))
+    member = TreeMember("me", INSTANCE, PARENTS, random.Random(1))
     member.receive_datagram(encode(welcome(2, number)), member.parent, 0)
     assert (member.time.number, member.time.malformed) == (None, 1)
 

@@ -18,7 +18,7 @@ from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.tree.member import TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import NodeState
 from tests.facts import make_facts
@@ -79,9 +79,10 @@ class RelayRig:
 
     def relay(self, name: str, *parents: Address) -> Address:
         rng = random.Random(name)
-        config = TreeMemberConfig(name, rng.getrandbits(32), parents, OF_CAMERAS, HEARTBEAT_EVERY_NS)
-        relay = self.relays[name] = Relay(config, LeaderConfig(0, 0), rng)
-        self.tree.add(name, relay, rng, parents, relay.member)
+        instance = rng.getrandbits(32)
+        member = TreeMember(name, instance, parents, rng, OF_CAMERAS, heartbeat_every_ns=HEARTBEAT_EVERY_NS)
+        relay = self.relays[name] = Relay(member, LeaderConfig(0, 0), rng)
+        self.tree.add(name, relay, rng, parents, member)
         return name, 0
 
     def camera(self, name: str, *leaders: Address, at: str = "", control: str = "none") -> Camera:

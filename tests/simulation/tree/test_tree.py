@@ -15,12 +15,13 @@ from benchmarks.simulated.clock_tree import ROOT, RelayOutage, Tree, TreeSpec, m
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback
+from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, LeaderChoice
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import CLIENT_SILENT_NS, CLOCK_SILENT_NS, FORGET_LOST_NS
-from capture_app.sync.rig.time_client import HELLOS
-from capture_app.sync.tree.member import TreeMember, TreeMemberConfig
+from capture_app.sync.rig.time_client import HELLOS, TimeClient
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import (
@@ -102,7 +103,7 @@ def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> N
         assert member.parent != ("relay0", 0)
         relay = tree.nodes[member.parent].member
         assert relay is not None
-        assert member.path == (1, relay.config.instance)
+        assert member.time.timekeeper.path == (1, relay.time.instance)
 
 
 @pytest.mark.slow
@@ -142,7 +143,7 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
 @given(ups=st.lists(st.tuples(st.integers(1, 300), st.integers(1, 300)), min_size=1, max_size=40))
 def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[tuple[int, int]]) -> None:
     parents = (("a", 0), ("b", 0))
-    way, now_ns, back = Failback(parents), 0, 0
+    way, now_ns, back = LeaderChoice(parents, TimeClient("me", 1, Timekeeper(1))), 0, 0
     way.leader_joined(0)
     for up_s, down_s in ups:
         for up, seconds in ((True, up_s), (False, down_s)):
@@ -201,7 +202,7 @@ def test_a_camera_below_a_relay_holds_the_root_time() -> None:
 @pytest.mark.parametrize("path", [(1, 77), tuple(range(100, 100 + MAX_DEPTH))])
 def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None:
     parents = (("a", 0), ("b", 0))
-    member = TreeMember(TreeMemberConfig("me", 77, parents), random.Random(1))
+    member = TreeMember("me", 77, parents, random.Random(1))
     member.handle_timer(0)
     assert [address for _, address in member.datagrams_to_send(0)] == [("a", 0)]
     told = upstream_map(path, time_map(0, 0.0, 0, 1.0, 2.0))
@@ -215,7 +216,7 @@ def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None
 
 
 def test_the_next_parent_is_asked_after_some_silence() -> None:
-    member = TreeMember(TreeMemberConfig("me", 77, (("a", 0), ("b", 0))), random.Random(1))
+    member = TreeMember("me", 77, (("a", 0), ("b", 0)), random.Random(1))
     asked = []
     for _ in range(2 * HELLOS + 1):
         now_ns = max(0, member.next_timer())
@@ -225,7 +226,8 @@ def test_the_next_parent_is_asked_after_some_silence() -> None:
 
 
 def test_a_relay_takes_nobody_in_before_it_has_the_time() -> None:
-    relay = Relay(TreeMemberConfig("r", 3, (ROOT,)), LeaderConfig(0, 0), random.Random(1))
+    rng = random.Random(1)
+    relay = Relay(TreeMember("r", 3, (ROOT,), rng), LeaderConfig(0, 0), rng)
     relay.receive_datagram(encode(Hello("cam", 5, CAMERA)), ("cam", 0), 0)
     assert relay.datagrams_to_send(0) == []
 

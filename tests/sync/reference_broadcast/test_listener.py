@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.time_map import Correction, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast import (
     KEPT_BEACONS,
     LEAST_COMMON,
@@ -87,15 +87,17 @@ def test_a_clock_is_moved_slowly_and_says_what_is_left() -> None:
     agree(listener, now_ns, late_ns=50_000)
     moved = listener.correct(at(now_ns), now_ns)
     assert moved.offset_ns == OFFSET_NS
-    assert listener.correction is not None
-    assert listener.correction.relative_uncertainty_ns == 55_000
+    assert listener.corrected is not None
+    assert listener.corrected.relative_uncertainty_ns == 55_000
     for _ in range(5):
         now_ns += 100 * MS
         before = moved
         moved = listener.correct(at(now_ns), now_ns)
         assert 0 < before.offset_ns - moved.offset_ns <= SLEW * 100 * MS
     assert moved.offset_ns == OFFSET_NS - 50_000
-    assert listener.correction == Correction(-50_000, 5000)
+    assert listener.corrected is not None
+    assert listener.corrected.reference_correction_ns == -50_000
+    assert listener.corrected.relative_uncertainty_ns == 5000
     assert moved.uncertainty_ns == 30_000.0, "what the cell knows together"
     assert moved.hard_bound_ns == 550_000.0, "the proof is of the estimate, not of where it was moved"
 
@@ -122,7 +124,7 @@ def test_an_agreement_fades_when_no_more_is_heard() -> None:
         now_ns += 100 * MS
         last = listener.correct(at(now_ns), now_ns)
     assert last == at(now_ns)
-    assert listener.correction is None
+    assert listener.corrected is None
 
 
 def test_what_is_proven_impossible_is_not_believed() -> None:

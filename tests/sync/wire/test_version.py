@@ -10,12 +10,12 @@ from capture_app.sync.rig.events import JoinRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
-from capture_app.sync.tree.member import TreeMemberConfig
+from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import (
     TOKEN_BYTES,
     VERSION,
-    OtherVersionError,
+    WireError,
     answered_version,
     decode,
     encode,
@@ -54,7 +54,8 @@ def test_a_leader_tells_its_version_to_whoever_asks() -> None:
 
 
 def test_a_relay_tells_its_version_too() -> None:
-    relay = Relay(TreeMemberConfig("gate", 3, (PARENT,)), LeaderConfig(3, transfer_port=1), random.Random(1))
+    rng = random.Random(1)
+    relay = Relay(TreeMember("gate", 3, (PARENT,), rng), LeaderConfig(3, transfer_port=1), rng)
     (answer,) = answers(relay, version_question(TOKEN))
     assert answered_version(answer, TOKEN) == VERSION
 
@@ -77,7 +78,8 @@ def test_the_older_end_is_the_one_to_renew() -> None:
 
 
 def test_a_member_of_a_relay_hears_of_another_version_too() -> None:
-    relay = Relay(TreeMemberConfig("gate", 3, (PARENT,)), LeaderConfig(3, transfer_port=1), random.Random(1))
+    rng = random.Random(1)
+    relay = Relay(TreeMember("gate", 3, (PARENT,), rng), LeaderConfig(3, transfer_port=1), rng)
     relay.handle_timer(0)
     relay.receive_datagram(of_version(VERSION + 1, version_answer(version_question(TOKEN)) or b""), PARENT, 1)
     event = relay.next_event()
@@ -98,6 +100,6 @@ def test_no_answer_is_longer_or_is_answered(rest: bytes, version: int, kind: int
 
 def test_our_own_version_is_answered_as_ever() -> None:
     assert version_answer(encode(Goodbye(1)) + bytes(20)) is None
-    with pytest.raises(OtherVersionError, match=f"protocol version 9, this is version {VERSION}") as found:
+    with pytest.raises(WireError, match=f"protocol version 9, this is version {VERSION}") as found:
         decode(of_version(9, encode(Goodbye(1))))
     assert found.value.version == 9

@@ -9,6 +9,7 @@ frame's corner.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import product
 from typing import Any
 
 from capture_app.errors import BadInputError
@@ -237,12 +238,10 @@ def _led_panels() -> Iterator[Panel]:
 
 
 def _screen_panels() -> Iterator[Panel]:
-    kind = _LED_KINDS
-    for rate_hz in RATES_HZ:
-        for scan in (Scan.DOWN, Scan.RIGHT, Scan.UP, Scan.LEFT):
-            name = f"screen-{rate_hz}hz-{scan}"
-            yield Panel(name, 1e9 / rate_hz, _FIRST_MARKER + _MARKERS * kind, (1,), 2, scan)
-            kind += 1
+    scans = (Scan.DOWN, Scan.RIGHT, Scan.UP, Scan.LEFT)
+    for kind, (rate_hz, scan) in enumerate(product(RATES_HZ, scans), _LED_KINDS):
+        name = f"screen-{rate_hz}hz-{scan}"
+        yield Panel(name, 1e9 / rate_hz, _FIRST_MARKER + _MARKERS * kind, (1,), 2, scan)
 
 
 PANELS = {panel.name: panel for panel in (*_led_panels(), *_screen_panels())}

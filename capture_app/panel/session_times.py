@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, groupby
 from statistics import median
 
 from capture_app.errors import NotApplicableError
@@ -70,7 +70,7 @@ def read_session(
         except PanelNotFoundError as error:
             refusals.append((image, str(error)))
         else:
-            row = (camera.facts.height - 1) / 2
+            row, rows = (camera.facts.height - 1) / 2, row_exposures(camera, image)
             panel_ns, uncertainty_ns = read.at_row(row)
             true_ns = truth.get((image.camera, image.instant))
             later_ns = round(read.shutter.exposure_ns / 2 + row * read.shutter.row_time_ns)
@@ -79,7 +79,9 @@ def read_session(
                     image=image,
                     panel_ns=panel_ns % read.panel.cycle_ns,
                     uncertainty_ns=uncertainty_ns,
-                    stamp_ns=_stamp(camera, image, row) if known else image.leader_ns,
+                    stamp_ns=round(rows.first_start_ns + row * rows.row_time_ns + rows.exposure_ns / 2)
+                    if known and rows is not None
+                    else image.leader_ns,
                     true_ns=None if true_ns is None else true_ns + later_ns,
                     reading=read,
                 )
@@ -128,18 +130,9 @@ def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: li
     return read
 
 
-def _stamp(camera: CameraRecord, image: ImageRecord, row: float) -> int:
-    rows = row_exposures(camera, image)
-    assert rows is not None, "only asked for where they are known"
-    return round(rows.first_start_ns + row * rows.row_time_ns + rows.exposure_ns / 2)
-
-
 def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":
     """Pictures of the same instant by two cameras, each pair once, the cameras in the session's order."""
     order = {name: number for number, name in enumerate(times.cameras)}
-    by_instant: dict[int, list[PictureTime]] = {}
-    for picture in times.pictures:
-        by_instant.setdefault(picture.image.instant, []).append(picture)
-    for instant in sorted(by_instant):
-        some = sorted(by_instant[instant], key=lambda picture: order[picture.image.camera])
+    pictures = sorted(times.pictures, key=lambda one: (one.image.instant, order[one.image.camera]))
+    for _, some in groupby(pictures, key=lambda one: one.image.instant):
         yield from combinations(some, 2)

@@ -9,6 +9,7 @@ with 10 ms to a millisecond within a second. The reader is told nothing of the p
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 
 import cv2
 import numpy as np
@@ -47,13 +48,12 @@ def see_panel(
     found: list[tuple[NDArray[np.int64], Floats]] = []
     offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
     share = 1 / SUBPIXELS**2
-    for dy in offsets:
-        for dx in offsets:
-            x, y = _trace(panel, width, height, corners, distortion, float(dx), float(dy))
-            which, profile = _lamp_at(panel, x, y)
-            still += share * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden))
-            rows, columns = np.nonzero(which >= 0)
-            found.append((np.stack([which[rows, columns], rows, columns]), share * profile[rows, columns]))
+    for dy, dx in product(offsets, offsets):
+        x, y = _trace(panel, width, height, corners, distortion, float(dx), float(dy))
+        which, profile = _lamp_at(panel, x, y)
+        still += share * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden))
+        rows, columns = np.nonzero(which >= 0)
+        found.append((np.stack([which[rows, columns], rows, columns]), share * profile[rows, columns]))
     places, weights = np.concatenate([f[0] for f in found], axis=1), np.concatenate([f[1] for f in found])
     keys, inverse = np.unique(places, axis=1, return_inverse=True)
     return still, keys, np.asarray(np.bincount(inverse.ravel(), weights, keys.shape[1]), np.float64)
@@ -102,17 +102,16 @@ def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Flo
     lattice[tuple(np.rint(2 * places).astype(int).T)] = np.arange(len(places))
     best, shape = np.full(len(x), -1), np.zeros(len(x))
     size = panel.lamp_size / 2
-    for di in (0, 1):
-        for dj in (0, 1):
-            number = lattice[np.floor(2 * x).astype(int) + di, np.floor(2 * y).astype(int) + dj]
-            across, down = (x - places[number, 0]) / size, (y - places[number, 1]) / size
-            away = across**2 + down**2
-            if panel.is_screen:
-                inside, bright = np.maximum(np.abs(across), np.abs(down)) < 1, np.ones(len(x))
-            else:
-                inside, bright = away < 1, 1.3 - 0.6 * away
-            inside &= number >= 0
-            best[inside], shape[inside] = number[inside], bright[inside]
+    for di, dj in product((0, 1), (0, 1)):
+        number = lattice[np.floor(2 * x).astype(int) + di, np.floor(2 * y).astype(int) + dj]
+        across, down = (x - places[number, 0]) / size, (y - places[number, 1]) / size
+        away = across**2 + down**2
+        if panel.is_screen:
+            inside, bright = np.maximum(np.abs(across), np.abs(down)) < 1, np.ones(len(x))
+        else:
+            inside, bright = away < 1, 1.3 - 0.6 * away
+        inside &= number >= 0
+        best[inside], shape[inside] = number[inside], bright[inside]
     which[rows, columns], profile[rows, columns] = best, shape
     return which, profile
 

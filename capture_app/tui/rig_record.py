@@ -15,7 +15,7 @@ from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import LinkLost, Update
-from capture_app.node.wire.status import NewsLine, Preview, RigStatus
+from capture_app.node.wire.status import NewsLine, RigStatus
 from capture_app.sync.wire.messages import NodeState
 
 NEWS_KEPT = 500
@@ -49,8 +49,6 @@ class RigRecord:
                     # What it told last holds no more: of a leader that is gone one thing is said.
                     gone = (replace(node, state=NodeState.LOST, message="") for node in self.status.nodes)
                     self.status = replace(self.status, nodes=tuple(gone), advice="", message="")
-            case Preview():
-                pass
 
     def _add_phases(self, status: RigStatus) -> None:
         now = self.clock()

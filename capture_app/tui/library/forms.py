@@ -133,11 +133,11 @@ def import_question(folder: str) -> TextQuestion:
 def note_question(card: SessionCard) -> TextQuestion:
     """Ask for the note."""
 
-    def check(note: str) -> str:
-        return f"{len(note)} characters: at most {MAX_NOTE} fit" if len(note) > MAX_NOTE else ""
-
     return TextQuestion(
-        "One line, kept in the session.", card.note, check=check, title=f"Note of {card.name}"
+        "One line, kept in the session.",
+        card.note,
+        check=lambda note: f"{len(note)} characters: at most {MAX_NOTE} fit" if len(note) > MAX_NOTE else "",
+        title=f"Note of {card.name}",
     )
 
 

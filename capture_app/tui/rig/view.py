@@ -156,10 +156,8 @@ class RigView(ModeView):
         self._draw()
 
     def _draw(self) -> None:
-        if not self.screen.is_current or self.size.height == 0:
-            return
         status = self._record.status
-        if status is None:
+        if status is None or not self.screen.is_current or self.size.height == 0:
             return
         self._choose_panel(status)
         self._start.show_leader(status.leader)

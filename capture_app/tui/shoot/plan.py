@@ -323,7 +323,12 @@ class PlanPanel(Lines, can_focus=True):
             question = TextQuestion(text, self.plan.name, check=_check_name, title="Name")
         elif what == "notes":
             text = "Notes that are kept with the takes that follow."
-            question = TextQuestion(text, self.plan.note, check=_check_note, title="Notes")
+            question = TextQuestion(
+                text,
+                self.plan.note,
+                check=lambda note: f"at most {MOST_NOTE} characters" if len(note) > MOST_NOTE else "",
+                title="Notes",
+            )
         else:
             return
         if (typed := await self.app.push_screen_wait(question)) is not None:
@@ -352,7 +357,3 @@ def _check_name(name: str) -> str:
     if not name.strip() or is_name(name.strip()):
         return ""
     return "letters, digits, '_', '.' and '-', beginning with a letter or a digit; up to 64"
-
-
-def _check_note(note: str) -> str:
-    return f"at most {MOST_NOTE} characters" if len(note) > MOST_NOTE else ""

@@ -11,7 +11,7 @@ from textual.geometry import Offset, Region, Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
-from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
+from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import duration, printable
 from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
 from capture_app.tui.widgets.look import LookScreen, Motion
@@ -73,13 +73,6 @@ class ContactSheet(ScrollView, can_focus=True):
         self._lay_out()
 
     @property
-    def place(self) -> SheetPlace | None:
-        """What is under the cursor."""
-        if self.sheet is None or not self.sheet.cameras or not self.sheet.instants:
-            return None
-        return self.sheet.place(self.sheet.cameras[self.cursor.x], self.cursor.y)
-
-    @property
     def thumb_size(self) -> Size:
         """Columns and rows of a picture."""
         sheet, room = self.sheet, self.size
@@ -103,8 +96,8 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def action_look(self, motion: str = "STILL") -> None:
         """Look at the picture under the cursor, in motion or still; the cursor goes to what was seen last."""
-        if self.sheet is not None and (place := self.place) is not None:
-            look = LookScreen(self.sheet, place.camera, place.instant, Motion[motion])
+        if self.sheet is not None and self.sheet.cameras and self.sheet.instants:
+            look = LookScreen(self.sheet, self.sheet.cameras[self.cursor.x], self.cursor.y, Motion[motion])
             self.app.push_screen(look, lambda seen: None if seen is None else self.go_to(*seen))
 
     def action_zoom(self, factor: float) -> None:

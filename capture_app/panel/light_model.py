@@ -104,13 +104,12 @@ class LightModel:
     def __init__(self, found: FoundPanel, picture: NDArray[np.uint8]) -> None:
         self.panel = panel = found.panel
         lamps = panel.lamps
-        self.light, ground, self.saturated, rows, self.noise = measure(found, picture)
+        self.light, self._ground, self.saturated, rows, self.noise = measure(found, picture)
         self.group = np.array([lamp.group for lamp in lamps])
         self.start = np.array([(lamp.start + lamp.delay) * panel.tick_ns for lamp in lamps])
         self.lit = np.array([lamp.lit * panel.tick_ns for lamp in lamps])
         self.period = np.array([lamp.period * panel.tick_ns for lamp in lamps])
-        self._ground = ground
-        self._still = self.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2
+        self._still = self.noise**2 + (_GLARE * (self._ground - np.median(self._ground))) ** 2
         self.row = float(rows.mean())
         self.later = rows - self.row
         self.rough_fit = self._find_rough_fit()

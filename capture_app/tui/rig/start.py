@@ -180,8 +180,11 @@ class StartPanel(Vertical):
         if not self.is_attached:
             return
         line = joining_line(self._leader) if self._leader else "…"
+        words = next((one.what for one in self._choices() if one.name == self._chosen), "")
+        meanings = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN, 20))
+        meaning, style = ([self._busy], "$warning") if self._busy else (meanings, "$foreground-muted")
         self._title.show([Content.styled("What shall take pictures?", "bold $primary")])
-        self._meaning.show([Content.styled(self._busy, "$warning")] if self._busy else self._meanings())
+        self._meaning.show(Content.styled(each, style) for each in meaning)
         join = "To join from another machine, type there:"
         if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
             join = f"This rig's port is not the usual {DEFAULT_PORT}. {join}"
@@ -195,11 +198,6 @@ class StartPanel(Vertical):
     on_option_list_option_highlighted = _explain
 
     on_resize = _explain
-
-    def _meanings(self) -> list[Content]:
-        words = next((one.what for one in self._choices() if one.name == self._chosen), "")
-        lines = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN, 20))
-        return [Content.styled(line, "$foreground-muted") for line in lines]
 
     # Doing
 

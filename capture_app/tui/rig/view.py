@@ -151,7 +151,9 @@ class RigView(ModeView):
         status = self._record.status
         if status is None or self._record.clock() < self._next_draw_s:
             return
-        pause_s = min(max(CALM_S * len(status.nodes), REDRAW_S), MAX_CALM_S) if _is_calm(status) else 0.0
+        # Whether all that changes is how much phases tremble.
+        is_calm = all(node.state is NodeState.LOST or is_settled(node) for node in status.nodes)
+        pause_s = min(max(CALM_S * len(status.nodes), REDRAW_S), MAX_CALM_S) if is_calm else 0.0
         self._next_draw_s = self._record.clock() + pause_s
         self._draw()
 
@@ -269,8 +271,3 @@ class RigView(ModeView):
         if node is not None:
             with telling(self):
                 await self._source.order(RemoveCamera(name=node.name))
-
-
-def _is_calm(status: RigStatus) -> bool:
-    """Whether all that changes is how much phases tremble."""
-    return all(node.state is NodeState.LOST or is_settled(node) for node in status.nodes)

@@ -87,8 +87,6 @@ def rig_errors(times: SessionTimes) -> RigErrors:
         cameras: [error for error in errors if (error.first, error.second) == cameras]
         for cameras in combinations(times.cameras, 2)
     }
-    told = [error for error in errors if error.session_uncertainty_ns is not None]
-    bounded = [error for error in errors if error.session_bound_ns is not None]
     misses = [
         (abs(e.total_ns - e.true_total_ns), e.reading_uncertainty_ns)
         for e in errors
@@ -100,11 +98,14 @@ def rig_errors(times: SessionTimes) -> RigErrors:
         pairs=tuple(_table(cameras, some) for cameras, some in by_pair.items() if some),
         errors=tuple(errors),
         within_uncertainty=_held(
-            abs(e.clock_ns) <= math.hypot(e.session_uncertainty_ns or 0, e.reading_uncertainty_ns)
-            for e in told
+            abs(e.clock_ns) <= math.hypot(e.session_uncertainty_ns, e.reading_uncertainty_ns)
+            for e in errors
+            if e.session_uncertainty_ns is not None
         ),
         within_bound=_held(
-            abs(e.clock_ns) <= (e.session_bound_ns or 0) + e.reading_uncertainty_ns for e in bounded
+            abs(e.clock_ns) <= e.session_bound_ns + e.reading_uncertainty_ns
+            for e in errors
+            if e.session_bound_ns is not None
         ),
         totals_near_truth=_held(miss <= known_to for miss, known_to in misses),
         largest_reading_error_ns=max((miss for miss, _ in misses), default=None),

@@ -17,7 +17,6 @@ from capture_app.panel.pattern import (
     RATE_TOLERANCE,
     RATES_HZ,
     SCAN_SHARE,
-    Panel,
     marker_squares,
     screen_panel,
 )
@@ -73,17 +72,19 @@ def _panels() -> dict[str, Any]:
     return {
         "scan_share": SCAN_SHARE,
         "layout": {key: layout[key] for key in kept} | {"rate_tolerance": RATE_TOLERANCE},
-        "screens": [_screen(panel) for panel in PANELS.values() if panel.is_screen],
-    }
-
-
-def _screen(panel: Panel) -> dict[str, Any]:
-    markers = [marker_squares(marker.number) for marker in panel.markers]
-    return {
-        "name": panel.name,
-        "rate_hz": round(1e9 / panel.tick_ns),
-        "scan": panel.scan.value,
-        "markers": ["".join(str(white) for row in squares for white in row) for squares in markers],
+        "screens": [
+            {
+                "name": panel.name,
+                "rate_hz": round(1e9 / panel.tick_ns),
+                "scan": panel.scan.value,
+                "markers": [
+                    "".join(str(white) for row in marker_squares(marker.number) for white in row)
+                    for marker in panel.markers
+                ],
+            }
+            for panel in PANELS.values()
+            if panel.is_screen
+        ],
     }
 
 

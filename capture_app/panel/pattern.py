@@ -260,12 +260,3 @@ def panel_named(name: str) -> Panel:
     if name not in PANELS:
         raise BadInputError(f"there is no panel {name!r}", hint=f"such as {', '.join(list(PANELS)[:3])}")
     return PANELS[name]
-
-
-def screen_panel(rate_hz: float, scan: Scan = Scan.DOWN) -> Panel:
-    """The panel for a screen of about that refresh rate; raises BadInputError for a rate that has none."""
-    nearest = min(RATES_HZ, key=lambda known: abs(known / rate_hz - 1))
-    if abs(nearest / rate_hz - 1) > RATE_TOLERANCE or scan is Scan.NONE:
-        known = ", ".join(str(rate) for rate in RATES_HZ)
-        raise BadInputError(f"no panel is drawn at {rate_hz:g} Hz", hint=f"rates of screens: {known} Hz")
-    return PANELS[f"screen-{nearest}hz-{scan}"]

@@ -15,10 +15,8 @@ import msgspec
 from capture_app.panel.pattern import (
     PANELS,
     RATE_TOLERANCE,
-    RATES_HZ,
     SCAN_SHARE,
     marker_squares,
-    screen_panel,
 )
 
 if TYPE_CHECKING:
@@ -66,7 +64,8 @@ def _policy(script: str, style: str) -> str:
 
 def _panels() -> dict[str, Any]:
     """The layout that all panels of screens share, and what differs between them."""
-    layout = screen_panel(RATES_HZ[0]).description()
+    screens = [panel for panel in PANELS.values() if panel.is_screen]
+    layout = screens[0].description()
     layout["markers"] = [{"x": marker["x"], "y": marker["y"]} for marker in layout["markers"]]
     kept = ("width", "height", "cycle_ticks", "marker_size", "markers", "dark", "lamp_size", "lamps")
     return {
@@ -82,8 +81,7 @@ def _panels() -> dict[str, Any]:
                     for marker in panel.markers
                 ],
             }
-            for panel in PANELS.values()
-            if panel.is_screen
+            for panel in screens
         ],
     }
 

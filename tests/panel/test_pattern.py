@@ -10,10 +10,8 @@ from capture_app.panel.pattern import (
     MARKER_SIZE,
     PANELS,
     Panel,
-    Scan,
     panel_named,
     panel_of_marker,
-    screen_panel,
 )
 
 
@@ -81,13 +79,12 @@ def test_each_marker_belongs_to_one_panel() -> None:
 
 
 def test_a_screen_draws_one_edge_before_the_other() -> None:
-    down, left = screen_panel(59.94), screen_panel(120, Scan.LEFT)
-    assert down.name == "screen-60hz-down"
+    down, left = panel_named("screen-60hz-down"), panel_named("screen-120hz-left")
     assert max(down.lamps, key=lambda lamp: lamp.delay).y == max(lamp.y for lamp in down.lamps)
     assert max(left.lamps, key=lambda lamp: lamp.delay).x == min(lamp.x for lamp in left.lamps)
     assert all(lamp.delay == 0 for lamp in panel_named("led-pair").lamps)
     with pytest.raises(BadInputError, match="57"):
-        screen_panel(57)
+        panel_named("screen-57hz-down")
 
 
 def test_the_description_is_plain_data_that_draws_the_panel() -> None:

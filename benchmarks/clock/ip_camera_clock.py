@@ -16,8 +16,8 @@ from statistics import median
 from typing import Any
 
 from benchmarks.report import new_parser, print_report, print_rows
+from benchmarks.simulated.wireless import WIFI, GammaDelay
 from capture_app.cameras.rtsp.sender_clock import SenderClock
-from capture_app.simulation.links import WIFI, GammaDelay
 
 S, MS = 1_000_000_000, 1_000_000
 FPS, TICKS_PER_S, ASK_NS = 25, 90_000, 2 * S

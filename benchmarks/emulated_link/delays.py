@@ -3,8 +3,15 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from benchmarks.simulated.wireless import LATE_NS, LATE_SHARE, PAPER_LINK, QUICK_AFTER_NS, QUICK_SHARE
-from capture_app.simulation.links import DelayLaw, GammaDelay
+from benchmarks.simulated.wireless import (
+    LATE_NS,
+    LATE_SHARE,
+    PAPER_LINK,
+    QUICK_AFTER_NS,
+    QUICK_SHARE,
+    GammaDelay,
+)
+from capture_app.simulation.links import DelayLaw
 
 
 @dataclass(frozen=True, slots=True)

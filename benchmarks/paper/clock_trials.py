@@ -6,12 +6,19 @@ from dataclasses import dataclass, field, replace
 
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, BimodalDelay
-from benchmarks.simulated.wireless import PACE_NS, PAPER_LINK, TroubleSpells, WirelessLink, wireless
+from benchmarks.simulated.wireless import (
+    PACE_NS,
+    PAPER_LINK,
+    GammaDelay,
+    TroubleSpells,
+    WirelessLink,
+    wireless,
+)
 from capture_app.clock import SimulatedClock
 from capture_app.measure.clock_estimators import ClockEstimator, estimator_family
 from capture_app.measure.result import error_figures
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges_at
-from capture_app.simulation.links import DelayLaw, GammaDelay, Link
+from capture_app.simulation.links import DelayLaw, Link
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
 from capture_app.sync.tree.member import WINDOW_NS

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from benchmarks.simulated.panel_photographs import difference_ns, read_time
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from benchmarks.simulated.wifi_laws import LOOPBACK
-from benchmarks.simulated.wireless import PAPER_LINK
+from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.panel.simulated import Image, render
-from capture_app.simulation.links import DelayLaw, GammaDelay, Link
+from capture_app.simulation.links import DelayLaw, Link
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample

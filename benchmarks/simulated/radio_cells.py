@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.simulation.links import DelayLaw, GammaDelay
+from benchmarks.simulated.wireless import GammaDelay
+from capture_app.simulation.links import DelayLaw
 from capture_app.sync.wire.messages import Group
 
 _US = 1_000

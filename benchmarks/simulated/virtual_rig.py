@@ -9,8 +9,9 @@ from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from benchmarks.simulated.wireless import WIFI
 from capture_app.clock import NodeClock
-from capture_app.simulation.links import WIFI, Channel, Link
+from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample

@@ -11,8 +11,9 @@ from benchmarks.simulated.wireless import (
     MEAN_TO_CLIENT_NS,
     MEAN_TO_LEADER_NS,
     PAPER_LINK,
+    GammaDelay,
 )
-from capture_app.simulation.links import DelayLaw, GammaDelay, Link
+from capture_app.simulation.links import DelayLaw, Link
 
 LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
 """From the leader's own camera to the leader: another process of the same machine."""

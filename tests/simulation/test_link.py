@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.simulated.wireless import PAPER_LINK, TroubleSpells, WirelessLink
+from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, TroubleSpells, WirelessLink
 from capture_app.errors import BadInputError
 from capture_app.simulation.exchanges import read_trace
-from capture_app.simulation.links import GammaDelay, Link, ReplayedDelay
+from capture_app.simulation.links import Link, ReplayedDelay
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)

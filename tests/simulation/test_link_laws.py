@@ -7,10 +7,10 @@ from statistics import mean, pstdev, stdev
 import pytest
 
 from benchmarks.simulated.wifi_laws import LINKS, LinkStatistics
-from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK, QuickMoments, WirelessLink
+from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK, GammaDelay, QuickMoments, WirelessLink
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.links import Channel, Direction, GammaDelay, Link
+from capture_app.simulation.links import Channel, Direction, Link
 
 TRIALS = {300: 30, 1000: 10, 10_000: 2}
 SIGMAS = 4.0

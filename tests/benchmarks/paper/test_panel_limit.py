@@ -4,7 +4,8 @@ import random
 from statistics import fmean
 
 from benchmarks.paper.panel_trial import minimum_filter_error_ns, oracle_error_ns
-from capture_app.simulation.links import GammaDelay, Link
+from benchmarks.simulated.wireless import GammaDelay
+from capture_app.simulation.links import Link
 
 
 def test_an_oracle_knows_the_clock_better_than_the_message_with_the_least_round_trip() -> None:

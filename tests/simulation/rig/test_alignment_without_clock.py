@@ -1,8 +1,9 @@
 """A rig never calls a camera ready by what was true before its leader was gone."""
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
+from benchmarks.simulated.wireless import GammaDelay
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.links import GammaDelay, Link
+from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.wire.messages import NodeState
 

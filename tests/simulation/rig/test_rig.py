@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
-from benchmarks.simulated.wireless import PAPER_LINK
+from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.simulation.links import GammaDelay, Link
+from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
 from capture_app.sync.rig.frame_selection import Burst

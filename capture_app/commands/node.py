@@ -110,7 +110,7 @@ def node(
     clock = parse_clock(clock_text, node=name)
     leaders = leaders or (find_leader(),)
     make_known(leaders, pin, code)
-    from capture_app.node.camera.node_group import NodeGroup
+    from capture_app.node.camera.node_group import run_nodes
     from capture_app.node.news import Log
 
     nodes = {
@@ -126,7 +126,7 @@ def node(
         )
         for one, spec in named.items()
     }
-    run_until_stopped(NodeGroup(nodes, Log(log_line)).run(), until_eof=until_eof)
+    run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
 
 
 def _named(name: str, specs: Sequence[str]) -> dict[str, str]:

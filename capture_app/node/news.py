@@ -16,22 +16,6 @@ from capture_app.trust.sealing import DatagramsRefused
 
 
 @dataclass(frozen=True, slots=True)
-class DiskNews:
-    """A disk that cannot be used, of a camera's node or, without a name, the leader's; or that can again."""
-
-    name: str | None
-    problem: str
-
-
-@dataclass(frozen=True, slots=True)
-class TrustNews:
-    """A machine that wants to be known, has become so, or tried in vain."""
-
-    text: str
-    name: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class FollowerNews:
     """What happened to a follower, or to all of them, in a line for a person."""
 
@@ -41,17 +25,8 @@ class FollowerNews:
     """Whether a person should look."""
 
 
-News = (
-    events.LeaderEvent
-    | HostOffRate
-    | HostAtRate
-    | DiskNews
-    | TrustNews
-    | DatagramsRefused
-    | BurstStatus
-    | FollowerNews
-)
-"""What a leader tells about: nodes and phones that come and go, odd clocks, disks, strangers, and bursts."""
+News = events.LeaderEvent | HostOffRate | HostAtRate | DatagramsRefused | BurstStatus | FollowerNews
+"""What a leader tells about: nodes and phones that come and go, odd clocks, damaged seals, and bursts."""
 
 
 _NODE_LINES: dict[type, str] = {
@@ -73,10 +48,6 @@ def news_line(news: News) -> str:
             return off_rate_line(news)
         case HostAtRate():
             return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
-        case DiskNews():
-            return f"{news.name or 'leader'}: {news.problem or 'its disk can be used again'}"
-        case TrustNews():
-            return news.text
         case FollowerNews():
             return news.line
         case DatagramsRefused():
@@ -140,9 +111,9 @@ class Log:
         self.name = name
         self._lines: deque[NewsLine] = deque(maxlen=KEPT)
 
-    def say(self, text: str) -> None:
-        """Keep a line, and show it."""
-        self.add(text, camera=self.name)
+    def say(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
+        """Keep a line, of that camera or of whose lines these are, and show it."""
+        self.add(text, camera=camera or self.name, level=level)
         self.show(text)
 
     def add(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
@@ -156,12 +127,7 @@ class Log:
 
     def after(self, unix_ns: int) -> tuple[NewsLine, ...]:
         """Return the lines that are later than that time, oldest first."""
-        found: list[NewsLine] = []
-        for line in reversed(self._lines):
-            if line.unix_ns <= unix_ns:
-                break
-            found.append(line)
-        return tuple(reversed(found))
+        return tuple(line for line in self._lines if line.unix_ns > unix_ns)
 
 
 _WARNINGS = events.NodeLost | events.NodeRefused | events.BurstRefused | HostOffRate | DatagramsRefused
@@ -170,15 +136,15 @@ _WARNINGS = events.NodeLost | events.NodeRefused | events.BurstRefused | HostOff
 class NewsLog(Log):
     """The lines of a leader or a relay, of what happens to all of its nodes."""
 
-    def say(self, text: str) -> None:
-        """Take note that a machine wants to be known, has become so, or tried in vain."""
-        self.note(TrustNews(text))
+    def say_of_disk(self, name: str | None, problem: str) -> None:
+        """Tell of a disk that cannot be used, a node's or without a name the leader's; or that can again."""
+        text = f"{name or 'leader'}: {problem or 'its disk can be used again'}"
+        self.say(text, camera=name, level="warning" if problem else "info")
 
     def note(self, news: News) -> None:
         """Show what happened in a rig, and keep it but for a burst's progress, which is in every status."""
         text, is_kept = news_line(news), True
-        warns = isinstance(news, _WARNINGS) or (isinstance(news, DiskNews) and bool(news.problem))
-        warns = warns or (isinstance(news, FollowerNews) and news.is_warning)
+        warns = isinstance(news, _WARNINGS) or (isinstance(news, FollowerNews) and news.is_warning)
         camera = None
         if isinstance(news, BurstStatus):
             is_kept = news.done

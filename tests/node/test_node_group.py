@@ -1,14 +1,14 @@
 """Several cameras in one process: none waits for another, and what ends them all."""
 
 import asyncio
-from collections.abc import Callable, Mapping
-from typing import cast
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, cast
 
 import pytest
 
 from capture_app.errors import BadInputError, CameraError, SimulshotError
 from capture_app.node.camera.camera_node import CameraNode
-from capture_app.node.camera.node_group import NodeGroup
+from capture_app.node.camera.node_group import run_nodes
 from capture_app.node.news import Log
 from tests.waiting import until
 
@@ -27,13 +27,15 @@ class ScriptedNode:
         await asyncio.Event().wait()
 
 
-def group_of(nodes: Mapping[str, ScriptedNode], said: list[str], retry_s: float = 60.0) -> NodeGroup:
-    return NodeGroup(cast(Mapping[str, CameraNode], nodes), Log(said.append), retry_s=retry_s)
+def group_of(
+    nodes: Mapping[str, ScriptedNode], said: list[str], retry_s: float = 60.0
+) -> Coroutine[Any, Any, None]:
+    return run_nodes(cast(Mapping[str, CameraNode], nodes), Log(said.append), retry_s=retry_s)
 
 
-async def run_until(group: NodeGroup, holds: Callable[[], object]) -> None:
+async def run_until(group: Coroutine[Any, Any, None], holds: Callable[[], object]) -> None:
     """Run a group until something holds, and end it."""
-    task = asyncio.create_task(group.run())
+    task = asyncio.create_task(group)
     await until(lambda: task.done() or holds())
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -51,12 +53,12 @@ async def test_a_missing_camera_is_tried_again_while_others_run() -> None:
 async def test_without_any_camera_it_ends_with_the_error() -> None:
     missing = {name: ScriptedNode(CameraError(f"no {name}")) for name in ("a", "b")}
     with pytest.raises(CameraError, match="no b"):
-        await group_of(missing, []).run()
+        await group_of(missing, [])
     with pytest.raises(CameraError, match="no c"):
-        await group_of({"c": ScriptedNode(CameraError("no c"))}, []).run()
+        await group_of({"c": ScriptedNode(CameraError("no c"))}, [])
 
 
 async def test_another_error_ends_all_of_them() -> None:
     nodes = {"a": ScriptedNode(), "b": ScriptedNode(BadInputError("fps=0"))}
     with pytest.raises(BadInputError, match="fps=0"):
-        await group_of(nodes, []).run()
+        await group_of(nodes, [])

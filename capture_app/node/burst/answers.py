@@ -57,17 +57,10 @@ class ImageAnswers:
             saving = await self._waiting.get()
             # A stream that has broken off is noticed by whoever reads it.
             with contextlib.suppress(NetworkError):
-                await self._tell(saving)
+                while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
+                    await self._channel.send(StillSaving())
+                if not saving.cancelled():
+                    error = saving.exception()
+                    refusal = refusal_of(error) if isinstance(error, SimulshotError) else None
+                    await self._channel.send(refusal or ImageAck(sha256=saving.result()))
             self._waiting.task_done()
-
-    async def _tell(self, saving: "asyncio.Future[str]") -> None:
-        while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
-            await self._channel.send(StillSaving())
-        if saving.cancelled():
-            return
-        try:
-            await self._channel.send(ImageAck(sha256=saving.result()))
-        except NetworkError:
-            raise
-        except SimulshotError as error:
-            await self._channel.send(refusal_of(error))

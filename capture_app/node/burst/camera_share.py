@@ -83,30 +83,26 @@ class PartialImage:
         Raises TryAgainError, and deletes the file, where it is not what the upload tells; DiskError.
         """
         self.close()
-        try:
-            return self._split_off_truth()
-        except OSError as error:
-            raise disk_error(error, self.file.parent) from error
-
-    def _split_off_truth(self) -> bytes:
         upload, record = self.upload, self.upload.record
         sha256 = hashlib.sha256()
-        truth = b""
-        with self.file.open("rb") as file:
-            length = os.fstat(file.fileno()).st_size
-            left = record.bytes
-            while left and (block := file.read(min(left, _BLOCK))):
-                sha256.update(block)
-                left -= len(block)
-            truth = file.read(upload.truth_bytes)
-        whole = length == record.bytes + upload.truth_bytes and sha256.hexdigest() == record.sha256
-        if whole and upload.truth_sha256 is not None:
-            whole = hashlib.sha256(truth).hexdigest() == upload.truth_sha256
-        if not whole:
+        try:
+            with self.file.open("rb") as file:
+                length = os.fstat(file.fileno()).st_size
+                left = record.bytes
+                while left and (block := file.read(min(left, _BLOCK))):
+                    sha256.update(block)
+                    left -= len(block)
+                truth = file.read(upload.truth_bytes)
+            whole = length == record.bytes + upload.truth_bytes and sha256.hexdigest() == record.sha256
+            if whole and upload.truth_sha256 is not None:
+                whole = hashlib.sha256(truth).hexdigest() == upload.truth_sha256
+            if whole:
+                os.truncate(self.file, record.bytes)
+                return truth
             self.file.unlink()
-            raise TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")
-        os.truncate(self.file, record.bytes)
-        return truth
+        except OSError as error:
+            raise disk_error(error, self.file.parent) from error
+        raise TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")
 
 
 def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:

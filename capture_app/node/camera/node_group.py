@@ -10,34 +10,27 @@ from capture_app.node.news import Log
 RETRY_S = 5.0
 
 
-class NodeGroup:
-    """Runs nodes side by side; one whose camera is missing at the start is tried again while others run."""
+async def run_nodes(nodes: Mapping[str, CameraNode], log: Log, *, retry_s: float = RETRY_S) -> None:
+    """Run nodes side by side until cancelled; one without its camera is tried again while others run.
 
-    def __init__(self, nodes: Mapping[str, CameraNode], log: Log, *, retry_s: float = RETRY_S) -> None:
-        self._nodes, self._log = nodes, log
-        self._retry_s = retry_s
-        self._failed: set[str] = set()
-        """The nodes that wait for their next try."""
+    Raises CameraError where not one camera can be opened at the start, and any other error of a node.
+    """
+    failed: set[str] = set()
 
-    async def run(self) -> None:
-        """Run all of them until cancelled.
-
-        Raises CameraError where not one camera can be opened at the start, and any other error of a node.
-        """
-        with ungrouped_errors():
-            async with asyncio.TaskGroup() as tasks:
-                for name in self._nodes:
-                    tasks.create_task(self._keep(name))
-
-    async def _keep(self, name: str) -> None:
+    async def keep(name: str) -> None:
         while True:
-            self._failed.discard(name)
+            failed.discard(name)
             try:
-                await self._nodes[name].run()
+                await nodes[name].run()
                 return
             except CameraError as error:
-                self._failed.add(name)
-                if len(self._failed) == len(self._nodes):
+                failed.add(name)
+                if len(failed) == len(nodes):
                     raise
-                self._log.say(f"{name}: {error}; tried again while the others run")
-            await asyncio.sleep(self._retry_s)
+                log.say(f"{name}: {error}; tried again while the others run")
+            await asyncio.sleep(retry_s)
+
+    with ungrouped_errors():
+        async with asyncio.TaskGroup() as tasks:
+            for name in nodes:
+                tasks.create_task(keep(name))

@@ -218,7 +218,8 @@ class CameraSupervisor:
         self._failed: asyncio.Future[Exception]
         self._started_ns = 0
         self._engine: Client[CapturedFrame] | None = None
-        self._pump: Pump | None = None
+        self._pump: Pump
+        """What runs the engine."""
         self._viewfinder: Viewfinder | None = None
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
@@ -333,7 +334,7 @@ class CameraSupervisor:
     def _tell_engine(self, failure: str) -> None:
         if self._engine is not None:
             self._engine.fail(failure)
-            self._turn()
+            self._pump.turn()
 
     def _deliver(self, frame: CapturedFrame) -> None:
         if self._engine is None:
@@ -342,10 +343,6 @@ class CameraSupervisor:
         stamp = FrameStamp(frame.sequence, self._last_stream, frame.timestamp_ns)
         self._engine_ns = self._options.clock.now_ns()
         self._engine.frame_arrived(stamp, frame, self._engine_ns, frame.picture.held_bytes)
-        self._turn()
+        self._pump.turn()
         if self._viewfinder is not None:
             self._viewfinder.add_frame(frame)
-
-    def _turn(self) -> None:
-        if self._pump is not None:
-            self._pump.turn()

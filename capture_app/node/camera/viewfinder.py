@@ -7,6 +7,7 @@ of the newest frame only, and none while a burst is picked or sent.
 import asyncio
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from capture_app.cameras.base import CapturedFrame
@@ -88,18 +89,14 @@ class Viewfinder:
                     await self._leader_changed.wait()
                 assert self._leader is not None
                 self._leader_changed.clear()
-                try:
+                with suppress(NetworkError):
                     async with await connect(self._leader, FromLeader, trust=self._trust) as channel:
                         if not self._leader_changed.is_set():
                             await self._serve(channel)
-                except NetworkError:
-                    pass
                 # A leader that is gone is another one when it is back, which is told by `set_leader`.
-                try:
+                with suppress(TimeoutError):
                     async with asyncio.timeout(RETRY_S):
                         await self._leader_changed.wait()
-                except TimeoutError:
-                    pass
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 

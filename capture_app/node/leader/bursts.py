@@ -28,7 +28,6 @@ from capture_app.node.leader.readiness import (
     expected_image_bytes,
     reasons_until_ready,
 )
-from capture_app.node.news import DiskNews
 from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
@@ -365,7 +364,7 @@ class ActiveBursts:
         before = self.spools.get(space.camera)
         self.spools[space.camera] = space
         if space.problem != ("" if before is None else before.problem):
-            self._news.note(DiskNews(space.camera, space.problem))
+            self._news.say_of_disk(space.camera, space.problem)
 
     def tell_progress(self, session: BurstSession) -> None:
         """Report now and then how far a burst is; that it is finished is reported once."""
@@ -417,7 +416,7 @@ class ActiveBursts:
             troubles = (of.trouble for of in (*self._bursts.values(), *self.resumed.sessions()))
             if (trouble := next(filter(None, troubles), "")) != self._trouble:
                 self._trouble = trouble
-                self._news.note(DiskNews(None, trouble))
+                self._news.say_of_disk(None, trouble)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.ensure_future(work)

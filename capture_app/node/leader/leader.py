@@ -18,7 +18,7 @@ from capture_app.node.leader.readiness import RateReview, reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState
-from capture_app.node.news import DiskNews, FollowerNews
+from capture_app.node.news import FollowerNews
 from capture_app.node.pairing import Enrolment
 from capture_app.node.wire.messages import ToLeader
 from capture_app.node.wire.status import RigStatus
@@ -141,7 +141,7 @@ class LeaderNode:
                 try:
                     self._names.keep()
                 except SimulshotError as error:
-                    self.news.note(DiskNews(None, str(error)))
+                    self.news.say_of_disk(None, str(error))
             self.news.note(event)
         for news in self._rates.look(self._engine, now_ns):
             self.news.note(news)

@@ -131,7 +131,8 @@ async def _take_burst(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStat
     talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
     order = BurstOrder(frames=FRAMES, spare=usual_spare(FRAMES))
     burst = await leader.bursts.order(order)
-    return await leader.bursts.wait_until_saved(burst.burst.number)
+    await burst.finished.wait()
+    return burst.status
 
 
 async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:

@@ -72,17 +72,6 @@ def frames_until(burst: Burst, now_ns: int) -> int:
     return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
 
 
-def first_instant(request: BurstRequest, asked_ns: int, step_ns: int) -> int | None:
-    """Return the leader time about which a burst that was asked for then begins, with steps of `step_ns`.
-
-    None: as soon as all nodes can know of it.
-    """
-    if not request.before or not step_ns:
-        return request.at_leader_ns
-    at_ns = asked_ns if request.at_leader_ns is None else request.at_leader_ns
-    return at_ns - request.before * step_ns
-
-
 def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder:
     """The order of a burst that was asked for at that leader time, in a rig of that frame period.
 
@@ -91,11 +80,14 @@ def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder
     frames, spacing = frames_and_spacing(request, period_ns)
     step_ns = spacing * period_ns
     spare = usual_spare(frames) if request.spare is None else request.spare
+    at_ns = request.at_leader_ns
+    if request.before:
+        at_ns = (asked_ns if at_ns is None else at_ns) - request.before * step_ns
     return BurstOrder(
         frames=frames,
         spacing=spacing,
         spare=spare,
-        at_leader_ns=first_instant(request, asked_ns, step_ns),
+        at_leader_ns=at_ns,
         streamed=request.video or (not request.spare and (frames - 1) * step_ns > LONG_NS),
         video=request.video,
     )
@@ -154,7 +146,6 @@ class ActiveBursts:
         """The sessions of earlier runs that are being finished."""
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
-        self._finished: dict[int, BurstStatus] = {}
         self._last_number = 0
         self._last_folders: dict[str, int] = {}
         """The number in the name of the last session, by what is before it."""
@@ -324,14 +315,6 @@ class ActiveBursts:
             if not session.finished.is_set():
                 await session.end(ended)
 
-    async def wait_until_saved(self, burst: int) -> BurstStatus:
-        """Wait until a burst of this run is saved or given up, and return its last status."""
-        session = self._bursts.get(burst)
-        if session is not None:
-            await session.finished.wait()
-            return session.status
-        return self._finished[burst]
-
     async def find_session(self, message: CameraReport | ImageUpload, pin: str) -> BurstSession:
         """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
 
@@ -396,9 +379,6 @@ class ActiveBursts:
         if self._bursts.get(number) is session:
             self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
             del self._bursts[number]
-            self._finished[number] = status
-            if len(self._finished) > REMEMBERED:
-                del self._finished[min(self._finished)]
         self._news.note(status)
 
     async def _watch_silence(self) -> None:

@@ -146,20 +146,15 @@ class RateReview:
     """Looks now and then at which clocks run oddly, the leader's host among them."""
 
     def __init__(self) -> None:
-        self._host_rate, self._jury = HostRate(), RateVote()
+        self._host_rate, self.vote = HostRate(), RateVote()
         self._due_ns: int | None = None
-
-    @property
-    def off(self) -> Mapping[str | None, HostOffRate]:
-        """The clocks that run oddly, by name."""
-        return self._jury.off
 
     def look(self, engine: Leader, now_ns: int) -> list[HostOffRate | HostAtRate]:
         """Look where it is time to; return what is news."""
         if self._due_ns is not None and now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + REVIEW_EVERY_NS
-        return review_rates(self._jury, engine.roster.views(now_ns), self._host_rate.slewing_ppm(now_ns))
+        return review_rates(self.vote, engine.roster.views(now_ns), self._host_rate.slewing_ppm(now_ns))
 
 
 def review_rates(

@@ -52,7 +52,7 @@ class RigState:
         return RigStatus(
             leader=str(self._address),
             is_open=options.trust.is_open,
-            advice=rig_advice(views, str(self._address), self._rates.off),
+            advice=rig_advice(views, str(self._address), self._rates.vote.off),
             now_ns=now_ns,
             period_ns=None if grid is None else grid.period_ns,
             message=words,

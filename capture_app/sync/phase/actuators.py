@@ -27,6 +27,8 @@ class Move:
     """How much later than now the frames should come, in [0, period)."""
     period_ns: float
     tolerance_ns: int
+    off_centre_ns: float = 0.0
+    """How much later than the grid's own instant the wanted one is, in advance of the drift."""
 
 
 @dataclass(frozen=True, slots=True)

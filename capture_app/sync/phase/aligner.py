@@ -227,11 +227,8 @@ class Aligner:
 
     def _drift(self, now: PhaseEstimate, now_local_ns: int) -> Drift:
         """How the stream moves, and which errors are left as they are."""
-        doubt_ns, inner_ns, within_window = (
-            2.0 * now.sigma_ns,
-            self.window.inner_ns,
-            self.window.within_window,
-        )
+        doubt_ns, inner_ns = 2.0 * now.sigma_ns, self.window.inner_ns
+        within_window, share = self.window.within_window, self.window.landing_share
         still_coarse = now.quantum_error_ns > doubt_ns and now.frames < QUANTIZED_FRAMES
         return Drift(
             now.error_ns + self.phase.shift_to_come(now_local_ns),
@@ -240,7 +237,8 @@ class Aligner:
             inner_ns,
             min(doubt_ns, self.window.tolerance_ns / 2) if within_window else 0.0,
             self.phase.shifts.latency_frames,
-            inner_ns if within_window or still_coarse else inner_ns - doubt_ns,
+            inner_ns if within_window or still_coarse else share * inner_ns - doubt_ns,
+            share,
         )
 
     def _command_towards(
@@ -255,7 +253,8 @@ class Aligner:
             wanted_local_ns=instant_local_ns + round(setpoint.wanted_ns),
             shift_ns=round((setpoint.wanted_ns - error_ns) % self.phase.period_ns),
             period_ns=self.phase.period_ns,
-            tolerance_ns=self.window.inner_ns,
+            tolerance_ns=round(drift.landing_share * self.window.inner_ns),
+            off_centre_ns=setpoint.off_centre_ns,
         )
         command = self.actuator.command(move)
         if command is None or self.corrections:

@@ -31,7 +31,8 @@ class FrameGrid:
 
 
 LARGEST_LEAD = 0.6
-"""Most that a stream is moved past its grid in advance of its drift, as a share of the tolerance."""
+"""Most that a stream is moved past its grid in advance of its drift, as a share of the tolerance; a quarter
+of that where half the tolerance is to be met."""
 BURST_SHARE = 0.25
 """A burst whose error would exceed this share of the tolerance is corrected in advance."""
 
@@ -50,6 +51,8 @@ class Drift:
     """Frames from a small step's command until it counts."""
     left_ns: float = 0.0
     """An error of up to so much is left as it is."""
+    landing_share: float = 1.0
+    """How near a move should bring the stream, as a share of the tolerance."""
 
     def error_after(self, ns: float) -> float:
         """Error in ns after so much time, if nothing moves the stream."""
@@ -67,13 +70,15 @@ class Setpoint:
     lead_ns: float
     wanted_ns: float
     """What the error should be then."""
+    off_centre_ns: float = 0.0
+    """How far the wish itself is off the grid, in advance of the drift."""
 
 
 def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
     """Where a stream stays within its tolerance for longest: drift takes it through the middle."""
-    furthest_ns = LARGEST_LEAD * drift.tolerance_ns
+    furthest_ns = LARGEST_LEAD * drift.landing_share**2 * drift.tolerance_ns
     wanted_ns = min(max(-drift.rate * hold_ns / 2, -furthest_ns), furthest_ns)
-    return Setpoint(lead_ns, wanted_ns)
+    return Setpoint(lead_ns, wanted_ns, wanted_ns)
 
 
 def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint | None:

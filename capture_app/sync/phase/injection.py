@@ -129,6 +129,8 @@ INSIDE_ROW = 0.25
 """Exposures are asked for a quarter of a row above a whole one: right for drivers that cut or round."""
 WORTHWHILE = 0.7
 """An injection must leave at most this share of the error; below a row, waiting for drift is better."""
+INSIDE_TOLERANCE = 0.8
+"""Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
 SURE_ROWS = 1.0
 """An injection whose shift differs from its profile's by less than this confirms the profile."""
 REMEMBERED_LATENCIES = 8
@@ -273,8 +275,11 @@ class InjectionActuator(PhaseActuator):
             below = floor(shift_ns / step_ns + profile.neutral_rows)
             for rows in (below, below + 1):
                 late_ns = (rows - profile.neutral_rows) * step_ns - shift_ns
-                if least_rows < rows <= self._most_rows() and abs(late_ns) < least:
-                    best_rows, least = rows, abs(late_ns)
+                # Beyond the tolerance it would have to be done again, however near it is to the aim.
+                beyond_ns = abs(move.off_centre_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns
+                cost = abs(late_ns) + max(0.0, beyond_ns)
+                if least_rows < rows <= self._most_rows() and cost < least:
+                    best_rows, least = rows, cost
         most = self._most_rows()
         if best_rows is None and profile.neutral_rows < most < move.shift_ns / step_ns + profile.neutral_rows:
             # Out of reach in one go: as far as the longest exposure gets.

@@ -137,7 +137,8 @@ def test_cases_of_phase_are_judged_by_the_truth() -> None:
     assert set(found) == set(names)
     assert found == {case["name"]: case for case in run_cases(3, 5, cases=some, jobs=1)}
     hopeless = found.pop("skew 300 ppm, injection")
-    assert hopeless["aligned_share"] == hopeless["called_aligned_time_share"] == 0.0
+    # It passes through its tolerance, and nobody takes that for being held.
+    assert hopeless["called_aligned_time_share"] == hopeless["false_aligned_share"] == 0.0
     for case in found.values():
         assert case["aligned_share"] == case["within_5_share"] == 1.0
         assert case["false_aligned_share"] == case["false_stuck_share"] == 0.0

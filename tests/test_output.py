@@ -93,10 +93,14 @@ def test_what_was_left_out_is_said_when_reading_goes_on(tmp_path: Path) -> None:
     for line in process.stdout:
         told = json.loads(line)
         if told["event"] == "left-out":
-            left_out = told["lines"]
+            left_out += told["lines"]
+        else:
+            numbers.append(told["number"])
+        if len(numbers) + left_out >= 20000:
             break
-        numbers.append(told["number"])
-    assert numbers == list(range(len(numbers)))
+    # More than one gap is told where the pipe itself took lines between.
+    assert numbers == sorted(set(numbers))
+    assert left_out > 0
     assert len(numbers) + left_out == 20000
     lines = 0
     for line in process.stderr:

@@ -23,8 +23,7 @@ from capture_app.node.leader.options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.news import FollowerNews, follower_line
-from capture_app.node.pairing import Enrolment, check_allowed, is_node, speaks_for
-from capture_app.node.wire import pairing
+from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node, speaks_for
 from capture_app.node.wire.messages import (
     FromLeader,
     KeyRequest,
@@ -198,14 +197,7 @@ class RelayNode:
             try:
                 check_allowed(below.who, message)
                 match message:
-                    case (
-                        pairing.EnrolRequest()
-                        | pairing.PairingWord()
-                        | pairing.PairingProof()
-                        | pairing.Invite()
-                        | pairing.SpeaksFor()
-                        | KeyRequest()
-                    ):
+                    case _ if isinstance(message, Asked):
                         await self._enrolment.answer(below, message)
                     case NodeStream() | ViewfinderOpened() if not is_node(
                         below.who, self._engine.leader.roster.members.get(message.camera), message.instance

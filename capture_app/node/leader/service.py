@@ -21,8 +21,8 @@ from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.settings import RigSettings
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
-from capture_app.node.pairing import Enrolment, check_allowed, is_node
-from capture_app.node.wire import messages, operating, pairing
+from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node
+from capture_app.node.wire import messages, operating
 
 FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 UNDECIDED_S = 0.1
@@ -126,14 +126,7 @@ class LeaderService:
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
     ) -> None:
         match message:
-            case (
-                pairing.EnrolRequest()
-                | pairing.PairingWord()
-                | pairing.PairingProof()
-                | pairing.Invite()
-                | pairing.SpeaksFor()
-                | messages.KeyRequest()
-            ):
+            case _ if isinstance(message, Asked):
                 await self._enrolment.answer(channel, message)
             case messages.CameraReport():
                 await channel.send(await self._take_report(message, channel.who.pin, working_on))

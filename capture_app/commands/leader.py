@@ -15,6 +15,7 @@ import msgspec
 from capture_app.commands.joining import inviting_phones, joining_command
 from capture_app.commands.options import (
     ANY_PATH,
+    beacon_sender,
     beacons_option,
     host_option,
     open_option,
@@ -128,7 +129,6 @@ def leader(
     """
     from capture_app.interop.app_phones import AppPhones
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
-    from capture_app.net.multicast import BEACONS, BeaconSender
     from capture_app.node.leader.options import LeaderOptions
     from capture_app.node.news import News, NewsLog
     from capture_app.sync.rig.leader import RigConfig
@@ -156,9 +156,7 @@ def leader(
             *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
             *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         ),
-        beacons=None
-        if reference_broadcast is False
-        else BeaconSender(BEACONS, fully=bool(reference_broadcast)),
+        beacons=beacon_sender(reference_broadcast),
         news=PrintedNews(log_line),
         spool=spool,
     )

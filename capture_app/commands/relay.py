@@ -9,6 +9,7 @@ from capture_app.clock import parse_clock
 from capture_app.commands.joining import make_known, pairing_options
 from capture_app.commands.options import (
     ADDRESS,
+    beacon_sender,
     beacons_option,
     clock_option,
     host_option,
@@ -57,7 +58,6 @@ def relay(
     preferred first. The relay passes on the leader's time and bursts to its nodes, and their images to the
     leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
     """
-    from capture_app.net.multicast import BEACONS, BeaconSender
     from capture_app.node.news import NewsLog
     from capture_app.node.relay import RelayOptions
 
@@ -68,9 +68,7 @@ def relay(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
-        beacons=None
-        if reference_broadcast is False
-        else BeaconSender(BEACONS, fully=bool(reference_broadcast)),
+        beacons=beacon_sender(reference_broadcast),
         followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         news=NewsLog(lambda line: log_line(f"{name}: {line}")),
     )

@@ -74,11 +74,6 @@ def every_message(node: SealedNode) -> list[Any]:
 
 
 @pytest.fixture
-def trust(tmp_path: Path) -> Trust:
-    return Trust(tmp_path / "leader")
-
-
-@pytest.fixture
 async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
     async with await LeaderNode.start(
         LeaderOptions(

@@ -89,7 +89,7 @@ class SenderClock:
         return min(self._round_trips_ns, default=0) // 2
 
     def _frames_take_ns(self) -> int | None:
-        newest_ns = 0 if self._first is None else (self._newest - self._first) * _S // self._ticks_per_s
+        newest_ns = 0 if self._first is None else self.media_ns(self._newest)
         by_frames_ns, by_reports_ns = self._by_frames.host_ns(newest_ns), self._by_reports.host_ns(newest_ns)
         if by_frames_ns is None or by_reports_ns is None:
             return None

@@ -14,7 +14,7 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.report import wording
 from reconstruction.scores.comparison_results import BulletTime, BurstGrid
-from reconstruction.scores.timing import UNMEASURED, Timings
+from reconstruction.scores.timing import RigTiming, Timing, are_together
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
@@ -279,7 +279,8 @@ def render_camera_sweep(
     views: Mapping[str, View],
     out: Path,
     *,
-    timings: Timings = UNMEASURED,
+    timing: Timing | None = None,
+    rig_timing: RigTiming | None = None,
 ) -> BulletTime | None:
     """Write the sweep's pictures and an animation of it into out/pictures; None where there is no sweep.
 
@@ -315,7 +316,7 @@ def render_camera_sweep(
         for kind, frames in zip(("synced", "offset"), halves, strict=True)
     )
     offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
-    known = "synchronized" if timings.together(order) else "as recorded"
+    known = "synchronized" if are_together(order, timing, rig_timing) else "as recorded"
     titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, offsets_ms, strict=True)]
     return BulletTime(
         cameras=order,

@@ -29,7 +29,7 @@ from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult, OffsetTolerance
-from reconstruction.scores.timing import RigTiming, Timing, Timings, with_depth
+from reconstruction.scores.timing import RigTiming, Timing, with_depth
 from reconstruction.session.conditions import (
     DEFAULT_OFFSET_MS,
     Condition,
@@ -192,7 +192,8 @@ class Comparison:
                 self.rig.motion,
                 self.rig.views,
                 self.folder,
-                timings=Timings(self.timing, self.rig_timing),
+                timing=self.timing,
+                rig_timing=self.rig_timing,
             ),
             memory_notes=memory_budget().notes,
             changed_pictures=picture_checks().changed,

@@ -67,14 +67,9 @@ class RigPoints:
     pixel: Array
 
 
-@dataclass(frozen=True, eq=False)
-class _Features:
-    """COLMAP's features of a picture: positions (n, 2) px in the picture, first pixel's centre at (0, 0)."""
-
-    positions: Array
-    descriptors: Any
-    scale: float
-    """How much smaller the picture was that they were found in."""
+_Features = tuple[Array, Any, float]
+"""COLMAP's features of a picture: positions (n, 2) px in the picture, first pixel's centre at (0, 0), their
+descriptors, and how much smaller the picture was that they were found in."""
 
 
 class RigTriangulator:
@@ -100,7 +95,7 @@ class RigTriangulator:
         ):
             database = Path(scratch) / "database.db"
             model = self._write_database(database, found)
-            limit = MAX_ERROR_PX / min(features.scale for features in found.values())
+            limit = MAX_ERROR_PX / min(scale for _, _, scale in found.values())
             self._match(database, model, limit)
             return _rig_points(self._place_points(database, model, limit), found)
 
@@ -116,7 +111,7 @@ class RigTriangulator:
             keypoints, descriptors = extractor.extract_from_uint8_array(np.ascontiguousarray(grey))
             places = np.asarray(self._colmap.keypoints_to_matrix(keypoints), float)[:, :2]
         # COLMAP's first pixel has its centre at (0.5, 0.5).
-        return _Features(places / scale - 0.5, descriptors, scale)
+        return places / scale - 0.5, descriptors, scale
 
     def _write_database(self, path: Path, found: Mapping[str, _Features]) -> Any:
         """Write cameras and features into a new database; the same with the rig's poses, without points.
@@ -126,15 +121,15 @@ class RigTriangulator:
         colmap = self._colmap
         model = colmap.Reconstruction()
         database = colmap.Database.open(path)
-        for number, (name, features) in enumerate(found.items(), 1):
+        for number, (name, (positions, descriptors, _)) in enumerate(found.items(), 1):
             view = self._views[name]
             camera = _pinhole(colmap, view, number)
             database.write_camera(camera, use_camera_id=True)
             model.add_camera_with_trivial_rig(camera)
             database.write_rig(model.rig(number), use_rig_id=True)
             places = np.zeros((0, 2))
-            if len(features.positions):
-                places = view.rays(features.positions) @ view.matrix.T
+            if len(positions):
+                places = view.rays(positions) @ view.matrix.T
             places = places[:, :2] + 0.5
             pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
             image = colmap.Image(name=name, keypoints=places, camera_id=number, image_id=number)
@@ -142,7 +137,7 @@ class RigTriangulator:
             database.write_frame(model.frame(number), use_frame_id=True)
             database.write_image(model.image(number), use_image_id=True)
             database.write_keypoints(number, places.astype(np.float32))
-            database.write_descriptors(number, features.descriptors)
+            database.write_descriptors(number, descriptors)
         database.close()
         return model
 
@@ -194,7 +189,7 @@ def _pinhole(colmap: Any, view: View, number: int) -> Any:
 
 
 def _rig_points(model: Any, found: Mapping[str, _Features]) -> RigPoints:
-    positions = [features.positions for features in found.values()]
+    positions = [one[0] for one in found.values()]
     points, errors, seen, pixels = [], [], [], []
     for index, (_, point) in enumerate(sorted(model.points3D.items())):
         points.append(point.xyz)

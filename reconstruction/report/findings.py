@@ -157,13 +157,13 @@ def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
     asked = cameras or (() if result.timing is None else result.timing.cameras)
     late = UNSYNCHRONIZED if len(asked) > 2 else wording.lateness(result.actual_offset_ms)
     late_short = "Unsynced" if len(asked) > 2 else late[0].upper() + late[1:]
-    if asked and result.timings.together(asked):
+    if asked and result.together(asked):
         many = "all" if len(asked) > 2 else "both"
         return Sides(
             "Synchronized", "Synced", f"when {many} pictures show the same instant", late, late_short
         )
     when = "in the pictures as they were recorded"
-    return Sides("As recorded", "Recorded", when, late, late_short, apart=result.timings.apart(asked))
+    return Sides("As recorded", "Recorded", when, late, late_short, apart=result.apart(asked))
 
 
 def describe_delays(study: StudyResult) -> str:
@@ -250,7 +250,7 @@ def _as_recorded(stereo: StudyResult) -> str:
 
 def _stereo_sentence(result: CompareResult, stereo: StudyResult, late: str) -> str:
     """As `_depth_sentence`, with what stands still: a control, unless the cameras moved."""
-    together = result.timings.together(stereo.cameras)
+    together = result.together(stereo.cameras)
     recorded = "both pictures show the same instant" if together else "the pictures are paired as recorded"
     first = _depth_sentence(stereo, recorded, f"one picture {late}", "both pictures agree on")
     still = stereo.first_known("static_coverage")
@@ -275,7 +275,7 @@ def _multiview_sentence(result: CompareResult, multiview: StudyResult | None) ->
     if multiview is None:
         return ""
     cameras, when = f"all {len(multiview.cameras)} cameras", "the pictures of {} are paired as recorded"
-    if result.timings.together(multiview.cameras):
+    if result.together(multiview.cameras):
         when = "{} show the same instant"
     return _depth_sentence(multiview, when.format(cameras), EACH_DELAYED, "several cameras agree on")
 
@@ -295,7 +295,7 @@ def _panorama_sentence(result: CompareResult, late: str) -> str:
     panorama = result.study("panorama")
     if panorama is None:
         return ""
-    when = "at the same instant" if result.timings.together(panorama.cameras) else "as recorded"
+    when = "at the same instant" if result.together(panorama.cameras) else "as recorded"
     misfit = panorama.first_known(PANORAMA_MEASURES[0])
     if misfit is not None and misfit[2] >= max(CLEAR_RATIO * misfit[1], misfit[1] + 1.0):
         return (
@@ -325,9 +325,7 @@ def _pose_sentence(result: CompareResult) -> str:
         wrong = f"only {_percent(right)} of the pairs are placed correctly"
     else:
         wrong = f"these angles are wrong by {after:.0f} degrees"
-    pictures = (
-        "pictures of one instant" if result.timings.together(poses.cameras) else "the pictures as recorded"
-    )
+    pictures = "pictures of one instant" if result.together(poses.cameras) else "the pictures as recorded"
     return (
         f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
         f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."

@@ -1,10 +1,12 @@
 """What `reconstruct compare` and `reconstruct tolerance` found: the contents of `metrics.json`."""
 
+from collections.abc import Iterable
+
 from msgspec import Struct
 
 from reconstruction.common.outputs import Provenance
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing, Timings
+from reconstruction.scores.timing import RigTiming, Timing, are_apart, are_together
 
 
 class InstantTolerance(Struct, frozen=True, kw_only=True):
@@ -162,10 +164,13 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     words: ReportWords | None = None
     report: str = ""
 
-    @property
-    def timings(self) -> Timings:
-        """What was measured of the session's timing."""
-        return Timings(self.timing, self.rig_timing)
+    def together(self, cameras: Iterable[str]) -> bool:
+        """As `are_together`."""
+        return are_together(cameras, self.timing, self.rig_timing)
+
+    def apart(self, cameras: Iterable[str]) -> bool:
+        """As `are_apart`."""
+        return are_apart(cameras, self.timing, self.rig_timing)
 
     def study(self, name: str) -> StudyResult | None:
         """What a study measured; None where it was skipped."""

@@ -1,7 +1,6 @@
 """Whether the pictures called one instant are of one instant: measured on what moves in them."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import msgspec
 from msgspec import Struct
@@ -198,30 +197,21 @@ class RigTiming(Struct, frozen=True, kw_only=True):
         return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
 
 
-@dataclass(frozen=True)
-class Timings:
-    """What was measured of a session's timing: of a pair by itself, and of all cameras."""
+def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
+    """Whether the pictures of all these cameras were found to be of one instant.
 
-    pair: Timing | None = None
-    rig: RigTiming | None = None
-
-    def together(self, cameras: Iterable[str]) -> bool:
-        """Whether the pictures of all these cameras were found to be of one instant.
-
-        The judgement of the pair counts for these two, and against any group they are in.
-        """
-        asked = frozenset(cameras)
-        if self.pair is not None:
-            measured = frozenset(self.pair.cameras)
-            if asked <= measured or (measured <= asked and not self.pair.synchronized):
-                return self.pair.synchronized
-        return self.rig is not None and asked <= self.rig.together
-
-    def apart(self, cameras: Iterable[str]) -> bool:
-        """Whether any of these cameras' pictures were found not to be of one instant with another's."""
-        asked = frozenset(cameras)
-        measured = (self.pair, *(self.rig.cameras if self.rig is not None else ()))
-        return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)
+    The judgement of a pair by itself counts for these two, and against any group they are in.
+    """
+    asked = frozenset(cameras)
+    if pair is not None:
+        measured = frozenset(pair.cameras)
+        if asked <= measured or (measured <= asked and not pair.synchronized):
+            return pair.synchronized
+    return rig is not None and asked <= rig.together
 
 
-UNMEASURED = Timings()
+def are_apart(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
+    """Whether any of these cameras' pictures were found not to be of one instant with another's."""
+    asked = frozenset(cameras)
+    measured = (pair, *(rig.cameras if rig is not None else ()))
+    return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)

@@ -56,39 +56,25 @@ class Crossings:
         return replace(self, **{of.name: getattr(self, of.name)[chosen] for of in fields(self)})
 
 
-@dataclass(frozen=True)
-class Path:
-    """Points in the image before, an image and the one after.
+Path = tuple[Array, Array]
+"""Points in the image before, an image and the one after: where, (3, n, 2) px, NaN where a point was not
+followed, and when, (3, n) ms."""
 
-    `at` (3, n, 2) px, NaN where a point was not followed; `times_ms` (3, n).
+
+def find_crossings(views: tuple[View, View], instant: int, a: Path, b: Path, counts: Array) -> Crossings:
+    """Where the points of A's image at an instant cross by B's path, and those of B's image by A's.
+
+    `counts` (n,): for how many points each counts.
     """
-
-    at: Array
-    times_ms: Array
-
-
-@dataclass(frozen=True)
-class Matched:
-    """Points in an image of A and one of B, (n,) each, by their paths; `counts`: for how many each counts."""
-
-    instant: int
-    """Of A's image."""
-    paths: tuple[Path, Path]
-    counts: Array
-
-
-def find_crossings(views: tuple[View, View], matched: Matched) -> Crossings:
-    """Where the points of A's image cross by B's path, and those of B's image by A's."""
-    a, b = matched.paths
     later = _crossed(views, a, b)
     earlier = _crossed(views[::-1], b, a)
     parts = []
     for offset_ms, across in (later, (-earlier[0], -earlier[1])):
         good = np.isfinite(offset_ms)
         if good.any():
-            geometry = geometry_terms(*views, a.at[1][good], b.at[1][good])
-            instant = np.full(int(good.sum()), matched.instant)
-            parts.append(Crossings(instant, offset_ms[good], across[good], matched.counts[good], geometry))
+            geometry = geometry_terms(*views, a[0][1][good], b[0][1][good])
+            instants = np.full(int(good.sum()), instant)
+            parts.append(Crossings(instants, offset_ms[good], across[good], counts[good], geometry))
     return Crossings.join(parts)
 
 
@@ -98,8 +84,9 @@ def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, A
     The distance from the line is a parabola through the three images, or a line through two; NaN for
     crossings outside them.
     """
-    before, now, after = (_errors(views, seen.at[1], at) for at in path.at)
-    early, late = (path.times_ms[i] - path.times_ms[1] for i in (0, 2))
+    (places, seen_ms), (others, times_ms) = seen, path
+    before, now, after = (_errors(views, places[1], at) for at in others)
+    early, late = (times_ms[i] - times_ms[1] for i in (0, 2))
     with np.errstate(invalid="ignore", divide="ignore"):
         slope_before, slope_after = (before - now) / early, (after - now) / late
         both = np.isfinite(slope_before) & np.isfinite(slope_after)
@@ -111,7 +98,7 @@ def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, A
         first = np.where(np.isfinite(slope_before), early, -0.2 * late)
         last = np.where(np.isfinite(slope_after), late, -0.2 * early)
         inside = (when >= first) & (when <= last)
-        offset_ms = seen.times_ms[1] - (path.times_ms[1] + when)
+        offset_ms = seen_ms[1] - (times_ms[1] + when)
     return np.where(inside, offset_ms, np.nan), slope + 2 * bend * when
 
 
@@ -153,21 +140,17 @@ INSTANT_PX = 0.12
 ROUNDS = 20
 
 
-@dataclass(frozen=True)
-class StillErrors:
-    """Epipolar errors (n,) px of what stands still, with `geometry` as of `Crossings`."""
+StillErrors = tuple[Array, Array]
+"""Epipolar errors (n,) px of what stands still, and their geometry as of `Crossings`."""
 
-    errors_px: Array
-    geometry: Array
 
-    @classmethod
-    def of(cls, views: tuple[View, View], at_a: Array, at_b: Array) -> Self:
-        """Of matches (n, 2) px, without those that are wrong."""
-        errors = epipolar_errors_px(*views, at_a, at_b) if len(at_a) else np.zeros(0)
-        near = np.abs(errors) < FARTHEST_STILL_PX
-        if not near.any():
-            return cls(np.zeros(0), np.zeros((0, TERMS)))
-        return cls(errors[near], geometry_terms(*views, at_a[near], at_b[near]))
+def still_errors(views: tuple[View, View], at_a: Array, at_b: Array) -> StillErrors:
+    """Of matches (n, 2) px, without those that are wrong."""
+    errors = epipolar_errors_px(*views, at_a, at_b) if len(at_a) else np.zeros(0)
+    near = np.abs(errors) < FARTHEST_STILL_PX
+    if not near.any():
+        return np.zeros(0), np.zeros((0, TERMS))
+    return errors[near], geometry_terms(*views, at_a[near], at_b[near])
 
 
 class InstantOffset(Struct, frozen=True):
@@ -251,19 +234,20 @@ class _Fit:
     def __init__(self, moving: Crossings, still: StillErrors, start: Array | None = None) -> None:
         self.moving = moving
         count = len(moving.counts)
+        still_px, still_geometry = still
         rows = np.column_stack(
             [
-                np.concatenate([moving.across_px_per_ms, np.zeros(len(still.errors_px))]),
-                np.concatenate([moving.geometry, still.geometry]),
+                np.concatenate([moving.across_px_per_ms, np.zeros(len(still_px))]),
+                np.concatenate([moving.geometry, still_geometry]),
             ]
         )
-        seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still.errors_px])
+        seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
         prior = np.diag([0.0 if count else 1.0, *np.ones(TERMS)])
         # The most that each can weigh, px^-2: what is shared does not get less by more points.
         shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / max(1, len(np.unique(moving.instant)))
         most = (
             _parts(moving.geometry, moving.instant) / shared_px2,
-            _parts(still.geometry, np.zeros(len(seen) - count)) / SHARED_PX**2,
+            _parts(still_geometry, np.zeros(len(seen) - count)) / SHARED_PX**2,
         )
         self.values = np.zeros(1 + TERMS) if start is None else start
         match_px = 2.0
@@ -271,12 +255,12 @@ class _Fit:
             miss = seen - rows @ self.values
             if step:
                 match_px = _spread(miss[:count], LEAST_MATCH_PX)
-            still_px = _spread(miss[count:], LEAST_STILL_PX)
-            sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, still_px)])
+            rest_px = _spread(miss[count:], LEAST_STILL_PX)
+            sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, rest_px)])
             weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
             weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
             # Geman and McClure's, not Cauchy's: wrong matches of what stands still err alike at all instants.
-            weights[count:] /= 1 + (miss[count:] / (1.5 * still_px)) ** 2
+            weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
             for of, its in zip((np.s_[:count], np.s_[count:]), most, strict=True):
                 weights[of] *= min(1.0, its / max(1e-9, float(weights[of].sum())))
             normal = rows.T @ (weights[:, None] * rows) + prior

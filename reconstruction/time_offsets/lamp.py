@@ -159,12 +159,8 @@ class RowTimes:
         return np.asarray(starts[:, None] + self.row_ms * np.arange(edge.lit.shape[1]))
 
 
-@dataclass(frozen=True)
-class Ramp:
-    """How long rows show an edge, ms, and the exponent of how that looks."""
-
-    width_ms: float
-    bend: float
+Ramp = tuple[float, float]
+"""How long rows show an edge, ms, and the exponent of how that looks."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +208,7 @@ def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
         _, width, bend = best
         near_by = [(width * (1 + a * finer), bend + b * finer) for a in (-1, 0, 1) for b in (-2, 0, 2)]
         best = min(best, min((misfit(w, b), w, b) for w, b in near_by))
-    return Ramp(best[1], best[2])
+    return best[1], best[2]
 
 
 def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | None:
@@ -222,26 +218,27 @@ def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | No
     if near is None:
         return None
     samples = _Samples.of(edge, times)
-    reach = ramp.width_ms
+    width_ms, bend = ramp
+    reach = width_ms
     at = near
     for _ in range(3):
-        at, _ = samples.place(at, reach, ramp.width_ms, ramp.bend)
+        at, _ = samples.place(at, reach, width_ms, bend)
         reach /= STEPS / 6
     known = np.isfinite(edge.lit)
-    part = (times - at) / ramp.width_ms + 0.5
+    part = (times - at) / width_ms + 0.5
     inside = known & (part > 0) & (part < 1)
     covered = np.unique(np.floor(part[inside] * 20)).size / 20
     if inside.sum() < LEAST_ROWS or covered < COVERED:
         return None
-    miss = (_shape(part, ramp.bend, edge.rising) - edge.lit)[inside]
+    miss = (_shape(part, bend, edge.rising) - edge.lit)[inside]
     misfit = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
     if misfit > MISFIT:
         return None
     # How much a shift changes what rows show, against their errors; those beside each other share theirs.
-    told = np.sqrt(np.sum((1 / ramp.width_ms / np.maximum(edge.sd[inside], misfit)) ** 2) / SHARED_ROWS)
+    told = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], misfit)) ** 2) / SHARED_ROWS)
     weights = np.where(inside, 1 - np.abs(2 * part - 1), 0)
     row = float((weights * np.arange(edge.lit.shape[1])).sum() / weights.sum())
-    return EdgeTime(at, row, float(np.hypot(1 / told, RAMP_ERROR * ramp.width_ms)))
+    return EdgeTime(at, row, float(np.hypot(1 / told, RAMP_ERROR * width_ms)))
 
 
 @dataclass(frozen=True)
@@ -358,10 +355,8 @@ def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
         return replace(seen, reason="too little of its pictures shows the lamp's light")
     exposures = [dataset.record(camera, k).exposure_ns for k in rows.start_ms]
     exposure_ms = float(np.median([one for one in exposures if one] or [dataset.period_ns])) / 1e6
-    if ramp.width_ms > exposure_ms + SLOW_MS:
-        return replace(
-            seen, reason=f"the lamp takes about {ramp.width_ms:.0f} ms to light up: it has no edge"
-        )
+    if ramp[0] > exposure_ms + SLOW_MS:
+        return replace(seen, reason=f"the lamp takes about {ramp[0]:.0f} ms to light up: it has no edge")
     exact = {k: at for k, (edge, _) in enumerate(known) if (at := find_edge_time(edge, rows, ramp))}
     few = f"{len(exact)} of the lamp's edges fall onto its rows, and it takes {LEAST_EDGES}"
     return replace(seen, exact=exact, reason="" if len(exact) >= LEAST_EDGES else few)

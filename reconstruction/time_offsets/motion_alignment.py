@@ -1,7 +1,6 @@
 """Offsets and rates of a recording without common times: by how much moves, then by points that move."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import cv2
@@ -26,17 +25,8 @@ CANDIDATES = 8
 APART_STEPS = 4
 
 
-@dataclass(frozen=True)
-class Activity:
-    """How much moved before a camera (n,) at times (n,) in ms: grey levels a pixel changes by within 1 ms."""
-
-    times_ms: Array
-    change: Array
-
-    def at(self, times_ms: Array) -> Array:
-        """The logarithm of it at other times; NaN outside."""
-        logs = np.log(self.change + 0.1 * float(np.median(self.change)) + 1e-9)
-        return np.interp(times_ms, self.times_ms, logs, left=np.nan, right=np.nan)
+Activity = tuple[Array, Array]
+"""Times (n,) ms, and how much moved before a camera then: grey levels that a pixel changes by within 1 ms."""
 
 
 def measure_activity(dataset: Dataset, camera: str) -> Activity:
@@ -57,15 +47,18 @@ def measure_activity(dataset: Dataset, camera: str) -> Activity:
             times.append((at_ms + last_ms) / 2)
             changes.append(float(difference.mean()) / (at_ms - last_ms))
         before, last_ms = small, at_ms
-    return Activity(np.array(times), np.array(changes))
+    return np.array(times), np.array(changes)
 
 
 def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Sequence[float]:
     """Offsets that bring the second's times to the first's so that both are busy together, the best first."""
     step = period_ms / STEPS
-    if min(len(first.times_ms), len(second.times_ms)) < 8:
+    if min(len(times_ms) for times_ms, _ in (first, second)) < 8:
         return []
-    a, b = (of.at(np.arange(of.times_ms[0], of.times_ms[-1], step)) for of in (first, second))
+    a, b = (
+        np.interp(np.arange(times_ms[0], times_ms[-1], step), times_ms, _logarithm(change))
+        for times_ms, change in (first, second)
+    )
     least = max(round(LEAST_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
     lags = np.arange(-(len(b) - least), len(a) - least + 1)
     fits = np.array([_correlation(a, b, int(lag)) for lag in lags])
@@ -73,10 +66,14 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
     for k in np.argsort(-fits):
         if fits[k] <= 0 or len(chosen) == CANDIDATES:
             break
-        offset = float(first.times_ms[0] - second.times_ms[0] + lags[k] * step)
+        offset = float(first[0][0] - second[0][0] + lags[k] * step)
         if all(abs(offset - other) > APART_STEPS * step for other in chosen):
             chosen.append(offset)
     return chosen
+
+
+def _logarithm(change: Array) -> Array:
+    return np.asarray(np.log(change + 0.1 * float(np.median(change)) + 1e-9))
 
 
 def _correlation(a: Array, b: Array, lag: int) -> float:
@@ -136,7 +133,7 @@ class MotionAlignment:
         tried: list[tuple[float, float]] = []
         reason = "how much moves before them is alike at no offset"
         for offset_ms in rough_offsets_ms(self._activity(first), self._activity(second), period_ms):
-            fit = self.offsets.measure(first, second, TRIAL_INSTANTS, rough=RoughOffset(offset_ms, reach_ms))
+            fit = self.offsets.measure(first, second, TRIAL_INSTANTS, rough=(offset_ms, reach_ms))
             if fit.offset_ms is None:
                 reason = fit.reason
             else:
@@ -147,7 +144,7 @@ class MotionAlignment:
         rivals = [other for other, at_ms in tried if abs(at_ms - best_ms) > period_ms]
         if votes < DISTINCT * max(rivals, default=0.0):
             return "the points that move agree on several offsets"
-        return RoughOffset(best_ms, 1.5 * period_ms)
+        return best_ms, 1.5 * period_ms
 
     def _line(self, first: str, second: str, fit: OffsetFit) -> CameraTimes:
         times = ImageTimes(self.dataset, (first, second))

@@ -18,12 +18,11 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import choose_moving_instants
 from reconstruction.time_offsets.crossings import (
     Crossings,
-    Matched,
     OffsetFit,
     Path,
-    StillErrors,
     find_crossings,
     fit_offset,
+    still_errors,
 )
 from reconstruction.time_offsets.outlines import Outlines, alike, find_outlines
 
@@ -109,12 +108,8 @@ OUTLINE_COUNTS = 4.0
 """For how many points the middle of a small thing counts: all of its outline tells it."""
 
 
-@dataclass(frozen=True)
-class RoughOffset:
-    """About how late the second camera of a pair is, and by how much that may be wrong, ms."""
-
-    offset_ms: float
-    reach_ms: float
+RoughOffset = tuple[float, float]
+"""About how late the second camera of a pair is, and by how much that may be wrong, ms."""
 
 
 class PairOffsets:
@@ -151,10 +146,8 @@ class PairOffsets:
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return OffsetFit(reason="both cameras stand at the same place")
         times = ImageTimes(self.dataset, (first, second))
-        near = rough or RoughOffset(0.0, self.reach_ms)
-        others = {
-            other: times.at_ms(second, other) + near.offset_ms for other in self.dataset.instants(second)
-        }
+        near_ms, reach_ms = rough or (0.0, self.reach_ms)
+        others = {other: times.at_ms(second, other) + near_ms for other in self.dataset.instants(second)}
         all_moves = bool(self.moving((first, second)))
         cameras: Sequence[str] = (first, second)
         asked: Sequence[int] = self.dataset.instants(*cameras)
@@ -171,15 +164,15 @@ class PairOffsets:
             self._match(times, (first, now), (second, other), all_moves)
             for now in asked
             for other, at_ms in others.items()
-            if abs(at_ms - times.at_ms(first, now)) <= near.reach_ms
+            if abs(at_ms - times.at_ms(first, now)) <= reach_ms
         ]
         pair = views[first], views[second]
-        still = StillErrors.of(pair, *self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS))
-        crossings = Crossings.join(find_crossings(pair, one) for one in found).later(-near.offset_ms)
-        return fit_offset(crossings, still, self.dataset.period_ns / 1e6).later(near.offset_ms)
+        still = still_errors(pair, *self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS))
+        crossings = Crossings.join(found).later(-near_ms)
+        return fit_offset(crossings, still, self.dataset.period_ns / 1e6).later(near_ms)
 
-    def _match(self, times: "ImageTimes", a: Image, b: Image, all_moves: bool) -> Matched:
-        """What moves in both images, by corners and by outlines."""
+    def _match(self, times: "ImageTimes", a: Image, b: Image, all_moves: bool) -> Crossings:
+        """Of what moves in both images, by corners and by outlines."""
         here, there = self._points(*a, all_moves), self._points(*b, all_moves)
         corners = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
         things = alike(self._outlines(*a), self._outlines(*b))
@@ -188,7 +181,8 @@ class PairOffsets:
         first = self._path(times, a, here, corners[0], things[0])
         second = self._path(times, b, there, corners[1], things[1])
         counts = np.concatenate([np.ones(len(corners[0])), np.full(len(things[0]), OUTLINE_COUNTS)])
-        return Matched(a[1], (first, second), counts)
+        views = self.rig.views[a[0]], self.rig.views[b[0]]
+        return find_crossings(views, a[1], first, second, counts)
 
     def _path(
         self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, things: Array
@@ -204,7 +198,7 @@ class PairOffsets:
             both = np.concatenate([at[corners], middles[things]])
             path.append(both)
             when.append(np.full(len(both), np.nan) if k is None else times.of_rows_ms(camera, k, both[:, 1]))
-        return Path(np.stack(path), np.stack(when))
+        return np.stack(path), np.stack(when)
 
     def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
         """The camera's own images before and after; what recordings without common times pair leaves gaps."""

@@ -10,15 +10,14 @@ from reconstruction.time_offsets.pair_geometry import TERMS, geometry_terms
 from tests.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 
 PERIOD_MS = 20.0
-NOTHING_STILL = StillErrors(np.zeros(0), np.zeros((0, TERMS)))
+NOTHING_STILL = np.zeros(0), np.zeros((0, TERMS))
 
 
 def still(shift_px: float, count: int = 300) -> StillErrors:
     """What stands still all over the picture, so far off its lines."""
     rng = np.random.default_rng(9)
-    return StillErrors(
-        shift_px + rng.normal(0, 0.2, count), geometry_terms(A, B, *seen((2.0, 5.0), count, seed=9))
-    )
+    off = shift_px + rng.normal(0, 0.2, count)
+    return off, geometry_terms(A, B, *seen((2.0, 5.0), count, seed=9))
 
 
 def crossings(

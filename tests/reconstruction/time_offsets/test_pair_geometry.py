@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from reconstruction.time_offsets.crossings import Crossings, StillErrors, fit_offset
+from reconstruction.time_offsets.crossings import Crossings, fit_offset, still_errors
 from reconstruction.time_offsets.pair_geometry import epipolar_errors_px, geometry_terms
 from tests.reconstruction.conftest import make_view
 
@@ -32,7 +32,7 @@ def test_a_calibration_that_is_off_is_told_from_lateness_by_what_stands_still() 
     moving = Crossings(
         rng.integers(0, 8, 400), errors / speed, speed, np.ones(400), geometry_terms(A, off, *nearer)
     )
-    found = fit_offset(moving, StillErrors.of((A, off), *seen((2.0, 5.0), 600)), 33.0)
+    found = fit_offset(moving, still_errors((A, off), *seen((2.0, 5.0), 600)), 33.0)
     assert found.offset_ms is not None
     assert found.sd_ms is not None
     assert abs(found.offset_ms) < 2 * found.sd_ms

@@ -7,7 +7,7 @@ import pytest
 
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.timing_study import TimingStudy
-from reconstruction.scores.timing import Timings
+from reconstruction.scores.timing import are_apart, are_together
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.rig_offsets import adjust_offsets
@@ -101,6 +101,6 @@ def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: 
     assert late.late_ms == pytest.approx(PERIOD_NS / 1e6, abs=1.0)
     assert late.option.startswith("--time-shift-ms c=3")
     for cameras, together in (("ab", True), ("bc", False), ("abc", False)):
-        assert Timings(pair, found).together(cameras) == together
-        assert Timings(pair, found).apart(cameras) != together
-    assert not Timings(pair).together("abc")
+        assert are_together(cameras, pair, found) == together
+        assert are_apart(cameras, pair, found) != together
+    assert not are_together("abc", pair, None)

@@ -14,6 +14,7 @@ import numpy as np
 from capture_app.errors import NotApplicableError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.reading.file_headers import read_exif
+from capture_app.terminal import talk
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
@@ -89,6 +90,19 @@ FEATURE_SHARE = 0.6
 """Share of the memory budget for all pictures whose features are found at once."""
 
 
+def own_or_found(motion: SceneMotion) -> Calibration:
+    """The session's own calibration, else one from its pictures, and that it is.
+
+    Raises as `calibrate_from_images`.
+    """
+    own = motion.dataset.calibration()
+    if own is not None:
+        return own
+    found = calibrate_from_images(motion)
+    talk(f"{motion.dataset.name} has no calibration; this one was found: {found.source}")
+    return found
+
+
 def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
     """Calibrate the rig by COLMAP from the burst's still content; the unit of length is arbitrary.
 
@@ -145,9 +159,9 @@ def _found(
     found = _cameras(rec, dataset)
     if len(found) < 2:
         raise NotApplicableError("only one camera could be placed", hint="the views need to overlap more")
-    lenses = ", focal lengths taken for granted" if held else ""
+    lenses = ", focal lengths taken for granted" if held else _told_lenses(pycolmap, rec)
     if len(focal_px) < len(cameras):
-        lenses = ", lenses guessed from these pictures alone, perhaps several percent off"
+        lenses = f", a guess from these pictures alone{lenses}"
     missing = [name for name in dataset.cameras if name not in found]
     lenses += f"; not placed: {', '.join(missing)}" if missing else ""
     return Calibration(
@@ -156,6 +170,54 @@ def _found(
         source=f"COLMAP {pycolmap.__version__}, {len(found)} of {len(dataset.cameras)} cameras from "
         f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px{lenses}",
     )
+
+
+def _told_lenses(pycolmap: Any, rec: Any) -> str:
+    """How far off the focal lengths may be, in words."""
+    errors = sorted(100 * error for error in focal_errors(pycolmap, rec))
+    if not errors:
+        return ", focal lengths perhaps several percent off"
+    return f", focal lengths off by up to {errors[0]:.1f} to {errors[-1]:.1f} % (95 %)"
+
+
+def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
+    """95 % errors of a model's focal lengths as shares of them; none where its points leave them free.
+
+    By the covariance of a bundle adjustment of one picture of each camera: in others, what stands still is
+    seen with the same errors again. Principal points count as known, and lenses as bent by one number.
+    """
+    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
+    plain, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
+    for image in shown.values():
+        plain.add_camera_with_trivial_rig(image.camera)
+        at = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        alone = pycolmap.Image(
+            name=image.name, keypoints=at, camera_id=image.camera_id, image_id=image.image_id
+        )
+        plain.add_image_with_trivial_frame(alone, image.cam_from_world())
+        config.add_image(image.image_id)
+    for point in rec.points3D.values():
+        track = pycolmap.Track()
+        for seen in point.track.elements:
+            if config.has_image(seen.image_id):
+                track.add_element(seen.image_id, seen.point2D_idx)
+        if track.length() > 1:
+            plain.add_point3D(point.xyz, track, point.color)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, plain)
+    solved = adjuster.solve().ceres_summary
+    found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), plain, adjuster)
+    spare = solved.num_residuals - solved.num_effective_parameters
+    lenses = [plain.cameras[number].params for number in shown]
+    spreads = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
+    if spare < 1 or not spreads or any(spread is None for spread in spreads):
+        return []
+    variance = 2 * solved.final_cost / spare
+    return [
+        2 * math.sqrt(variance * spread[0, 0]) / float(lens[0])
+        for spread, lens in zip(spreads, lenses, strict=True)
+    ]
 
 
 def _choose_instants(dataset: Dataset) -> list[int]:

@@ -55,10 +55,7 @@ class Stage:
 
     def look(self, view: View, time_s: float, noise: np.random.Generator) -> Array:
         """Grey picture (uint8) of one of the rig's cameras at a time."""
-        if self.rig_path is not None:
-            turned, place = self.rig_path(time_s)
-            rotation = view.rotation @ turned.T
-            view = replace(view, rotation=rotation, translation=view.translation - rotation @ place)
+        view = self.placed(view, time_s)
         size = view.width * FINER, view.height * FINER
         finer = np.diag([FINER, FINER, 1.0])
         finer[:2, 2] = (FINER - 1) / 2
@@ -74,6 +71,14 @@ class Stage:
         small = cv2.resize(shown, (view.width, view.height), interpolation=cv2.INTER_AREA)
         small += noise.normal(0, NOISE, small.shape)
         return np.asarray(np.clip(np.rint(small), 0, 255), np.uint8)
+
+    def placed(self, view: View, time_s: float) -> View:
+        """One of the rig's cameras where it is at a time."""
+        if self.rig_path is None:
+            return view
+        turned, place = self.rig_path(time_s)
+        rotation = view.rotation @ turned.T
+        return replace(view, rotation=rotation, translation=view.translation - rotation @ place)
 
     def _corner(self, board: Board, time_s: float) -> Array:
         moved = (0.0, 0.0, 0.0) if board.path is None else board.path(time_s)

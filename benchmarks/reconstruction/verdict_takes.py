@@ -1,6 +1,6 @@
 """Takes of a pair of cameras whose lateness is known, painted and real, for what is said of them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.reconstruction import painted_scenes
 from benchmarks.reconstruction.painted_scenes import HEIGHT, WIDTH, Stage
+from benchmarks.reconstruction.rendered_street import rendered_street
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
@@ -53,9 +54,10 @@ class Take:
         return 1e3 / 60 if self.kind == BALL else PERIOD_MS
 
 
-BALL = "real ball"
-STAGES = {
+BALL, RENDERED = "real ball", "rendered street"
+STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
     "street": lambda seed: (painted_scenes.street(seed), painted_scenes.pair(0.5)),
+    RENDERED: lambda seed: (rendered_street(seed), painted_scenes.pair(0.5)),
     "slow street": lambda seed: (painted_scenes.street(seed, speed_m_s=3.0), painted_scenes.pair(0.4)),
     "boards": lambda seed: (painted_scenes.room(seed), painted_scenes.pair(0.3, turned_deg=2)),
     "slow boards": lambda seed: (
@@ -69,12 +71,13 @@ STAGES = {
     ),
     "thrown ball": lambda seed: (painted_scenes.throw(seed), painted_scenes.pair(0.5)),
 }  # fmt: skip
+PAINTED = [kind for kind in STAGES if kind != RENDERED]
 
 
 def takes(seeds: int) -> Iterator[Take]:
     """Every kind with so many seeds."""
     for seed in range(seeds):
-        for kind in STAGES:
+        for kind in PAINTED:
             yield Take(kind, seed)
             yield Take(kind, seed, geometry_px=(0.3, 0.5, 0.1)[seed % 3])
             yield Take(kind, seed, late_ms=(10.0, -8.0, 14.0)[seed % 3], geometry_px=(0.0, 0.3)[seed % 2])
@@ -98,10 +101,10 @@ def real_takes(every: int) -> Iterator[Take]:
 
 
 def car_takes(seeds: int) -> Iterator[Take]:
-    """A rig on a car with geometry that is wrong by 0.3 px, synchronized and 10 ms late."""
+    """A rendered rig on a car with geometry that is wrong by 0.3 px, synchronized and 10 ms late."""
     for seed in range(100, 100 + seeds):
-        yield Take("street", seed, geometry_px=0.3)
-        yield Take("street", seed, geometry_px=0.3, late_ms=10.0)
+        yield Take(RENDERED, seed, geometry_px=0.3)
+        yield Take(RENDERED, seed, geometry_px=0.3, late_ms=10.0)
 
 
 def session_of(take: Take, cache: Path, footage: Path | None) -> Path:

@@ -36,7 +36,7 @@ def timing_sentences(timing: Timing) -> str:
     told = f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
     if timing.same_frame_ms is not None:
         told = (
-            "These pictures are of the same frame: most depth is found as they are paired. Finer than "
+            "These pictures are of the same frame. Finer than "
             f"{timing.same_frame_ms:.0f} ms cannot be told: {timing.reason}."
         )
     return told if timing.late_ms is None else f"{told} {late}."

@@ -44,8 +44,8 @@ class Timing(Struct, frozen=True, kw_only=True):
     offset: bool = False
     """It is certainly not zero."""
     same_frame_ms: float | None = None
-    """The pictures are of the same frame, late by no more than this: depth is found best as they are paired.
-    None where depth does not tell."""
+    """The pictures are of the same frame, late by no more than this, by what moves or as depth is found best
+    as they are paired; None where neither tells."""
     out_of_place_px: float | None = None
     """Epipolar error of what moves, where pictures of one instant cannot have it."""
     reason: str = ""
@@ -92,15 +92,18 @@ def judge_timing(
         for one in instants
         if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, min(ODD_FRAMES * spacing_ms, ODD_MS))
     ]
+    agree = len(odd) <= ODD_SHARE * len(instants)
     offset = abs(late) > ODD_SIGMAS * sd
     reason = ""
     if SIGMAS * sd > SURE_FRAMES * spacing_ms:
         reason = "the error of what was measured is more than a tenth of a frame"
-    elif len(odd) > ODD_SHARE * len(instants):
+    elif not agree:
         reason = f"{len(odd)} of {len(instants)} instants disagree with the others"
     elif not offset and abs(late) > SIGMAS * sd:
         reason = "what was measured is neither clearly zero nor clearly another offset"
     frames = round(late / spacing_ms)
+    # Far less has to be known for the frame: that its neighbours are not it.
+    same = not offset and agree and abs(late) + ODD_SIGMAS * sd < spacing_ms / 2
     return Timing(
         reference=reference,
         other=other,
@@ -108,6 +111,7 @@ def judge_timing(
         late_ms=late,
         uncertainty_ms=SIGMAS * sd,
         offset=offset,
+        same_frame_ms=abs(late) + SIGMAS * sd if same else None,
         reason=reason,
         shift_ms=round(late - apart_ms, 2) if offset and frames else None,
         instants=instants,
@@ -120,10 +124,10 @@ def without_common_times(timing: Timing, doubt: str) -> Timing:
 
     That they agree by what moves near their own times does not say that no other offset fits as well.
     """
-    if not timing.synchronized:
+    if not timing.synchronized and timing.same_frame_ms is None:
         return timing
     reason = f"the recording is {doubt.partition(':')[0]}, and reconstruct time --apply has not aligned it"
-    return msgspec.structs.replace(timing, synchronized=False, reason=reason)
+    return msgspec.structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
 
 
 def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:
@@ -140,9 +144,9 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     if abs(peak_ms) < spacing_ms / 2:
         same_ms = None if timing.offset else min(most_ms, spacing_ms / 2)
         return msgspec.structs.replace(timing, same_frame_ms=same_ms)
-    if timing.synchronized:
+    if timing.synchronized or timing.same_frame_ms is not None:
         reason = f"depth is found best with the second picture {peak_ms:+.0f} ms later"
-        return msgspec.structs.replace(timing, synchronized=False, reason=reason)
+        return msgspec.structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
     if timing.offset or most_ms < abs(peak_ms) - spacing_ms / 2:
         return timing
     return msgspec.structs.replace(
@@ -171,7 +175,9 @@ def with_depth(timing: Timing, depth: StudyResult) -> Timing:
         reason = (
             f"most of what moves is lost and lies {rows:.0f} pixels off its rows, unlike what stands still"
         )
-        return msgspec.structs.replace(timing, synchronized=False, out_of_place_px=rows, reason=reason)
+        return msgspec.structs.replace(
+            timing, synchronized=False, same_frame_ms=None, out_of_place_px=rows, reason=reason
+        )
     if timing.same_frame_ms is not None:
         return timing
     return msgspec.structs.replace(

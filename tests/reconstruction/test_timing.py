@@ -55,8 +55,7 @@ def test_times_that_are_known_to_differ_are_no_one_instant() -> None:
 @pytest.mark.parametrize(
     ("found", "why"),
     [
-        (judged(0.5, 3.0), "a tenth of a frame"),
-        (judged(0.7, 0.3), "neither clearly zero"),
+        (judged(0.5, 6.0), "a tenth of a frame"),
         (judged(0.0, 0.3, 0.0, 0.1, 28.0, -30.0, 0.2), "2 of 5 instants disagree"),
         (judged(0.2, 0.3, 0.1, 7.1, 0.4, -5.7, 0.3), "2 of 5 instants disagree"),
         (judge_timing(PAIR, OffsetFit(reason="nothing moves"), 0.0, FRAME_MS), "nothing moves"),
@@ -104,6 +103,23 @@ def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
     assert "R is 2.4 ± 2.0 ms late" in text
     # A lateness that was measured is told, however depth is paired best.
     assert timing_sentences(with_curve_peak(late, [0.0] * 8, FRAME_MS)) == timing_sentences(late)
+
+
+@pytest.mark.parametrize(
+    ("found", "text"),
+    [
+        (
+            judged(0.5, 3.0),
+            "Finer than 6 ms cannot be told: the error of what was measured is more than a tenth",
+        ),
+        (judged(0.7, 0.3), "Finer than 1 ms cannot be told: what was measured is neither clearly zero"),
+    ],
+)
+def test_the_frame_is_told_where_its_neighbours_are_far(found: Timing, text: str) -> None:
+    assert not found.synchronized
+    assert timing_sentences(found).startswith(f"These pictures are of the same frame. {text}")
+    assert with_curve_peak(found, [FRAME_MS] * 8, FRAME_MS).same_frame_ms is None
+    assert without_common_times(found, NOT_SYNCHRONIZED).same_frame_ms is None
 
 
 def test_cameras_that_moved_are_named() -> None:

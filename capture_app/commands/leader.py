@@ -14,6 +14,7 @@ import msgspec
 
 from capture_app.commands.joining import inviting_phones, joining_command
 from capture_app.commands.options import (
+    ADDRESS,
     ANY_PATH,
     beacon_sender,
     beacons_option,
@@ -26,7 +27,7 @@ from capture_app.commands.options import (
     sessions_option,
     spool_option,
 )
-from capture_app.net.address import LOOPBACK_HOSTS
+from capture_app.net.address import LOOPBACK_HOSTS, Address
 from capture_app.terminal import FiniteRange, json_option, log_line, print_json_line, talk
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import show_code
@@ -34,7 +35,6 @@ from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.leader.options import LeaderOptions
     from capture_app.node.news import News
 
 APP_NOTE = (
@@ -50,6 +50,14 @@ APP_NOTE = (
 )
 @host_option
 @port_option
+@click.option(
+    "--leader",
+    "leaders",
+    type=ADDRESS,
+    multiple=True,
+    metavar="HOST:PORT",
+    help="Be one of several leaders, of which the first alive one leads: name all, this one too, best first.",
+)
 @sessions_option
 @click.option(
     "--fps",
@@ -107,6 +115,7 @@ APP_NOTE = (
 def leader(
     host: str,
     port: int,
+    leaders: tuple[Address, ...],
     sessions: Path,
     fps: float | None,
     align: str,
@@ -130,6 +139,7 @@ def leader(
     from capture_app.interop.app_phones import AppPhones
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
     from capture_app.node.leader.options import LeaderOptions
+    from capture_app.node.leader.standby import lead_in_turn
     from capture_app.node.news import News, NewsLog
     from capture_app.sync.rig.leader import RigConfig
 
@@ -146,27 +156,36 @@ def leader(
         align_row=align_row if align == "mid-exposure" else None,
         max_delay_ns=round(max_delay_ms * 1e6),
     )
-    options = LeaderOptions(
-        host=host,
-        port=port,
-        or_free_port=or_free_port,
-        sessions=sessions,
-        rig=rig,
-        followers=(
-            *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
-            *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
-        ),
-        beacons=beacon_sender(reference_broadcast),
-        news=PrintedNews(log_line),
-        spool=spool,
-    )
+    news = PrintedNews(log_line)
+
+    def make_options() -> LeaderOptions:
+        return LeaderOptions(
+            host=host,
+            port=port,
+            or_free_port=or_free_port,
+            sessions=sessions,
+            rig=rig,
+            followers=(
+                *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
+                *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
+            ),
+            beacons=beacon_sender(reference_broadcast),
+            news=news,
+            spool=spool,
+        )
+
+    if leaders and cameras:
+        raise click.UsageError(
+            "--camera would end with the lead: run it by capture-app node, with all --leader"
+        )
     if android_app:
         talk(APP_NOTE)
-    run_until_stopped(_run_leader(options, cameras, with_phones, log, as_json))
+    run = functools.partial(_run_leader, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json)
+    run_until_stopped(lead_in_turn(make_options, leaders, run))
 
 
 async def _run_leader(
-    options: "LeaderOptions",
+    node: "LeaderNode",
     cameras: tuple[str, ...],
     with_phones: bool,
     log: Path | None,
@@ -174,17 +193,13 @@ async def _run_leader(
 ) -> None:
     from capture_app.doctor import warnings_for_leader
     from capture_app.net.discovery import announced, announced_hosts
-    from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.requests import ask_leader
     from capture_app.node.wire.operating import AddCamera, InvitePhone, PhoneInvited
     from capture_app.rig_process import recorded_rig
 
-    host, sessions = options.host, options.sessions
+    host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:
-        async with (
-            await LeaderNode.start(options) as node,
-            announced(host, node.address.port, "leader"),
-        ):
+        async with announced(host, node.address.port, "leader"):
             talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())

@@ -28,7 +28,8 @@ role_option = click.option(
     "role",
     type=click.Choice(list(Role), case_sensitive=False),
     default=Role.CAMERA,
-    help="What it may do: bring pictures, give orders, speak for those it knows, or lead cameras here.",
+    help="What it may do: bring pictures, give orders, speak for those it knows, lead cameras here, or lead"
+    " in this leader's place.",
 )
 
 
@@ -49,10 +50,20 @@ def list_command(as_json: bool) -> None:
     machines = mine.known.all()
     shown = [
         {"pin": one.pin, "name": one.name, "roles": one.roles, "added_unix_s": one.added_unix_s}
+        | ({"vouched_by": one.vouched_by} if one.vouched_by else {})
         for one in machines
     ]
-    rows = [(one.name, ", ".join(one.roles), one.pin, _day(one.added_unix_s)) for one in machines]
-    known = [table(("machine", "may be", "pin", "since"), rows)] if rows else []
+    rows = [
+        (
+            one.name,
+            ", ".join(one.roles),
+            one.pin,
+            _day(one.added_unix_s),
+            one.vouched_by and "its leader's word",
+        )
+        for one in machines
+    ]
+    known = [table(("machine", "may be", "pin", "since", "by"), rows)] if rows else []
     answer(
         as_json,
         {"pin": mine.identity.pin, "machines": shown},

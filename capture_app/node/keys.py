@@ -14,7 +14,7 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.trust import Trust
 
-AGAIN_S = 1.0
+AGAIN_S = 0.3
 """Between two requests to one leader, whatever came of the first."""
 
 
@@ -58,6 +58,7 @@ class KeyRequester:
                 answer = await ask(channel, self._request, KeyAnswer)
             self._keys.hold(leader, answer.grant)
             self._pump.turn()
+            self._trust.take_word(channel.who, answer.machines, answer.names)
         except SimulshotError as error:
             # Whether there is a way to a leader at all is looked into elsewhere.
             if isinstance(error, UnknownMachineError) or not isinstance(error, NetworkError):

@@ -15,7 +15,9 @@ from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
+from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.identity import pin_of
+from capture_app.trust.keys import ClientKeys
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import GOOD_FOR_S, Candidate, Invitations
 from capture_app.trust.sealed_engines import SealedLeader
@@ -64,6 +66,7 @@ class Enrolment:
         """`sealed` is None where datagrams are not sealed."""
         self._trust, self._news, self._sealed = trust, news, sealed
         self._seen_version: int | None = None
+        self._standbys: set[str] = set()
         self._due_ns: int | None = None
         self._invitations = Invitations(time.monotonic)
         self._said_s = -SAID_AGAIN_S
@@ -76,6 +79,10 @@ class Enrolment:
         self._due_ns = now_ns + LOOK_EVERY_NS
         for refused in self._sealed.refusals.take_news(now_ns):
             self._news.note(refused)
+        self._take_back(self._sealed.keys)
+
+    def _take_back(self, keys: ClientKeys) -> None:
+        """Take back the keys of machines that are not known any more; all where the standbys are others."""
         try:
             machines, version = self._trust.known.all(), self._trust.known.version
         except SimulshotError:
@@ -84,7 +91,12 @@ class Enrolment:
         if version != self._seen_version:
             self._seen_version = version
             may_join = {machine.pin for machine in machines if {Role.CAMERA, Role.RELAY} & {*machine.roles}}
-            self._sealed.keys.revoke_all_but({self._trust.identity.pin, *may_join})
+            # Who asks for a new key hears of them.
+            standbys = {machine.pin for machine in machines if Role.STANDBY in machine.roles}
+            if standbys != self._standbys:
+                may_join = set()
+            self._standbys = standbys
+            keys.revoke_all_but({self._trust.identity.pin, *may_join})
 
     def invite(self, role: Role) -> pairing.Invited:
         """Make a code for one machine. Raises UnknownMachineError where machines need none."""
@@ -124,7 +136,10 @@ class Enrolment:
         if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
             raise UnknownMachineError(f"this machine is not known here as {role} any more")
         principal = Principal(request.name, request.instance, who.pin, request.is_relay)
-        return messages.KeyAnswer(grant=self._sealed.keys.grant(principal))
+        self._take_back(self._sealed.keys)
+        names = CameraNames(self._trust.folder).owners if who.may(Role.STANDBY) and self._trust.folder else {}
+        machines = self._trust.known.vouched_for(who.pin)
+        return messages.KeyAnswer(grant=self._sealed.keys.grant(principal), machines=machines, names=names)
 
     async def _answer_enrolment(self, channel: Channel[Any], message: pairing.EnrolRequest) -> None:
         known = None if self._trust.is_open else self._trust.known.find(pin_of(message.certificate))
@@ -227,5 +242,7 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
         proof = await asyncio.to_thread(candidate.prove, answer.share)
         known = await ask(channel, pairing.PairingProof(proof=proof), pairing.Known)
         candidate.check(known.proof)
-    trust.known.add(shown, Role.LEADER, name=known.leader)
+    # Whoever may lead in another's place is followed by that one when it comes back.
+    role = Role.STANDBY if Role.STANDBY in known.roles else Role.LEADER
+    trust.known.add(shown, role, name=known.leader)
     return known.roles

@@ -2,7 +2,7 @@
 
 import ssl
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from enum import StrEnum
 from pathlib import Path
 
@@ -29,6 +29,12 @@ class Role(StrEnum):
     """Speak for cameras and operators that it knows."""
     LEADER = "leader"
     """Lead cameras of this machine, or answer operators here."""
+    STANDBY = "standby"
+    """Lead in this one's place when it is gone: it is told who is known here, and nodes follow it."""
+
+
+INCLUDED = {Role.STANDBY: (Role.STANDBY, Role.LEADER, Role.CAMERA)}
+"""A standby follows the one that leads as its cameras do, and leads them."""
 
 
 class KnownMachine(Struct, frozen=True, kw_only=True):
@@ -40,6 +46,8 @@ class KnownMachine(Struct, frozen=True, kw_only=True):
     certificate: bytes | None = None
     """In DER; None until a machine that was added by its pin has shown it."""
     added_unix_s: int = 0
+    vouched_by: str = ""
+    """Pin of the leader by whose word alone it is known; empty of one that was confirmed here."""
 
 
 class KnownMachines:
@@ -100,18 +108,57 @@ class KnownMachines:
             return *others, replace(
                 known,
                 name=known.name if known.name and not name else free_name(name_like(name, "machine"), names),
-                roles=tuple(sorted({*known.roles, role})),
+                roles=tuple(sorted({*known.roles, *INCLUDED.get(role, (role,))})),
                 certificate=certificate or known.certificate,
+                vouched_by="",
             )
 
         return next(machine for machine in self._change(change) if machine.pin == pin)
 
+    def vouched_for(self, who: str) -> tuple[KnownMachine, ...]:
+        """Return whom this machine vouches for to one of that pin: standbys; to one of these, all."""
+        asks, own = self.find(who), [one for one in self.all() if not one.vouched_by and one.pin != who]
+        if asks is not None and Role.STANDBY in asks.roles:
+            return tuple(own)
+        standbys = (one for one in own if Role.STANDBY in one.roles)
+        return tuple(replace(one, roles=(Role.LEADER,), certificate=None) for one in standbys)
+
+    def take_word(self, of: str, told: Collection[KnownMachine]) -> None:
+        """Know these machines, and no others, by the word of a leader of that pin, which was confirmed here.
+
+        Only one that is a standby here, too, makes others known than leaders. What was confirmed here, or
+        is known by another's word, stays as it is. Raises DiskError, BadInputError.
+        """
+        voucher = self.find(of)
+        if voucher is None or voucher.vouched_by or Role.LEADER not in voucher.roles:
+            return
+        allowed = set(Role) if Role.STANDBY in voucher.roles else {Role.LEADER}
+
+        def change(machines: tuple[KnownMachine, ...]) -> tuple[KnownMachine, ...]:
+            known = {one.pin: one for one in machines if one.vouched_by != of}
+            names = {one.name for one in known.values()}
+            for one in told:
+                roles = tuple(sorted(allowed & {*one.roles}))
+                if roles and one.pin not in known and len(known) < MOST:
+                    name = free_name(name_like(one.name, "machine"), names)
+                    names.add(name)
+                    known[one.pin] = replace(one, name=name, roles=roles, vouched_by=of)
+            return tuple(known.values())
+
+        for one in told:
+            if one.certificate is not None:
+                _check_certificate(one.certificate, one.pin)
+        if {*change(self.all())} != {*self.all()}:
+            self._change(change)
+
     def note_certificate(self, certificate: bytes) -> KnownMachine | None:
-        """Keep the certificate of a machine that was added by its pin; None where it was not."""
+        """Keep the certificate of a machine whose pin was added here; None where it was not."""
         pin = pin_of(certificate)
         known = self.find(pin)
         if known is None or known.certificate is not None:
             return known
+        if known.vouched_by:
+            return None
         return self.add(pin, known.roles[0], certificate=certificate)
 
     def remove(self, which: str) -> KnownMachine:

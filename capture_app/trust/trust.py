@@ -3,13 +3,15 @@
 import functools
 import os
 import ssl
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 from platformdirs import user_data_path
 
+from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.identity import Identity, load_identity, pin_of
-from capture_app.trust.known_machines import KnownMachines, Role
+from capture_app.trust.known_machines import KnownMachine, KnownMachines, Role
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
 """1: no machine is asked who it is, as with --open. Processes started here inherit it."""
@@ -95,6 +97,17 @@ class Trust:
             return Peer(pin, "this machine", frozenset(Role))
         machine = self.known.find(pin)
         return Peer(pin) if machine is None else Peer(pin, machine.name, frozenset(machine.roles))
+
+    def take_word(self, leader: Peer, machines: Collection[KnownMachine], names: dict[str, str]) -> None:
+        """Know whom a leader vouches for, and of one that is a standby here too whose each camera's name is.
+
+        Raises DiskError, BadInputError.
+        """
+        self.known.take_word(leader.pin, machines)
+        if leader.may(Role.STANDBY) and leader.pin != self.identity.pin and self.folder is not None:
+            kept = CameraNames(self.folder)
+            kept.owners.update(names)
+            kept.keep()
 
     def server_context(self) -> ssl.SSLContext | None:
         """TLS for a stream that comes: known machines show themselves, others come in as strangers."""

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from capture_app.errors import BadInputError, DiskError
 from capture_app.trust.identity import load_identity, parse_pin, pin_of
@@ -135,3 +136,76 @@ async def test_changes_of_several_at_once_are_all_kept(tmp_path: Path) -> None:
         )
     )
     assert {machine.pin for machine in KnownMachines(tmp_path / "here").all()} == set(map(pin_of, shown))
+
+
+def test_only_who_was_let_in_as_a_standby_leads_by_the_word_of_a_leader(tmp_path: Path) -> None:
+    """A camera, however it behaves, is never among those that a leader vouches for to its nodes."""
+    pins = {name: load_identity(tmp_path / name).pin for name in ("leader", "standby", "cam", "evil", "me")}
+    leader, node = KnownMachines(tmp_path / "leader"), KnownMachines(tmp_path / "me")
+    leader.add(pins["standby"], Role.STANDBY, certificate=certificate(tmp_path / "standby"))
+    leader.add(pins["evil"], Role.CAMERA, name="standby", certificate=certificate(tmp_path / "evil"))
+    leader.add(pins["me"], Role.CAMERA, certificate=certificate(tmp_path / "me"))
+    word = leader.vouched_for(pins["me"])
+    assert [(one.pin, one.roles) for one in word] == [(pins["standby"], (Role.LEADER,))]
+
+    node.take_word(pins["leader"], word)
+    assert node.all() == ()  # it was never paired with that one
+    node.add(pins["evil"], Role.CAMERA)
+    node.take_word(pins["evil"], word)
+    assert node.find(pins["standby"]) is None  # a camera's word is none
+    node.add(pins["leader"], Role.LEADER)
+    node.take_word(pins["leader"], word)
+    trusted = node.find(pins["standby"])
+    assert trusted is not None
+    assert trusted.roles == (Role.LEADER,)
+    # Nor does whoever is known by another's word make others known.
+    more = [trusted, *leader.vouched_for(pins["standby"])]
+    node.take_word(pins["standby"], more)
+    assert len(node.all()) == 3
+    # What a leader says of orders and cameras does not count here: it is no standby of this machine.
+    node.take_word(pins["leader"], [*word, *leader.vouched_for(pins["standby"])])
+    assert {one.pin: one.roles for one in node.all()} == {
+        pins["evil"]: (Role.CAMERA,),
+        pins["leader"]: (Role.LEADER,),
+        pins["standby"]: (Role.LEADER,),
+    }
+    leader.remove(pins["standby"])
+    node.take_word(pins["leader"], leader.vouched_for(pins["me"]))
+    assert node.find(pins["standby"]) is None  # taken back
+
+
+def test_a_standby_knows_whom_the_leader_knows_as_long_as_that_does(tmp_path: Path) -> None:
+    names = ("first", "second", "cam", "desk")
+    pins = {name: load_identity(tmp_path / name).pin for name in names}
+    first, second = KnownMachines(tmp_path / "first"), KnownMachines(tmp_path / "second")
+    first.add(pins["second"], Role.STANDBY, certificate=certificate(tmp_path / "second"))
+    second.add(pins["first"], Role.STANDBY)
+    first.add(pins["cam"], Role.CAMERA, name="garage", certificate=certificate(tmp_path / "cam"))
+    first.add(pins["desk"], Role.OPERATOR, name="desk")
+    second.take_word(pins["first"], first.vouched_for(pins["second"]))
+    cam, desk = second.find(pins["cam"]), second.find(pins["desk"])
+    assert cam is not None
+    assert (cam.name, cam.roles, cam.certificate) == ("garage", (Role.CAMERA,), certificate(tmp_path / "cam"))
+    assert desk is not None
+    assert desk.roles == (Role.OPERATOR,)
+    # It passes nothing on but what was confirmed with it, so that nothing goes round and comes back.
+    assert [one.pin for one in second.vouched_for(pins["first"])] == []
+
+    second.add(pins["desk"], Role.CAMERA)  # confirmed here, too
+    first.remove("garage")
+    first.remove("desk")
+    second.take_word(pins["first"], first.vouched_for(pins["second"]))
+    assert second.find(pins["cam"]) is None
+    desk = second.find(pins["desk"])
+    assert desk is not None
+    assert desk.roles == (Role.CAMERA, Role.OPERATOR)
+
+
+def test_a_certificate_by_word_must_be_of_its_pin(tmp_path: Path) -> None:
+    known, leader = KnownMachines(tmp_path / "a"), KnownMachines(tmp_path / "leader")
+    pin = load_identity(tmp_path / "leader").pin
+    known.add(pin, Role.STANDBY)
+    leader.add(load_identity(tmp_path / "cam").pin, Role.CAMERA)
+    forged = replace(leader.all()[0], certificate=certificate(tmp_path / "leader"))
+    with pytest.raises(BadInputError, match="not of the pin"):
+        known.take_word(pin, [forged])

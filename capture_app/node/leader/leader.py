@@ -66,12 +66,15 @@ class LeaderNode:
         options.trust.server_context()
         names = None if options.trust.folder is None else CameraNames(options.trust.folder)
         datagrams, listening = bind_port(options.host, options.port, or_free=options.or_free_port)
+        continued = options.continued
         config = LeaderConfig(
             instance=secrets.randbits(32),
             transfer_port=listening.getsockname()[1],
             rig=options.rig,
             beacons=None if options.beacons is None else options.beacons.group,
             agree_fully=options.beacons is None or options.beacons.fully,
+            continues=None if continued is None else continued.told,
+            grid=None if continued is None else continued.grid,
         )
         rng, owners = random.Random(secrets.randbits(64)), None if names is None else names.owners
         leader = cls(options, Leader(config, rng, owners=owners), listening, names)

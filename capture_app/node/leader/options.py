@@ -11,6 +11,7 @@ from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
 from capture_app.node.news import NewsLog
 from capture_app.sync.rig.leader import RigConfig
+from capture_app.sync.tree.succession import Continued
 from capture_app.trust.trust import Trust
 
 
@@ -42,6 +43,8 @@ class LeaderOptions(PortOptions):
     rig: RigConfig = field(default_factory=RigConfig)
     resume: Sequence[Path] | None = None
     """The interrupted sessions to finish; None for all."""
+    continued: Continued | None = None
+    """What is taken over of a leader that is gone; `clock` shows its time then."""
     return_ns: int = RETURN_NS
     """How long nodes have to come back with what they hold of them."""
     spool: Path | None = None

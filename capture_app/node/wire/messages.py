@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Self
 
-from msgspec import Meta
+from msgspec import Meta, field
 from msgspec.structs import replace
 
 from capture_app import errors
@@ -16,6 +16,7 @@ from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import ImageRecord, Sha256
 from capture_app.trust.keys import Grant
+from capture_app.trust.known_machines import KnownMachine
 
 LONGEST_S = 31 * 86_400.0
 """The longest recording, and the longest time that is waited for anything."""
@@ -43,6 +44,10 @@ class KeyAnswer(Message, frozen=True, kw_only=True, tag="key"):
     """The key of one run of a node."""
 
     grant: Grant
+    machines: tuple[KnownMachine, ...] = ()
+    """Whom the leader vouches for: the standbys; to one of these, everybody that it knows."""
+    names: dict[str, str] = field(default_factory=dict)
+    """To a standby: whose camera each name is, by its machine's pin."""
 
 
 class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):

@@ -87,6 +87,8 @@ class CurrentConfig:
     """A relay's map from its clock to the root's; clients chain it to their estimates."""
     in_holdover: bool = False
     """Whether a relay has no leader at present, or that one is in holdover."""
+    continues: UpstreamMap | None = None
+    """From the root's time to that of the leader whose place it took."""
     grid_is_of_cameras: bool = False
     """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
 
@@ -148,6 +150,7 @@ class CurrentConfig:
             pace_ns=pace_ns,
             upstream=self.upstream,
             in_holdover=self.in_holdover,
+            continues=self.continues,
         )
 
 
@@ -232,6 +235,10 @@ class LeaderConfig:
     """Where to send beacons, so that clients which hear the same ones agree; None for none."""
     agree_fully: bool = True
     """Whether they agree as far as their hard bounds allow, not only within their own 95 % errors."""
+    continues: UpstreamMap | None = None
+    """From this leader's clock to that of the one whose place it takes."""
+    grid: FrameGrid | None = None
+    """That one's grid, which is kept."""
 
 
 class Leader:
@@ -249,7 +256,9 @@ class Leader:
     ) -> None:
         """`owners` are the pins of the machines that names are of, from before; it is kept up to date."""
         self.config = config
-        self.current = CurrentConfig(config.instance, config.rig)
+        self.current = CurrentConfig(config.instance, config.rig, continues=config.continues)
+        if config.grid is not None:
+            self.current.grid_choice, self.current.grid_is_of_cameras = GridChoice(config.grid), True
         self.malformed = 0
         self.impostures = 0
         """Messages in the name of another than who sealed them."""

@@ -18,6 +18,7 @@ from capture_app.sync.rig.frame_selection import (
     is_possible_burst,
 )
 from capture_app.sync.rig.roster import Member, Roster, camera_phases
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS
 from capture_app.sync.wire.messages import Trigger, TriggerAck
 
 MOST_CANDIDATES = 200
@@ -91,7 +92,7 @@ class _OpenBurst:
     """The burst is taken back."""
     again: bool
     """The clients have the burst already: this only ends it earlier."""
-    due_ns: int = 0
+    due_ns: int = AT_ONCE_NS
     """When all of them are sent again."""
 
 

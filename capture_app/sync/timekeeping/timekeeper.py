@@ -128,11 +128,20 @@ class Timekeeper:
     # In
 
     def follow(self, config: FollowedConfig, number: int, slot: float, now_ns: int) -> None:
-        """Begin to ask a leader that has taken this node in; the time map of the same root is kept."""
+        """Begin to ask a leader that has taken this node in; the time map of the same root is kept.
+
+        So is that of the root whose time a new one carries on, less certain by what that one tells.
+        """
         if self._asked is None or config.told.leader != self._asked.told.leader:
             self.clock.reset()
             self.listener.reset()
             self.uncorrected_map = None
+        if self.time_is_known and self.time_map is not None and config.path[0] != self.path[0]:
+            continued = config.told.continues
+            to_former = None if continued is None else continued.time_map()
+            if continued is not None and to_former is not None and continued.path[0] == self.path[0]:
+                self.time_map = self.time_map.chained_to(to_former)
+                self.path = (config.path[0], *(self.path[1:] or self.path))
         if not self.time_is_known or config.path[0] != self.path[0]:
             self.time_map, self.time_is_known = None, False
         self.synced = False

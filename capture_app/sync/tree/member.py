@@ -22,7 +22,7 @@ from capture_app.sync.wire.messages import (
     Welcome,
 )
 
-SILENT_HEARTBEATS = 4
+SILENT_HEARTBEATS = 6
 """A parent that was silent for so many heartbeats is gone."""
 WINDOW_NS = 300_000_000_000
 """Several rounds, for the skew between them; over longer times a clock is not a straight line."""

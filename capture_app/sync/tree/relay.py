@@ -33,7 +33,7 @@ from capture_app.sync.wire.messages import (
 )
 from capture_app.sync.wire.principal import Principal
 
-HEARTBEAT_EVERY_NS = 500_000_000
+HEARTBEAT_EVERY_NS = 250_000_000
 OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")
 """How a relay of cameras describes itself: as a member that must be missed within seconds."""
 
@@ -156,6 +156,7 @@ class Relay:
         if number != self._number:
             self._number = number
             self.uplink.restart(has_parent=number is not None)
+        current.continues = None if above is None else above.told.continues
         in_holdover = number is None or above is None or above.told.in_holdover
         if current.in_holdover is not in_holdover:
             current.in_holdover = in_holdover

@@ -193,6 +193,8 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     """A relay's map from its clock to the root's."""
     in_holdover: bool = False
     """This relay, or one above it, has lost its leader: it keeps the time, but brings no bursts."""
+    continues: UpstreamMap | None = None
+    """The root carries on the time of a leader that is gone, which is the path: from its own to that time."""
 
 
 class Welcome(Struct, frozen=True, tag="welcome"):

@@ -1,0 +1,174 @@
+"""Several leaders of one rig, of which one leads: this one's turn, and what it does in between."""
+
+import asyncio
+import ipaddress
+import random
+import secrets
+import socket
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, replace
+
+from capture_app.clock import NodeClock
+from capture_app.errors import BadInputError
+from capture_app.names import name_like
+from capture_app.net.address import Address, resolve
+from capture_app.net.interfaces import own_hosts
+from capture_app.net.server import bind_port
+from capture_app.net.udp import Pump, client_socket
+from capture_app.node.keys import KeyRequester
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.wire.messages import KeyRequest
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.tree.succession import Succession
+from capture_app.text import duration
+from capture_app.trust.sealed_engines import SealedClient
+
+ASK_EVERY_S = 5.0
+"""Between two looks at whom the one that leads knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContinuedClock:
+    """A clock that goes on with the time of a leader that is gone, by the map from this machine's own."""
+
+    own: NodeClock
+    time_map: TimeMap
+
+    def local_from_true(self, true_ns: int) -> int:
+        """Reading of this clock in ns at a true time in ns."""
+        return self.time_map.leader_from_local(self.own.local_from_true(true_ns))
+
+    def true_from_local(self, local_ns: int) -> int:
+        """True time in ns of a reading in ns, the inverse of `local_from_true`."""
+        return self.own.true_from_local(self.time_map.local_from_leader(local_ns))
+
+    def now_ns(self) -> int:
+        """Reading of this clock now, in ns."""
+        return self.time_map.leader_from_local(self.own.now_ns())
+
+
+class RankedLeader:
+    """One of a rig's leaders: `run` leads whenever it is its turn, and follows the one that leads else."""
+
+    def __init__(
+        self, make_options: Callable[[], LeaderOptions], others: tuple[Address, ...], rank: int
+    ) -> None:
+        """`make_options` says how to lead, anew each time; of `others`, in their order, `rank` are better.
+
+        Raises NetworkError where the port is in use: that shall not be found out only when it is needed.
+        """
+        self._make_options, options = make_options, make_options()
+        for bound in bind_port(options.host, options.port):
+            bound.close()
+        self._news, self._clock = options.news, options.clock
+        instance = secrets.randbits(32)
+        name = name_like(f"leader-{socket.gethostname().split('.')[0]}-{options.port}", "leader")
+        self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
+        self._sealed = None if options.trust.is_open else SealedClient(engine)
+        self._pump = Pump(self._sealed or engine, self._clock, self._look)
+        self._keys: KeyRequester | None = None
+        if self._sealed is not None:
+            request = KeyRequest(name=name, instance=instance)
+            self._keys = KeyRequester(
+                self._sealed.keys, request, engine.member.time, options.trust, self._pump
+            )
+        self._changed = asyncio.Event()
+        self._serving: asyncio.Future[None] | None = None
+        self._followed: tuple[str, int] | None = None
+
+    async def run(self, lead: Callable[[LeaderNode], Awaitable[None]], sock: socket.socket) -> None:
+        """Run `lead` while it is this one's turn, until that returns; raise what it does.
+
+        `sock` is an unbound UDP socket.
+        """
+        asking = [
+            asyncio.create_task(work)
+            for work in ([] if self._keys is None else [self._ask_whom(), self._keys.run()])
+        ]
+        self._pump.start(sock)
+        try:
+            while self._serving is None or not self._serving.done():
+                if self._engine.leads and self._serving is None:
+                    self._serving = asyncio.ensure_future(_serve(self._taken_over(), lead))
+                    self._serving.add_done_callback(lambda _: self._changed.set())
+                elif not self._engine.leads and self._serving is not None:
+                    self._news.say("a leader of better rank leads, too: this one gives way")
+                    await _end(self._serving)
+                    self._serving = None
+                await self._changed.wait()
+                self._changed.clear()
+            await self._serving
+        finally:
+            self._pump.close()
+            await _end(*asking, *([] if self._serving is None else [self._serving]))
+
+    def _look(self) -> None:
+        if self._keys is not None:
+            self._keys.look()
+        if self._engine.leader not in (self._followed, None):
+            self._news.say(f"{Address(*self._engine.leader)} leads: this one follows until it is gone")
+        self._followed = self._engine.leader
+        if self._engine.leads is not (self._serving is not None):
+            self._changed.set()
+
+    def _taken_over(self) -> LeaderOptions:
+        """Return how to lead now: in the time of the leader that is gone, where that is known."""
+        options, continued = self._make_options(), self._engine.continued
+        if continued is None:
+            return options
+        self._news.say(
+            "the leader is gone: this one leads now, in its time as far as"
+            f" {duration(continued.told.uncertainty_ns)}"
+        )
+        return replace(options, clock=ContinuedClock(self._clock, continued.time_map), continued=continued)
+
+    async def _ask_whom(self) -> None:
+        """Ask the one that leads whom it knows, now and then, with the key that comes with the answer."""
+        while True:
+            await asyncio.sleep(ASK_EVERY_S)
+            if self._sealed is not None and self._keys is not None and self._engine.leader is not None:
+                self._sealed.keys.wanted.add(self._engine.leader)
+                self._keys.look()
+
+
+async def _serve(options: LeaderOptions, lead: Callable[[LeaderNode], Awaitable[None]]) -> None:
+    async with await LeaderNode.start(options) as node:
+        await lead(node)
+
+
+async def _end(*running: asyncio.Future[None]) -> None:
+    for one in running:
+        one.cancel()
+    await asyncio.gather(*running, return_exceptions=True)
+
+
+async def lead_in_turn(
+    make_options: Callable[[], LeaderOptions],
+    leaders: Sequence[Address],
+    lead: Callable[[LeaderNode], Awaitable[None]],
+) -> None:
+    """Run `lead` whenever it is this machine's turn among all `leaders` of a rig, the best first.
+
+    Without others it leads at once. Raises BadInputError where this one is not among them, NetworkError where
+    one has no address or the port is in use, and what `lead` raises.
+    """
+    options = make_options()
+    if len(leaders) < 2:
+        await _serve(options, lead)
+        return
+    found = [await resolve(leader) for leader in leaders]
+    family = found[0][0]
+    own = {*own_hosts(family), options.host}
+    ranks = [
+        rank
+        for rank, (_, (host, port)) in enumerate(found)
+        if port == options.port and (host in own or ipaddress.ip_address(host).is_loopback)
+    ]
+    if len(ranks) != 1 or any(one != family for one, _ in found):
+        raise BadInputError(
+            f"of {', '.join(map(str, leaders))} one must be this machine's, on port {options.port}",
+            hint="name all leaders of the rig, the best first, on each of them alike",
+        )
+    others = tuple(Address(*peer) for rank, (_, peer) in enumerate(found) if rank != ranks[0])
+    await RankedLeader(make_options, others, ranks[0]).run(lead, client_socket(family))

@@ -27,13 +27,13 @@
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-seal   the clock and the trigger with and without seals of datagrams, side by side (root, 5 min)
 # make bench-app   stand-ins for phones with the paper's Android app, five minutes over emulated WiFi (root, 6 min)
-# make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, and 50 kills (30 min, 30 GB; BENCH="--seconds 60 --kills 0")
+# make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, 50 kills and 8 outages (30 min, 30 GB; BENCH="--seconds 60 --kills 0 --outages 0")
 # make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
 # make bench-stamps   a rig with a camera whose stamps are 15 ms late, before and after that is measured by motion (5 min)
 # make bench-phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
 # make paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; PAPER="--quick --out DIR")
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
-# make soak SECONDS=120   burst after burst, and whether threads, memory, open files or phase errors grow (SOAK="--cameras 5 --every 20")
+# make soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (SOAK="--cameras 5 --every 20")
 # make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
 # make fuzz SECONDS=120   every reader of strangers' bytes under a coverage-guided fuzzer, so many seconds each (FUZZ="datagram": that one)
 # make bench-tui   what the terminal UI costs beside a rig of 20 cameras, and that the rig does not notice it (5 min)
@@ -164,7 +164,7 @@ bench-clients: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.many_clients $(BENCH)
 
 bench-record: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.sessions.recording --kills 50 $(BENCH)
+	$(BIN)/python -m benchmarks.sessions.recording --kills 50 --outages 8 $(BENCH)
 
 bench-any-rig: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.reconstruction.any_rig $(BENCH)

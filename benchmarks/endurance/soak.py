@@ -1,7 +1,8 @@
 """A rig of simulated cameras that takes one burst after the other, and whether any of it grows.
 
 Leader and nodes are processes of their own, on this machine's loopback, with simulated clocks. Threads,
-memory and open files of each process, and the phase error of each camera, are read after each burst. By its
+memory and open files of each process, and the phase error of each camera, are read after each burst; the
+phases between bursts, too, each second, and the largest of each camera is said. By its
 slope, past the warming up, none may grow by more than its limit; every burst must be whole, every session
 verify, and its pictures' true errors lie within their hard bounds. 0 if all that holds, 1 if not.
 
@@ -12,6 +13,7 @@ verify, and its pictures' true errors lie within their hard bounds. 0 if all tha
 
 import asyncio
 import shutil
+import statistics
 import sys
 import tempfile
 from argparse import Namespace
@@ -23,7 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.endurance.slopes import growth
-from benchmarks.report import new_parser, print_report, print_rows
+from benchmarks.report import new_parser, print_report, print_rows, talk
+from capture_app.errors import SimulshotError
 from capture_app.net.address import Address, parse_address
 from capture_app.node.child import Child
 from capture_app.node.requests import ask_burst, ask_status
@@ -43,6 +46,7 @@ LIMITS = {"threads": 4.0, "files": 6.0, "memory_mb": 12.0, "phase_us": TOLERANCE
 
 FEWEST = 6
 """Bursts of a run that says anything."""
+LOOK_EVERY_S, TALK_EVERY_S = 1.0, 300.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +91,19 @@ class Soak:
     over_bound: int = 0
     """Images whose true error is over their hard bound."""
     phases: dict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
+    between: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    """Of each camera, the phase errors between bursts too, in us, without their sign."""
+    not_ready: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    """How often a camera was seen in another state than ready."""
 
     async def take(self, request: BurstRequest, *, keep: bool) -> None:
         """Take one burst and judge it."""
-        *_, done = [status async for status in ask_burst(self.leader, request)]
         self.bursts += 1
+        try:
+            *_, done = [status async for status in ask_burst(self.leader, request)]
+        except SimulshotError as error:
+            self.incomplete.append(f"burst {self.bursts}: {error}")
+            return
         if done.session is None or done.received < done.expected or not done.received:
             self.incomplete.append(f"burst {done.burst}: {done.received}/{done.expected} {done.message}")
         if done.session is not None:
@@ -114,9 +126,33 @@ class Soak:
         """Read the figures of all processes, and the phases of all cameras."""
         for process in self.processes.values():
             process.read(self.bursts)
-        for node in (await ask_status(self.leader)).nodes:
+        for name, phase_us in (await self._phases_us()).items():
+            self.phases[name].append((self.bursts, phase_us))
+
+    async def watch(self, until_s: float) -> None:
+        """Keep the phases of all cameras each second, until then by the loop's time."""
+        loop = asyncio.get_running_loop()
+        while (left_s := until_s - loop.time()) > 0:
+            await asyncio.sleep(min(LOOK_EVERY_S, left_s))
+            await self._phases_us()
+
+    async def _phases_us(self) -> dict[str, float]:
+        found: dict[str, float] = {}
+        try:
+            nodes = (await ask_status(self.leader)).nodes
+        except SimulshotError as error:
+            self.incomplete.append(f"no status after burst {self.bursts}: {error}")
+            return found
+        for node in nodes:
+            self.not_ready[node.name] += node.state is not NodeState.READY
             if node.phase_error_ns is not None and node.state in (NodeState.READY, NodeState.COARSE):
-                self.phases[node.name].append((self.bursts, abs(node.phase_error_ns) / 1000.0))
+                found[node.name] = abs(node.phase_error_ns) / 1000.0
+                self.between[node.name].append(found[node.name])
+        return found
+
+    def largest_us(self) -> float:
+        """Return the largest phase error that was seen of any camera that takes pictures."""
+        return max((max(of) for of in self.between.values()), default=0.0)
 
     def figures(self) -> list[Figure]:
         """Return how much each figure has grown, and its limit."""
@@ -146,12 +182,18 @@ async def soak(options: Namespace, folder: Path) -> Soak:
         # Frames from before the request need no time to be ordered.
         request = BurstRequest(frames=options.frames, before=0 if options.every else options.frames)
         loop = asyncio.get_running_loop()
-        began_s = due_s = loop.time()
+        began_s = due_s = told_s = loop.time()
         while loop.time() - began_s < options.seconds and run.bursts < options.bursts:
             await run.take(request, keep=options.keep is not None)
             await run.look()
+            if loop.time() - told_s > TALK_EVERY_S:
+                told_s = loop.time()
+                talk(
+                    f"{told_s - began_s:.0f} s: {run.bursts} bursts, {len(run.incomplete)} not whole,"
+                    f" {run.images} images, largest phase error {run.largest_us():.0f} us"
+                )
             due_s = max(loop.time(), due_s + options.every)
-            await asyncio.sleep(due_s - loop.time())
+            await run.watch(due_s)
         return run
 
 
@@ -217,6 +259,17 @@ def report_of(run: Soak, options: Namespace, complaints: list[str]) -> dict[str,
         "images": run.images,
         "over_bound": run.over_bound,
         "figures": [asdict(figure) for figure in run.figures()],
+        "phases": [
+            {
+                "camera": name,
+                "looks": len(of),
+                "median_us": statistics.median(of),
+                "p99_us": sorted(of)[int(0.99 * len(of))],
+                "largest_us": max(of),
+                "not_ready": run.not_ready[name],
+            }
+            for name, of in sorted(run.between.items())
+        ],
         "complaints": complaints,
     }
 
@@ -232,6 +285,17 @@ def print_tables(report: dict[str, Any]) -> None:
             "last": ("last", ".1f"),
             "growth": ("growth", ".2f"),
             "limit": ("limit", "g"),
+        },
+    )
+    print_rows(
+        report["phases"],
+        {
+            "camera": ("phase errors of", ""),
+            "looks": ("looks", "d"),
+            "median_us": ("median, us", ".0f"),
+            "p99_us": ("99 %", ".0f"),
+            "largest_us": ("largest", ".0f"),
+            "not_ready": ("times not ready", "d"),
         },
     )
     print(

@@ -1,15 +1,17 @@
 """Recordings by real processes: what is lost, how memory grows, and what a kill leaves.
 
-    python -m benchmarks.sessions.recording [--cameras 4] [--seconds 600] [--kills 0] [--dir DIR]
+    python -m benchmarks.sessions.recording [--cameras 4] [--seconds 600] [--kills 0] [--outages 0]
 
 One leader and a node a camera on this machine, each a process of its own with a simulated clock; each camera
 replays 1920x1080 JPEGs of about 200 kB at 30 frames a second (simulated timing, a real load). It records for
 so long, counts frames and what each camera dropped, measures each process's memory, verifies the session.
-With `--kills` it then records as often again for a few seconds, sends SIGKILL to the leader or to a node at a
-random moment, starts it again, and looks whether every frame that was on the leader's disk then is in the
-session in the end.
+With `--kills` it then takes a burst, or records for a few seconds, as often again, sends SIGKILL to the
+leader or to a node at a random moment, starts it again, and looks whether every frame that was on the
+leader's disk then is in the session in the end. `--outages` does the same with processes that stand still
+(SIGSTOP) for longer than it takes to be given up, and go on.
 """
 
+import argparse
 import asyncio
 import json
 import os
@@ -31,12 +33,15 @@ from benchmarks.report import Report, new_parser, print_report, print_table, tal
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.requests import ask_status
+from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
 WIDTH, HEIGHT, PICTURES, QUALITY = 1920, 1080, 30, 76
 PATIENCE_S = 300.0
-SAMPLE_EVERY_S = 5.0
+SAMPLE_EVERY_S, SAMPLES_AT_LEAST = 5.0, 12
+BURST_FRAMES, OUTAGE_S = 60, 6.0
+"""An outage is more than twice as long as the silence by which a member, or its leader, is lost."""
 
 
 def make_pictures(path: Path) -> int:
@@ -100,6 +105,10 @@ class Rig:
         self._running[name].send_signal(signal.SIGKILL)
         self._running[name].wait()
 
+    def stand_still(self, name: str, *, still: bool) -> None:
+        """Let a process stand still, or go on."""
+        self._running[name].send_signal(signal.SIGSTOP if still else signal.SIGCONT)
+
     def close(self) -> None:
         """End all processes."""
         for process in self._running.values():
@@ -127,12 +136,12 @@ class Rig:
                     return
                 await asyncio.sleep(0.1)
 
-    def record(self, seconds: float) -> "subprocess.Popen[bytes]":
-        """Start a recording, and return its command."""
+    def take(self, *words: str) -> "subprocess.Popen[bytes]":
+        """Start a command that takes something, and return it."""
         return subprocess.Popen(
             [
-                *(sys.executable, "-m", "capture_app.cli", "record", "--leader", str(self.address)),
-                *("--seconds", str(seconds), "--json"),
+                *(sys.executable, "-m", "capture_app.cli", words[0], "--leader", str(self.address)),
+                *(*words[1:], "--json"),
             ],
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -142,10 +151,10 @@ class Rig:
 
 async def record_long(rig: Rig, seconds: float) -> Report:
     """One recording of that length, and the memory of all processes meanwhile."""
-    recording = rig.record(seconds)
+    recording = rig.take("record", "--seconds", str(seconds))
     began_s, memory = time.monotonic(), []
     while recording.poll() is None:
-        await asyncio.sleep(SAMPLE_EVERY_S)
+        await asyncio.sleep(min(SAMPLE_EVERY_S, seconds / SAMPLES_AT_LEAST))
         memory.append((time.monotonic() - began_s, rig.resident_mb()))
         if len(memory) % 12 == 0:
             talk(
@@ -186,26 +195,34 @@ async def until(is_so: Callable[[], bool]) -> None:
 
 
 def lines_on_disk(session: Path) -> dict[str, set[bytes]]:
-    """By camera, the frames that are safely in a session that is being written, a line each."""
+    """The frames that are safely in a session, a line each, by the file of the lines."""
     found = {}
-    for path in session.glob("videos/*/*.frames.ndjson"):
+    for path in (*session.glob("videos/*/*.frames.ndjson"), *session.glob(JOURNAL)):
         found[path.name] = {line for line in path.read_bytes().split(b"\n")[:-1] if line}
     return found
 
 
-async def kill_once(rig: Rig, chance: random.Random, number: int) -> dict[str, Any]:
-    """Record, kill one process at a random moment, start it again, and look what is in the session."""
+async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage: bool) -> dict[str, Any]:
+    """Take something, kill a process or let it stand still meanwhile, and look what is in the session."""
     before = {path.name for path in rig.sessions.iterdir()}
-    recording = rig.record(4.0)
+    words = ("record", "--seconds", "4") if number // 2 % 2 else ("burst", "--frames", str(BURST_FRAMES))
+    taking = rig.take(*words)
     async with asyncio.timeout(PATIENCE_S):
         await until(lambda: any(path.name not in before for path in rig.sessions.iterdir()))
     await asyncio.sleep(chance.uniform(0.0, 5.0))
     victim = "leader" if number % 2 == 0 else chance.choice(rig.names)
-    rig.kill(victim)
+    if outage:
+        rig.stand_still(victim, still=True)
+    else:
+        rig.kill(victim)
     new = [path for path in rig.sessions.iterdir() if path.name not in before]
     safe = lines_on_disk(new[0]) if new else {}
-    rig.start(victim)
-    recording.wait()
+    if outage:
+        await asyncio.sleep(OUTAGE_S)
+        rig.stand_still(victim, still=False)
+    else:
+        rig.start(victim)
+    taking.wait()
     lost, problems = 0, []
     if new:
         async with asyncio.timeout(PATIENCE_S):
@@ -215,30 +232,33 @@ async def kill_once(rig: Rig, chance: random.Random, number: int) -> dict[str, A
         problems = [str(problem) for problem in verify(Session.open(new[0]))]
     await rig.wait_until_ready()
     frames = sum(map(len, safe.values()))
-    result = {"victim": victim, "confirmed": frames, "lost": lost, "problems": problems}
+    kind = "outage" if outage else "kill"
+    result = {"kind": kind, "of": words[0], "victim": victim, "confirmed": frames, "lost": lost}
+    result["problems"] = problems
     if new:
         manifest = Session.open(new[0]).manifest
         result |= {"in_the_end": len(manifest.images), "missing": len(manifest.missing)}
         shutil.rmtree(new[0])
-    talk(f"kill {number + 1}: {result}")
+    talk(f"{number + 1}: {result}")
     return result
 
 
-async def measure(cameras: int, seconds: float, kills: int, seed: int, folder: Path, port: int) -> Report:
-    """Record for so long, and be killed so often."""
-    mean_bytes = make_pictures(folder / "pictures.mjpeg")
-    rig = Rig(folder, folder / "pictures.mjpeg", cameras, port)
+async def measure(options: argparse.Namespace, folder: Path) -> Report:
+    """Record for so long, and be killed, and stand still, so often."""
+    mean_bytes, cameras = make_pictures(folder / "pictures.mjpeg"), options.cameras
+    rig = Rig(folder, folder / "pictures.mjpeg", cameras, options.port)
     rig.sessions.mkdir()
-    chance = random.Random(seed)
+    chance = random.Random(options.seed)
     try:
         for name in ("leader", *rig.names):
             rig.start(name)
         await rig.wait_until_ready()
         talk(f"{cameras} cameras are ready; pictures of {mean_bytes / 1000:.0f} kB")
         report: Report = {"cameras": cameras, "picture_bytes": mean_bytes}
-        if seconds:
-            report["recording"] = await record_long(rig, seconds)
-        report["kills"] = [await kill_once(rig, chance, number) for number in range(kills)]
+        if options.seconds:
+            report["recording"] = await record_long(rig, options.seconds)
+        turns = [*enumerate([False] * options.kills), *enumerate([True] * options.outages)]
+        report["interruptions"] = [await interrupt_once(rig, chance, n, outage=of) for n, of in turns]
     finally:
         rig.close()
     return report
@@ -246,7 +266,7 @@ async def measure(cameras: int, seconds: float, kills: int, seed: int, folder: P
 
 def print_tables(report: Report) -> None:
     """Print a report for a reader."""
-    recording, kills = report.get("recording"), report["kills"]
+    recording = report.get("recording")
     if recording:
         print(f"{report['cameras']} cameras, {recording['seconds']:.0f} s, {recording['mb_per_s']:.1f} MB/s")
         print(
@@ -259,12 +279,11 @@ def print_tables(report: Report) -> None:
             for name, mb in recording["memory_mb"].items()
         ]
         print_table(["process", "MB early", "MB at the end", "MB most"], rows)
-    if kills:
-        confirmed, lost = sum(kill["confirmed"] for kill in kills), sum(kill["lost"] for kill in kills)
-        bad = [problem for kill in kills for problem in kill["problems"]]
-        print(
-            f"{len(kills)} kills: {lost} of {confirmed} confirmed frames lost; verify: {bad or 'no problem'}"
-        )
+    for kind in ("kill", "outage"):
+        if turns := [one for one in report["interruptions"] if one["kind"] == kind]:
+            confirmed, lost = sum(one["confirmed"] for one in turns), sum(one["lost"] for one in turns)
+            bad = [problem for one in turns for problem in one["problems"]] or "no problem"
+            print(f"{len(turns)} {kind}s: {lost} of {confirmed} confirmed frames lost; verify: {bad}")
 
 
 def main() -> None:
@@ -273,15 +292,14 @@ def main() -> None:
     parser.add_argument("--cameras", type=int, default=4)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--outages", type=int, default=0)
     parser.add_argument("--port", type=int, default=47811)
     parser.add_argument(
         "--dir", type=Path, default=None, help="where to work, instead of the temporary folder"
     )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=options.dir) as folder:
-        report = asyncio.run(
-            measure(options.cameras, options.seconds, options.kills, options.seed, Path(folder), options.port)
-        )
+        report = asyncio.run(measure(options, Path(folder)))
     print_report(report, print_tables, as_json=options.json)
 
 

@@ -14,10 +14,12 @@ burst is whole within its time, and memory has grown by no more than its limit; 
 """
 
 import asyncio
+import math
 import os
 import random
 import resource
 import socket
+import statistics
 import struct
 import sys
 import tempfile
@@ -56,8 +58,10 @@ async def keys_of(leaders: list[Address]) -> LeaderKeys:
     return keys
 
 
-async def flood(places: list[Address], datagrams: int, rng: random.Random, keys: LeaderKeys) -> None:
-    """Send datagrams to all these places, every other one sealed where there is a key."""
+async def flood(
+    places: list[Address], datagrams: int, until_s: float, rng: random.Random, keys: LeaderKeys
+) -> int:
+    """Send datagrams to all these places, every other one sealed where there is a key; how many it were."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with sock:
         for number in range(datagrams):
@@ -70,13 +74,16 @@ async def flood(places: list[Address], datagrams: int, rng: random.Random, keys:
                 sock.sendto(sealed or data, tuple(place))
             if number % TURN == 0:
                 await asyncio.sleep(0.002)
+                if asyncio.get_running_loop().time() > until_s:
+                    break
     sock.close()
+    return min(number + 1, datagrams)
 
 
-async def pester(places: list[Address], frames: int, rng: random.Random) -> None:
-    """Send frames over streams, several on each while it is open."""
+async def pester(places: list[Address], frames: int, until_s: float, rng: random.Random) -> int:
+    """Send frames over streams, several on each while it is open; how many it were."""
     sent = 0
-    while sent < frames:
+    while sent < frames and asyncio.get_running_loop().time() < until_s:
         try:
             context = Trust.of_user().client_context() if rng.random() < 0.5 else None
             reader, writer = await asyncio.open_connection(*rng.choice(places), ssl=context)
@@ -92,6 +99,15 @@ async def pester(places: list[Address], frames: int, rng: random.Random) -> None
                 async with asyncio.timeout(0.01):
                     await reader.read(1 << 16)
         writer.transport.abort()
+    return sent
+
+
+def dropped_datagrams() -> int:
+    """How many datagrams found a full buffer in this network namespace, whoever they were for."""
+    head, counts = [
+        line.split() for line in Path("/proc/net/snmp").read_text().splitlines() if line.startswith("Udp:")
+    ]
+    return int(dict(zip(head, counts, strict=True))["RcvbufErrors"])
 
 
 async def hold(places: list[Address], connections: int) -> list[asyncio.StreamWriter]:
@@ -149,13 +165,18 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         held = await hold([run.leader, relay], options.connections)
         burst = (await ask_status(run.leader)).burst
         thief = PairedThief(run.leader, paired_machine(folder / "thief"))
-        await asyncio.gather(
+        loop, full = asyncio.get_running_loop(), dropped_datagrams()
+        attack_s = loop.time()
+        until_s = attack_s + options.seconds
+        looking = asyncio.create_task(thief.look())
+        _, datagrams, frames = await asyncio.gather(
             thief.attack(options.names, (1, 0 if burst is None else burst.burst)),
-            flood(places, options.datagrams, rng, await keys_of([run.leader, relay])),
-            pester([run.leader, relay], options.frames, rng),
+            flood(places, options.datagrams, until_s, rng, await keys_of([run.leader, relay])),
+            pester([run.leader, relay], options.frames, until_s, rng),
         )
+        looking.cancel()
+        attack_s, full = loop.time() - attack_s, dropped_datagrams() - full
         read_all(run.processes, 1)
-        loop = asyncio.get_running_loop()
         began_s, whole = loop.time(), False
         tries = 0
         while not whole and loop.time() - began_s < 10 * BURST_S:
@@ -169,9 +190,11 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         read_all(run.processes, 2)
     return {
         "kind": "real (loopback)",
-        "datagrams": options.datagrams,
-        "frames": options.frames,
-        "connections": options.connections,
+        "seconds": attack_s,
+        "datagrams": datagrams,
+        "datagrams_at_full_buffers": full,
+        "frames": frames,
+        "connections": len(held),
         "seconds_to_a_whole_burst": seconds,
         "bursts_until_then": tries,
         "nodes": [node.name for node in status.nodes if not node.name.startswith("made-up")],
@@ -183,6 +206,8 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
             "thefts_tried": thief.tried,
             "thefts": thief.thefts,
             "operator_answers": len(thief.answers_s),
+            "operator_unanswered": thief.unanswered,
+            "operator_waited_median_s": statistics.median(thief.answers_s or [0.0]),
             "operator_waited_s": max(thief.answers_s, default=0.0),
         },
         "processes": [
@@ -199,6 +224,7 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
             ),
             *([f"{thief.thefts} of {thief.tried} thefts succeeded"] if thief.thefts else []),
             *([] if thief.answers_s else ["no operator was answered"]),
+            *([f"an operator was refused {thief.unanswered} times"] if thief.unanswered else []),
             *(f"{name} said: {line}" for name, lines in errors.items() for line in lines[:3]),
             *run.broken,
         ],
@@ -217,15 +243,17 @@ def print_tables(report: dict[str, Any]) -> None:
     figures = {name: (name, ".1f") for name in ("before", "during", "after")}
     print_rows(report["processes"], columns | figures)
     print(
-        f"{report['datagrams']} datagrams, {report['frames']} frames, {report['connections']} connections:"
-        f" a whole burst after {report['seconds_to_a_whole_burst']:.1f} s,"
-        f" nodes {', '.join(report['nodes'])}"
+        f"{report['seconds']:.0f} s of {report['datagrams']} datagrams"
+        f" ({report['datagrams_at_full_buffers']} met a full buffer), {report['frames']} frames,"
+        f" {report['connections']} connections:"
+        f" a whole burst after {report['seconds_to_a_whole_burst']:.1f} s, nodes {', '.join(report['nodes'])}"
     )
     thief = report["thief"]
     print(
         f"a paired machine: {thief['names']} names, at most {thief['nodes_at_most']} nodes at a time,"
         f" {thief['streams']} streams; {thief['thefts']} of {thief['thefts_tried']} thefts; an operator was"
-        f" answered {thief['operator_answers']} times, after {thief['operator_waited_s']:.2f} s at most"
+        f" answered {thief['operator_answers']} times, half of them within"
+        f" {thief['operator_waited_median_s']:.2f} s, all within {thief['operator_waited_s']:.2f} s"
     )
     for line in report["complaints"]:
         print(f"WRONG: {line}")
@@ -238,6 +266,7 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=5_000)
     parser.add_argument("--connections", type=int, default=1_000)
     parser.add_argument("--names", type=int, default=300)
+    parser.add_argument("--seconds", type=float, default=math.inf, help="send no longer than that")
     options = parser.parse_args()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 16_384)), hard))

@@ -44,11 +44,12 @@ class PairedThief:
     tried: int = 0
     answers_s: list[float] = field(default_factory=list)
     """How long an operator waited for each status."""
+    unanswered: int = 0
+    """How often it was refused, or nobody answered."""
     most_nodes: int = 0
 
     async def attack(self, names: int, burst: tuple[int, int]) -> None:
         """Do all of it, once; `burst` is another machine's, by the leader's run and its number."""
-        looking = asyncio.create_task(self._look())
         held: list[Channel[Any]] = []
         with client_socket(socket.AF_INET) as sock:
             for number in range(names):
@@ -65,18 +66,20 @@ class PairedThief:
                 with suppress(SimulshotError):
                     held.append(await self._show(f"made-up-{number % 8}", number % 8 + 1, number < 8))
                     self.streams += 1
-        looking.cancel()
-        await asyncio.gather(looking, return_exceptions=True)
         for channel in held:
             channel.abort()
 
-    async def _look(self) -> None:
+    async def look(self) -> None:
+        """Ask for the status as an operator does, again and again, until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             began_s = loop.time()
-            status = await ask_status(self.leader)
-            self.answers_s.append(loop.time() - began_s)
-            self.most_nodes = max(self.most_nodes, len(status.nodes))
+            try:
+                status = await ask_status(self.leader)
+                self.most_nodes = max(self.most_nodes, len(status.nodes))
+                self.answers_s.append(loop.time() - began_s)
+            except SimulshotError:
+                self.unanswered += 1
             await asyncio.sleep(LOOK_EVERY_S)
 
     async def _hello(self, sock: socket.socket, name: str, run: int, facts: Any) -> bool:

@@ -22,7 +22,7 @@ from capture_app.commands.options import (
 )
 from capture_app.errors import NotAvailableError
 from capture_app.net.address import Address
-from capture_app.terminal import run_command_line
+from capture_app.terminal import run_command_line, talk
 from capture_app.usage import add_verbosity, examples
 
 
@@ -150,6 +150,7 @@ def app(
         raise NotAvailableError(
             "the screen needs a terminal", hint="use `capture-app leader`, or see capture-app --help"
         )
+    talk("One moment: the screen is being prepared, and a rig in the background where none runs …")
     from capture_app.commands.joining import make_known
     from capture_app.rig_process import attach
     from capture_app.tui.app import run_screen

@@ -1,6 +1,7 @@
 """What the screen remembers for the next start, and the keys that a user changed, in the config folder."""
 
 import json
+import threading
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -34,6 +35,8 @@ class Settings:
     on_change: Callable[[], object] = lambda: None
     """Called when a choice differs from what is on disk."""
     choices: dict[str, Choice] = field(default_factory=dict)
+    _writing: threading.Lock = field(default_factory=threading.Lock, repr=False)
+    """Of two saves at once, one would move away what the other is writing."""
 
     @classmethod
     def load(cls, folder: Path | None = None) -> "Settings":
@@ -66,9 +69,10 @@ class Settings:
         """Write the choices to disk, which may take its time. Raises OSError."""
         if self.folder is None or not self.choices:
             return
-        self.folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.choices, indent=2, sort_keys=True)
-        write_atomic(self.folder / CHOICES_FILE, text.encode() + b"\n")
+        with self._writing:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            text = json.dumps(self.choices, indent=2, sort_keys=True)
+            write_atomic(self.folder / CHOICES_FILE, text.encode() + b"\n")
 
     def _read(self, name: str) -> dict[str, Any]:
         assert self.folder is not None

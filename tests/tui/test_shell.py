@@ -1,5 +1,6 @@
 """What holds in all modes: header, keys, settings, and what is said when something fails."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from capture_app.errors import BadInputError
@@ -80,6 +81,21 @@ def test_settings_come_back_and_broken_files_are_warnings(tmp_path: Path) -> Non
     broken = Settings.load(tmp_path)
     assert len(broken.warnings) == 2
     assert broken.recall("shoot.frames", 5) == 5
+
+
+def test_choices_that_change_faster_than_the_disk_are_all_kept(tmp_path: Path) -> None:
+    """A key pressed three times in a moment is three threads that save."""
+    settings = Settings(tmp_path)
+
+    def choose(number: int) -> None:
+        settings.remember(f"choice-{number}", number)
+        settings.save()
+
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(choose, range(200)))
+    again = Settings.load(tmp_path)
+    assert not again.warnings
+    assert len(again.choices) == 200
 
 
 async def test_a_changed_key_holds_and_is_shown(tmp_path: Path) -> None:

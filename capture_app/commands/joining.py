@@ -179,6 +179,7 @@ def find_leader() -> Address:
 
     Raises NetworkError where there are several and nobody to ask.
     """
+    log_line("looking for a leader in this network")
     from capture_app.net.discovery import search_leaders
     from capture_app.rig_process import list_rigs
 

@@ -65,6 +65,7 @@ def test_nothing_is_waited_for_in_silence(tmp_path: Path) -> None:
     with evening(tmp_path) as two:
         early, lost = two.join("early"), two.join("lost", "--leader", NOBODY)
         before = two.join("before", "--leader", LEADER_HOST)
+        said(early, "looking for a leader in this network")
         assert "start one with: capture-app" in said(early, "no leader is found in this network yet")
         assert "capture-app doctor" in said(lost, f"no machine answers at {NOBODY}")
         assert "start it there with: capture-app" in said(before, f"{LEADER_HOST} is there, but no leader")

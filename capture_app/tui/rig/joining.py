@@ -2,6 +2,7 @@
 
 import asyncio
 import textwrap
+from collections import deque
 from typing import ClassVar
 
 import segno
@@ -18,10 +19,12 @@ from capture_app.node.wire.operating import (
     PhoneInvited,
 )
 from capture_app.node.wire.pairing import Invite, Invited
+from capture_app.node.wire.status import NewsLine
 from capture_app.text import printable
 from capture_app.trust.pairing import show_code
 from capture_app.tui.question import BoxDialog
-from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.rig_record import Told
+from capture_app.tui.widgets.lines import Lines, news_lines
 
 DEVICE = "v4l2:/dev/video0"
 QUIET = 2
@@ -53,17 +56,25 @@ def qr_lines(text: str) -> list[Content]:
 
 
 LOOK_EVERY_S = 1.0
+MOST_NEWS = 2
 
 
 class GuideScreen(BoxDialog[None]):
-    """What to do in words, and a QR code beside them."""
+    """What to do in words, a QR code beside them, and what has happened since: who came, who was refused."""
 
     def __init__(self, name: str, title: str, width: int) -> None:
         """`width` is that of the words, in cells."""
         self._width = width
         self._words = Lines(id=f"{name}-words", classes="words")
         self._code = Lines(id=f"{name}-code", classes="code")
-        super().__init__(title, Horizontal(self._words, self._code), subtitle="esc closes")
+        self._news, self._came = deque[NewsLine](maxlen=MOST_NEWS), Lines(id=f"{name}-news")
+        super().__init__(title, Horizontal(self._words, self._code), self._came, subtitle="esc closes")
+
+    def on_told(self, message: Told) -> None:
+        """Say what is new."""
+        if isinstance(message.what, NewsLine):
+            self._news.append(message.what)
+            self._came.show(news_lines(self._news, self._came.size.width))
 
     def show(self, url: str, *paragraphs: tuple[str, str]) -> None:
         """Show a code, empty for none, and words with their styles; what is numbered is indented."""

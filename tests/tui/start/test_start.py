@@ -139,6 +139,25 @@ async def test_inviting_shows_a_number_for_machines_that_are_not_known() -> None
         assert "open to anybody" in " ".join(text(app, "#invite-words").split()).lower()
 
 
+async def test_an_invitation_says_who_came_and_who_was_refused_since() -> None:
+    rig = FakeRig(0)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        rig.news("an old story")
+        await pilot.press("i")
+        await settle(pilot)
+        assert lines(app, "#invite-news") == ()
+        rig.news("a machine at 192.168.1.9 tried a wrong code", level="warning")
+        rig.news("garage at 192.168.1.9 is known as camera from now on")
+        await settle(pilot)
+        seen = app.export_screenshot().replace("&#160;", " ")
+        assert "192.168.1.9 tried a wrong code" in seen
+        assert "is known as camera from now on" in seen
+        code = app.screen.query_one("#invite-code")
+        assert app.screen.region.contains_region(code.region), "the code stays whole"
+
+
 async def test_sessions_and_samples_open_in_their_mode() -> None:
     app = make_app(FakeRig(0))
     async with app.run_test(size=(80, 24)) as pilot:

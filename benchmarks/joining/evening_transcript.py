@@ -23,7 +23,9 @@ LOOK_EVERY_S, PATIENCE_S = 0.25, 900.0
 ASKED_S = 2.0
 COLUMNS, ROWS = "120", "40"
 PROMPT = "$ "
-FIGURES = re.compile(r"[\d.,]+")
+FIGURES, WORDS = re.compile(r"[\d.,]+"), re.compile(r"\w")
+PLOTS = re.compile("[─-╿▀-▟┈▁▔█░ ]{2,}|[│▌▐]")
+"""Frames, traces and pictures: they are no words."""
 NOTHING_YET = r"^(?!)"
 """A step that says nothing until it is done; what is typed is no news."""
 
@@ -57,7 +59,8 @@ class Pane:
 
     def news(self, screen: str) -> list[str]:
         """Return the lines that were not there before but for their figures."""
-        lines = [line.strip() for line in screen.splitlines() if line.strip(" │┃╭╮╰╯─━┌┐└┘█▀▄▁▎▊▔")]
+        lines = [PLOTS.sub(" ", line).strip() for line in screen.splitlines()]
+        lines = [line for line in lines if len(WORDS.findall(line)) > 1]
         fresh = [line for line in lines if FIGURES.sub("", line) not in self._seen]
         self._seen |= {FIGURES.sub("", line) for line in lines}
         return fresh
@@ -95,7 +98,7 @@ class Transcript:
             screen, now_s = pane.screen, time.monotonic()
             for line in pane.news(screen):
                 print(f"{self._now()} {line}", flush=True)
-            if FIGURES.sub("", screen) != FIGURES.sub("", before) or screen != before:
+            if screen != before:
                 before, changed_s = screen, now_s
             if re.search(says, screen, re.MULTILINE):
                 said_s = now_s
@@ -179,9 +182,9 @@ def evening(script: Transcript, home: Path, cameras: int, *, install: bool) -> N
         script.step(other, "a node", (node, "Enter"), "Its code, 8 digits", "look|found|leader")
         joined = (found[1], "Enter")
         script.step(other, "its code", joined, r"ready", "known|join|sync|align")
-        script.step(
-            one, "the rig with it", ("Escape",), f"{cameras + 1} cameras ready", "joining|syncing|aligning"
-        )
+        # A key too soon after Escape would be Alt with that key.
+        rig = rf"\A(?!(?:.|\n)*Another machine)(?:.|\n)*{cameras + 1} cameras ready"
+        script.step(one, "the rig with it", ("Escape",), rig, "joining|syncing|aligning|known as")
         script.step(one, "the mode Shoot again", ("2",), "Next take", NOTHING_YET)
         script.step(one, "a take of all", ("Space",), "─ burst-002 ─", under_way)
         script.step(one, "the question at the end", ("q",), "Stop the rig", NOTHING_YET)

@@ -172,7 +172,7 @@ def evening(script: Transcript, home: Path, cameras: int, *, install: bool) -> N
             "Starting|joining|syncing|aligning|start|coarse",
         )
         script.step(one, "the mode Shoot", ("2",), "Next take", NOTHING_YET)
-        under_way = r"ordered|are saving|of \d+ images|─ burst-00\d ─"
+        under_way = r"ordered|are saving|waiting|of \d+ images|─ burst-00\d ─"
         script.step(one, "the first take", ("Space",), "─ burst-001 ─", under_way)
         screen = script.step(one, "a code for another", ("1", "i"), r"once: \d{4}", NOTHING_YET)
         found = re.search(r"once: (\d{4}.?\d{4})", screen)
@@ -188,7 +188,7 @@ def evening(script: Transcript, home: Path, cameras: int, *, install: bool) -> N
         script.step(one, "the mode Shoot again", ("2",), "Next take", NOTHING_YET)
         script.step(one, "a take of all", ("Space",), "─ burst-002 ─", under_way)
         script.step(one, "the question at the end", ("q",), "Stop the rig", NOTHING_YET)
-        script.step(one, "the end", ("s",), rf"^{re.escape(PROMPT.strip())}\s*$", "stop|end")
+        script.step(one, "the end", ("s",), rf"^{re.escape(PROMPT.strip())}\s*$", "Stopping")
         script.step(other, "what the node says then", (), "lost|left|silent|gone", NOTHING_YET)
         other.press("C-c")
     finally:

@@ -202,14 +202,22 @@ def lines_on_disk(session: Path) -> dict[str, set[bytes]]:
     return found
 
 
+def frames_safe(rig: Rig, before: set[str]) -> int:
+    """How many frames of sessions that were not there before are on the leader's disk."""
+    new = [path for path in rig.sessions.iterdir() if path.name not in before]
+    return sum(len(lines) for path in new for lines in lines_on_disk(path).values())
+
+
 async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage: bool) -> dict[str, Any]:
     """Take something, kill a process or let it stand still meanwhile, and look what is in the session."""
     before = {path.name for path in rig.sessions.iterdir()}
     words = ("record", "--seconds", "4") if number // 2 % 2 else ("burst", "--frames", str(BURST_FRAMES))
+    moment = chance.randrange(BURST_FRAMES * len(rig.names))
     taking = rig.take(*words)
     async with asyncio.timeout(PATIENCE_S):
         await until(lambda: any(path.name not in before for path in rig.sessions.iterdir()))
-    await asyncio.sleep(chance.uniform(0.0, 5.0))
+        # Some frames are safe then, how many is chance; where it is over before, it is killed after it.
+        await until(lambda: taking.poll() is not None or frames_safe(rig, before) >= moment)
     victim = "leader" if number % 2 == 0 else chance.choice(rig.names)
     if outage:
         rig.stand_still(victim, still=True)

@@ -267,6 +267,7 @@ class SimulshotApp(App[None]):
 
     @work(group="leaving", exclusive=True)
     async def _stop_rig(self) -> None:
+        self.notify("Stopping the rig …", timeout=STOP_TIMEOUT_S)
         try:
             await asyncio.wait_for(self._source.order(StopRig()), STOP_TIMEOUT_S)
         except (SimulshotError, TimeoutError) as error:

@@ -1,5 +1,6 @@
 """Help, palette, changed keys, and leaving."""
 
+import asyncio
 import re
 from pathlib import Path
 
@@ -101,6 +102,26 @@ async def test_a_rig_of_this_machine_is_left_or_stopped_as_the_user_says(key: st
         await pilot.press("q", key)
         await settle(pilot)
     assert rig.asked == ([("order", StopRig())] if stopped else [])
+    assert app.return_code == 0
+
+
+async def test_a_rig_that_takes_its_time_to_stop_is_said_to_be_stopping(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig, stopped = own_rig(), asyncio.Event()
+
+    async def order(_: object) -> None:
+        await stopped.wait()
+
+    monkeypatch.setattr(rig, "order", order)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        await settle(pilot)
+        await pilot.press("q", "s")
+        await settle(pilot)
+        assert toasts(app) == ["Stopping the rig …"]
+        stopped.set()
+        await settle(pilot)
     assert app.return_code == 0
 
 

@@ -85,7 +85,7 @@ fi
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
   echo "simulshot needs Python 3.11 or newer; name one: PYTHON=python3.12 ./install.sh" >&2; exit 1; }
 what="simulshot${extras:+[$extras]} @ $("$python" -c 'import pathlib; print(pathlib.Path.cwd().as_uri())')"
-echo "installing ${extras:-the capture side} (by $by) ..." >&2
+echo "installing ${extras:-the capture side} (by $by): some minutes, by the network and the disk ..." >&2
 case $by in
   uv)
     uv tool install --force --reinstall --python "$python" --constraints constraints.txt "$what"

@@ -91,14 +91,14 @@ class Rig:
                 str(self.address),
             ]
             words += ["--spool", str(self.folder / "spool")]
-        log = (self.folder / f"{name}.log").open("ab")
-        self._running[name] = subprocess.Popen(
-            [sys.executable, "-m", "capture_app.cli", *words],
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-            env={**os.environ, "XDG_STATE_HOME": str(self.folder / "state")},
-        )
+        with (self.folder / f"{name}.log").open("ab") as log:
+            self._running[name] = subprocess.Popen(
+                [sys.executable, "-m", "capture_app.cli", *words],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env={**os.environ, "XDG_STATE_HOME": str(self.folder / "state")},
+            )
 
     def kill(self, name: str) -> None:
         """Kill a process as a power cut would."""
@@ -160,8 +160,7 @@ async def record_long(rig: Rig, seconds: float) -> Report:
             talk(
                 f"{memory[-1][0]:.0f} s: " + ", ".join(f"{n} {mb:.0f} MB" for n, mb in memory[-1][1].items())
             )
-    assert recording.stdout is not None
-    done = json.loads(recording.stdout.read())
+    done = json.loads(recording.communicate()[0])
     session = Session.open(Path(done["session"]))
     manifest = session.manifest
     size = sum(video.bytes for video in manifest.videos)
@@ -230,7 +229,7 @@ async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage
         rig.stand_still(victim, still=False)
     else:
         rig.start(victim)
-    taking.wait()
+    taking.communicate()
     lost, problems = 0, []
     if new:
         async with asyncio.timeout(PATIENCE_S):

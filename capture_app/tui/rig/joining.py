@@ -99,7 +99,7 @@ class InviteScreen(GuideScreen):
     ]
 
     def __init__(self, source: RigLink, leader: str) -> None:
-        super().__init__("invite", "Another machine", 38)
+        super().__init__("invite", "Another machine", 36)
         self._source, self._line = source, joining_line(printable(leader))
 
     def on_mount(self) -> None:
@@ -128,7 +128,7 @@ class PhonesScreen(GuideScreen):
     """Shows the code of the next phone, another one when a phone has come; their server goes on."""
 
     def __init__(self, source: RigLink) -> None:
-        super().__init__("phones", "Phones as cameras", 38)
+        super().__init__("phones", "Phones as cameras", 36)
         self._source = source
 
     def on_mount(self) -> None:

@@ -181,19 +181,16 @@ class StartPanel(Vertical):
             return
         line = joining_line(self._leader) if self._leader else "…"
         words = next((one.what for one in self._choices() if one.name == self._chosen), "")
-        meanings = textwrap.wrap(printable(words), max(min(self.size.width, MAX_WIDTH) - MARGIN, 20))
-        meaning, style = ([self._busy], "$warning") if self._busy else (meanings, "$foreground-muted")
+        width, style = max(min(self.size.width, MAX_WIDTH) - MARGIN, 20), "$foreground-muted"
+        if self._busy:
+            words, style = self._busy, "$warning"
         self._title.show([Content.styled("What shall take pictures?", "bold $primary")])
-        self._meaning.show(Content.styled(each, style) for each in meaning)
-        join = "To join from another machine, type there:"
+        self._meaning.show(Content.styled(each, style) for each in textwrap.wrap(printable(words), width))
+        said = ["To join from another machine, type there:"]
         if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
-            join = f"This rig's port is not the usual {DEFAULT_PORT}. {join}"
-        self._line.show(
-            [
-                Content.styled(join, "$foreground-muted"),
-                Content.styled(f"  {line}", "bold $secondary"),
-            ]
-        )
+            said.insert(0, f"This rig's port is not the usual {DEFAULT_PORT}.")
+        muted = [Content.styled(each, "$foreground-muted") for each in said]
+        self._line.show([*muted, Content.styled(f"  {line}", "bold $secondary")])
 
     on_option_list_option_highlighted = _explain
 
@@ -282,7 +279,7 @@ class StartPanel(Vertical):
         with telling(self):
             await self._source.order(order)
             # Said until they are there: their list takes this panel's place then.
-            until_there = f"{words} They join as soon as they are open, within half a minute."
+            until_there = f"{words} Each joins as soon as it is open, within half a minute."
         self.say_busy(until_there)
 
     def say_busy(self, words: str) -> None:

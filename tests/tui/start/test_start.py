@@ -12,6 +12,7 @@ from capture_app.node.wire.operating import AddCamera, AddSimulated
 from capture_app.node.wire.pairing import Invite
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.joining import joining_line, qr_lines
+from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.settings import Settings
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
@@ -137,6 +138,26 @@ async def test_inviting_shows_a_number_for_machines_that_are_not_known() -> None
         await pilot.press("i")
         await settle(pilot)
         assert "open to anybody" in " ".join(text(app, "#invite-words").split()).lower()
+
+
+async def test_no_word_of_the_start_is_cut_in_a_narrow_terminal() -> None:
+    rig = FakeRig(0)
+    rig.different = {"leader": "192.168.100.200:33417"}
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        busy = "Starting 5 simulated cameras … Each joins as soon as it is open, within half a minute."
+        app.screen.query_one(StartPanel).say_busy(busy)
+        assert " ".join(lines(app, "#start-meaning")) == busy
+        await pilot.press("i")
+        await settle(pilot)
+        words = app.screen.query_one("#invite-words")
+        assert max(map(len, lines(app, "#invite-words"))) <= words.size.width
+        await pilot.press("escape")
+        await settle(pilot)
+        for part in ("#start-meaning", "#start-line"):
+            shown = lines(app, part)
+            assert max(map(len, shown)) <= app.screen.query_one(part).size.width, shown
 
 
 async def test_an_invitation_says_who_came_and_who_was_refused_since() -> None:

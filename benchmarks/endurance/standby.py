@@ -1,0 +1,286 @@
+"""Two ranked leaders, of which the one that leads is killed again and again: is each burst whole, and true?
+
+Leaders and cameras are processes of their own, on this machine's loopback, each with a simulated clock. Two
+seconds after each kill (SIGKILL) a burst is ordered of the other leader, without waiting for anybody. Its
+pictures' times are held against that leader's clock, and that clock against the one that is gone. Then the
+killed one is started again, and follows. 0 if each burst is whole and every hard bound holds, 1 if not.
+
+    python -m benchmarks.endurance.standby --kills 20
+"""
+
+import asyncio
+import json
+import signal
+import socket
+import sys
+import tempfile
+import time
+from argparse import Namespace
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks.endurance.soak import CAMERA, JOIN_S, are_ready
+from benchmarks.report import new_parser, print_report, print_table
+from capture_app.clock import seeded_clock
+from capture_app.errors import SimulshotError
+from capture_app.net.address import Address, parse_address
+from capture_app.node.child import Child
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.standby import lead_in_turn
+from capture_app.node.news import NewsLog
+from capture_app.node.requests import ask_burst, ask_status
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from capture_app.sync.wire.messages import NodeState
+
+ORDERED_S = 2.0
+"""From a kill to the burst."""
+FOLLOWED_S = 6.0
+"""How long a standby has followed before its leader is killed."""
+LEADS, FOLLOWS = "LEADS ", " leads: this one follows"
+SPAN_NS = 10**12
+
+
+@dataclass(slots=True)
+class Machine:
+    """A ranked leader's place: its process, and the line of its clock while it leads."""
+
+    address: Address
+    folder: Path
+    child: Child
+    line: tuple[int, int, int] | None = None
+    """A true time, what its clock as a leader shows then, and SPAN_NS later."""
+
+    def leader_ns(self, true_ns: int) -> int:
+        """What its clock as a leader shows at a true time."""
+        assert self.line is not None
+        at_ns, shown_ns, later_ns = self.line
+        return shown_ns + round((true_ns - at_ns) * (later_ns - shown_ns) / SPAN_NS)
+
+
+@dataclass(slots=True)
+class Run:
+    """What came of the kills."""
+
+    back_s: list[float] = field(default_factory=list)
+    """From each kill until all cameras were with the other leader."""
+    jumps_us: list[float] = field(default_factory=list)
+    jumps_over: int = 0
+    images: int = 0
+    within_95: int = 0
+    over_bound: int = 0
+    errors_us: list[float] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+
+
+async def lead(name: str, options: Namespace) -> None:
+    """Be one of the leaders, until killed."""
+    at = parse_address(options.lead)
+
+    def make_options() -> LeaderOptions:
+        return LeaderOptions(
+            host=at.host,
+            port=at.port,
+            sessions=Path(options.sessions),
+            clock=seeded_clock(name),
+            news=NewsLog(lambda line: print(line, file=sys.stderr, flush=True)),
+        )
+
+    async def serve(node: LeaderNode) -> None:
+        now_ns, clock, continued = time.monotonic_ns(), node.options.clock, node.options.continued
+        told = None if continued is None else (continued.told.uncertainty_ns, continued.told.hard_bound_ns)
+        line = now_ns, clock.local_from_true(now_ns), clock.local_from_true(now_ns + SPAN_NS)
+        print(LEADS + json.dumps({"line": line, "told": told}), file=sys.stderr, flush=True)
+        await node.service.stop_wanted.wait()
+
+    await lead_in_turn(make_options, [parse_address(one) for one in options.among], serve)
+
+
+async def start_leader(address: Address, among: list[Address], folder: Path, name: str) -> Machine:
+    """Start one of the leaders."""
+    arguments = ["--lead", str(address), "--name", name, "--sessions", str(folder)]
+    for one in among:
+        arguments += ["--among", str(one)]
+    return Machine(address, folder, await Child.start(name, ("benchmarks.endurance.standby", *arguments)))
+
+
+async def says(machine: Machine, text: str) -> str:
+    """Wait until it has said this, and return the last such line."""
+    async with asyncio.timeout(JOIN_S):
+        while True:
+            found = [line for line in machine.child.said if text in line]
+            if found:
+                return found[-1]
+            if machine.child.process.returncode is not None:
+                raise await machine.child.failure()
+            await asyncio.sleep(0.05)
+
+
+async def note_lead(machine: Machine) -> tuple[float, float] | None:
+    """Wait until it leads, and return the errors that it tells of the time it took over."""
+    told = json.loads((await says(machine, LEADS)).partition(LEADS)[2])
+    machine.line = tuple(told["line"])
+    return None if told["told"] is None else (told["told"][0], told["told"][1])
+
+
+async def wait_for_cameras(machine: Machine, cameras: int) -> None:
+    """Wait until so many cameras are here."""
+    async with asyncio.timeout(JOIN_S):
+        while True:
+            with suppress(SimulshotError):
+                nodes = (await ask_status(machine.address)).nodes
+                if sum(n.name.startswith("cam") and n.state is not NodeState.LOST for n in nodes) == cameras:
+                    return
+            await asyncio.sleep(0.02)
+
+
+async def kill_and_take(run: Run, leader: Machine, other: Machine, cameras: int) -> None:
+    """Kill the one that leads, take a burst of the other ORDERED_S later, and judge both."""
+    leader.child.process.send_signal(signal.SIGKILL)
+    killed_s, killed_ns = time.monotonic(), time.monotonic_ns()
+    told = await note_lead(other)
+    await wait_for_cameras(other, cameras)
+    run.back_s.append(time.monotonic() - killed_s)
+    await asyncio.sleep(killed_s + ORDERED_S - time.monotonic())
+    try:
+        *_, done = [status async for status in ask_burst(other.address, BurstRequest(frames=3))]
+    except SimulshotError as error:
+        run.wrong.append(f"no burst: {error}")
+        return
+    jump_ns = abs(other.leader_ns(killed_ns) - leader.leader_ns(killed_ns))
+    run.jumps_us.append(jump_ns / 1000.0)
+    run.jumps_over += told is None or jump_ns > told[1]
+    if done.session is None or done.received != done.expected or done.expected != 3 * cameras:
+        run.wrong.append(f"kill {len(run.back_s)}: {done.received} of {3 * cameras} images {done.message}")
+    if done.session is not None:
+        judge(run, Path(done.session), other)
+
+
+def judge(run: Run, folder: Path, leader: Machine) -> None:
+    """Hold the times of a session against the clock of its leader."""
+    session = Session.open(folder)
+    run.wrong += [f"{folder.name}: {problem}" for problem in verify(session)]
+    times = session.true_times()
+    assert times is not None, "the cameras are simulated"
+    for image in session.manifest.images:
+        assert image.local_ns is not None
+        assert image.hard_bound_ns is not None
+        assert image.uncertainty_ns is not None
+        true_ns = times.clocks[image.camera].true_from_local(image.local_ns)
+        error_ns = abs(image.leader_ns - leader.leader_ns(true_ns))
+        run.images += 1
+        run.errors_us.append(error_ns / 1000.0)
+        run.within_95 += error_ns <= image.uncertainty_ns
+        run.over_bound += error_ns > image.hard_bound_ns
+
+
+async def repeat(options: Namespace, folder: Path) -> Run:
+    """Run the rig, and kill its leaders in turn."""
+    run, ports = Run(), [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
+    among = [Address("127.0.0.1", one.getsockname()[1]) for one in ports]
+    for one in ports:
+        one.close()
+    leader = await start_leader(among[0], among, folder / "0", "leader0")
+    children = []
+    try:
+        await note_lead(leader)
+        other = await start_leader(among[1], among, folder / "1", "leader1")
+        for number in range(options.cameras):
+            own = ["--until-eof", "--name", f"cam{number}", "--camera", CAMERA, "--clock", "sim"]
+            own += ["--spool", str(folder / "spool")]
+            for one in among:
+                own += ["--leader", str(one)]
+            children.append(await Child.start(f"cam{number}", ("capture_app.cli", "node", *own)))
+        for kill in range(options.kills):
+            await says(other, FOLLOWS)
+            async with asyncio.timeout(JOIN_S):
+                while not await are_ready(leader.address, options.cameras + 1):  # noqa: ASYNC110
+                    await asyncio.sleep(0.2)
+            await asyncio.sleep(FOLLOWED_S)
+            await kill_and_take(run, leader, other, options.cameras)
+            name = f"leader{among.index(leader.address)}"
+            print(f"kill {kill + 1}: all back after {run.back_s[-1]:.2f} s", file=sys.stderr, flush=True)
+            again = await start_leader(leader.address, among, leader.folder, name)
+            await leader.child.stop()
+            leader, other = other, again
+    finally:
+        await asyncio.gather(*(child.stop() for child in (*children, leader.child, other.child)))
+    return run
+
+
+def report_of(run: Run, options: Namespace) -> dict[str, Any]:
+    """Return the figures as they are printed."""
+    return {
+        "kind": "real (loopback), simulated cameras",
+        "kills": len(run.back_s),
+        "cameras": options.cameras,
+        "back_s": {"mean": sum(run.back_s) / len(run.back_s), "max": max(run.back_s)},
+        "jump_us": {"max": max(run.jumps_us, default=0.0), "over_told_bound": run.jumps_over},
+        "images": run.images,
+        "error_us": {
+            "mean": sum(run.errors_us) / max(1, run.images),
+            "max": max(run.errors_us, default=0.0),
+        },
+        "within_95": run.within_95 / max(1, run.images),
+        "over_bound": run.over_bound,
+        "wrong": run.wrong,
+    }
+
+
+def print_tables(report: dict[str, Any]) -> None:
+    """Print a report for a reader."""
+    back, error, jump = report["back_s"], report["error_us"], report["jump_us"]
+    print_table(
+        (
+            "kills",
+            "all back in s, mean",
+            "largest",
+            "step of the time, us",
+            "pictures",
+            "off by us",
+            "largest",
+        ),
+        [
+            (
+                str(report["kills"]),
+                f"{back['mean']:.2f}",
+                f"{back['max']:.2f}",
+                f"{jump['max']:.1f}",
+                str(report["images"]),
+                f"{error['mean']:.1f}",
+                f"{error['max']:.1f}",
+            )
+        ],
+    )
+    print(
+        f"{100 * report['within_95']:.0f} % within their 95 %; {report['over_bound']} over their hard bound,"
+        f" and {jump['over_told_bound']} steps over theirs"
+    )
+    for line in report["wrong"]:
+        print(f"WRONG: {line}")
+
+
+def main() -> int:
+    """Run it; 0 if each burst was whole and every hard bound held."""
+    parser = new_parser(__doc__)
+    parser.add_argument("--kills", type=int, default=20, help="how often a leader is killed (20)")
+    parser.add_argument("--cameras", type=int, default=3, help="simulated cameras (3)")
+    for own in ("--lead", "--name", "--sessions"):
+        parser.add_argument(own, help="of one of the leaders, which this starts itself")
+    parser.add_argument("--among", action="append", help="all leaders, of one of these")
+    options = parser.parse_args()
+    if options.lead:
+        asyncio.run(lead(options.name, options))
+        return 0
+    with tempfile.TemporaryDirectory(prefix="standby-") as temporary:
+        run = asyncio.run(repeat(options, Path(temporary)))
+    print_report(report_of(run, options), print_tables, as_json=options.json)
+    return 1 if run.wrong or run.over_bound or run.jumps_over else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

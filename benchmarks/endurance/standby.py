@@ -192,8 +192,8 @@ async def repeat(options: Namespace, folder: Path) -> Run:
         for number in range(options.cameras):
             own = ["--until-eof", "--name", f"cam{number}", "--camera", CAMERA, "--clock", "sim"]
             own += ["--spool", str(folder / "spool")]
-            for one in among:
-                own += ["--leader", str(one)]
+            for address in among:
+                own += ["--leader", str(address)]
             children.append(await Child.start(f"cam{number}", ("capture_app.cli", "node", *own)))
         for kill in range(options.kills):
             await says(other, FOLLOWS)

@@ -12,14 +12,24 @@ from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, o
 MAX_SIDE_PX = 1280
 """Larger images are made smaller for finding points."""
 MAX_POINTS = 2500
+CLEAR_CONTRAST, FAINT_CONTRAST = 0.02, 0.01
+"""Least contrast of points at rest, and of points on what moves, which may be small."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """Points of one image: positions (n, 2) px in the full image, descriptors (n, 128)."""
+    """Points of one image: positions (n, 2) px in the full image, descriptors (n, 128), contrast (n,)."""
 
     positions: Array
     descriptors: Array
+    contrast: Array
+
+    def at_rest(self, movers: Array) -> "Features":
+        """Those of clear contrast whose pixel is not in a mask (bool) of the full image."""
+        last = movers.shape[1] - 1, movers.shape[0] - 1
+        columns, rows = np.floor(self.positions + 0.5).astype(int).clip(0, last).T
+        kept = (self.contrast >= CLEAR_CONTRAST) & ~movers[rows, columns]
+        return Features(self.positions[kept], self.descriptors[kept], self.contrast[kept])
 
 
 def size_above_features(width: int, height: int) -> float:
@@ -28,20 +38,19 @@ def size_above_features(width: int, height: int) -> float:
 
 
 def detect_features(
-    image: Array, movers: Array, side_px: int = MAX_SIDE_PX, points: int = MAX_POINTS
+    image: Array, side_px: int = MAX_SIDE_PX, points: int = MAX_POINTS, contrast: float = CLEAR_CONTRAST
 ) -> Features:
-    """SIFT points of a grey image (uint8) outside its movers (bool); so many, in one made so small."""
+    """SIFT points of a grey image (uint8); so many at most, of so much contrast, in one made so small."""
     scale = min(1.0, side_px / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
-    allowed = cv2.resize(
-        (~movers).astype(np.uint8) * 255, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_NEAREST
-    )
-    sift = cv2.SIFT.create(nfeatures=points, contrastThreshold=0.02)
-    keypoints, descriptors = sift.detectAndCompute(small, allowed)
+    sift = cv2.SIFT.create(nfeatures=points, contrastThreshold=contrast)
+    keypoints, descriptors = sift.detectAndCompute(small, None)
     if descriptors is None:
-        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
+        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))
     positions = np.array([(point.pt[0] + 0.5, point.pt[1] + 0.5) for point in keypoints]) / scale - 0.5
-    return Features(positions, np.asarray(descriptors, np.float32))
+    # SIFT's threshold is held against the sum over its layers.
+    contrasts = sift.getNOctaveLayers() * np.array([point.response for point in keypoints])
+    return Features(positions, np.asarray(descriptors, np.float32), contrasts)
 
 
 def match_features(a: Features, b: Features, ratio: float = 0.75) -> tuple[Array, Array]:

@@ -103,7 +103,7 @@ def _cloud_scores(
             fuse_depth_maps(Path(scratch), cloud, group)
         except BadInputError:
             return {"points": 0, "false_points": 0.0}
-        points = read_fused_cloud(cloud, len(found)).points
+        points, _, _ = read_fused_cloud(cloud, len(found))
     nearest = np.min([np.linalg.norm(points - view.centre, axis=1) for view in views.values()], axis=0)
     false = rig.distance_m(points) > FALSE_SHARE * nearest
     return {"points": len(points), "false_points": round(float(np.mean(false)), 4)}

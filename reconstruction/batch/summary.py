@@ -5,9 +5,9 @@ Holds no times of day and no durations: the same units give the same bytes.
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -29,49 +29,34 @@ MAX_SHEETS = 20
 """Sessions whose pictures a page shows; the tables list them all."""
 
 
-@dataclass(frozen=True)
-class Thumbnail:
-    """A small picture, and where the whole one lies beside the page."""
+def depth_sheets(root: Path, rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """The pictures of each `session` that has any, up to `MAX_SHEETS`, as the page shows them.
 
-    image: dict[str, object]
-    """As `embed_image` packs it."""
-    path: str
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A session's pictures: a row for each condition, a column for each instant; None = none there."""
-
-    session: str
-    instants: Sequence[int]
-    rows: Sequence[tuple[str, Sequence[Thumbnail | None]]]
-
-
-def depth_sheets(root: Path, rows: Sequence[Row]) -> list[Sheet]:
-    """One for each session that has a picture, up to `MAX_SHEETS`."""
+    One of `rows` for each condition, a picture or None for each of the `instants`.
+    """
     pictured = [row for row in rows if row.picture]
     sessions = list(dict.fromkeys(row.session for row in pictured))[:MAX_SHEETS]
     return [_sheet(root, name, [row for row in pictured if row.session == name]) for name in sessions]
 
 
-def _sheet(root: Path, session: str, rows: Sequence[Row]) -> Sheet:
+def _sheet(root: Path, session: str, rows: Sequence[Row]) -> dict[str, Any]:
     instants = sorted({row.instant for row in rows if row.instant is not None})
     instants = evenly_spread(instants, MAX_COLUMNS)
     found = {(row.condition, row.instant): row.picture for row in rows}
     conditions = dict.fromkeys(row.condition for row in rows)
-    return Sheet(
-        session,
-        instants,
-        [(one, [_thumbnail(root, found.get((one, now), "")) for now in instants]) for one in conditions],
-    )
+    shown = [(one, [_thumbnail(root, found.get((one, now), "")) for now in instants]) for one in conditions]
+    return {"session": session, "instants": instants, "rows": shown}
 
 
-def _thumbnail(root: Path, path: str) -> Thumbnail | None:
-    """None also where the picture was deleted or spoilt since: the figures stand without it."""
+def _thumbnail(root: Path, path: str) -> dict[str, object] | None:
+    """A small picture as `embed_image` packs it, and the `path` of the whole one beside the page.
+
+    None also where the picture was deleted or spoilt since: the figures stand without it.
+    """
     if not path:
         return None
     try:
-        return Thumbnail(embed_image(root / path, most_px=THUMBNAIL_PX), path)
+        return {"path": path, **embed_image(root / path, most_px=THUMBNAIL_PX)}
     except BadInputError:
         return None
 

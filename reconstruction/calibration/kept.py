@@ -4,12 +4,12 @@ A session without a calibration takes that of its rig, if it still holds.
 """
 
 import hashlib
+import tempfile
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
 import msgspec
-import numpy as np
 from platformdirs import user_data_path
 
 from capture_app.errors import BadInputError
@@ -18,10 +18,9 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.terminal import talk
 from capture_app.text import pretty_json
 from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups, plainly_fits
-from reconstruction.calibration.rig import calibrated_views, features_at_rest, refuse_faults, sound_views
+from reconstruction.calibration.rig import Rig, calibrated_views, refuse_faults, sound_views
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
 
 
 class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -153,8 +152,9 @@ def settle_calibration(dataset: Dataset) -> None:
     if kept is None:
         return
     try:
-        views, middle = calibrated_views(dataset, kept.calibration), len(dataset.instants_ns) // 2
-        check = check_rig(views, features_at_rest(SceneMotion(dataset, 1), views, middle))
+        views = calibrated_views(dataset, kept.calibration)
+        with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+            check = check_rig(views, Rig(dataset, Path(scratch)).middle_features)
     except BadInputError as error:
         talk(f"the calibration kept from {kept.session} is not used: {error.what}")
         return
@@ -180,7 +180,7 @@ def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> d
         if there:
             with suppress(BadInputError):
                 grey = dataset.grey(name, there[len(there) // 2])
-                found[name] = detect_features(grey, np.zeros(grey.shape, bool), *least)
+                found[name] = detect_features(grey, *least)
     return found
 
 

@@ -1,7 +1,7 @@
 """A session's cameras: their calibration, refused where no rig can have it, and their best pairs."""
 
-from collections.abc import Container, Iterable, Mapping, Sequence
-from functools import lru_cache, partial
+from collections.abc import Container, Mapping, Sequence
+from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from reconstruction.calibration.structure_from_motion import own_or_found
 from reconstruction.common.geometry import View
 from reconstruction.common.outputs import StageCache
 from reconstruction.pairs import (
+    FAINT_CONTRAST,
     Features,
     PairChoice,
     choose_panorama_pair,
@@ -37,6 +38,8 @@ MAX_FOLD = 0.1
 
 The median counts: the model of many a wide lens folds in the very corners."""
 
+KEPT_FEATURES, KEPT_INSTANTS = 64, 9
+"""Images and instants whose features are kept: some MB each."""
 SAME_SHARE = 1e-6
 """Poses that differ by less than this share of the rig's extent from its origin are the same."""
 NEIGHBOURS_M = 5e-4, 150.0
@@ -113,7 +116,11 @@ class Rig:
         self.stages = StageCache(stages, dataset.fingerprint())
         self.views: dict[str, View] = {}
         self.calibration: Calibration | None = None
-        self.features = lru_cache(maxsize=4)(partial(features_at_rest, self.motion, dataset.cameras))
+        self.image_features = lru_cache(maxsize=KEPT_FEATURES)(
+            lambda camera, instant: detect_features(dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
+        )
+        """The features of an image, of what moves in it too."""
+        self.features = lru_cache(maxsize=KEPT_INSTANTS)(self._features_at_rest)
         """By camera, its features at rest in the image nearest to an instant."""
 
     @property
@@ -179,6 +186,15 @@ class Rig:
         points = self.features(instant)
         return choose_panorama_pair(points, {name: self.dataset.size(name) for name in points})
 
+    def _features_at_rest(self, instant: int) -> dict[str, Features]:
+        found = {}
+        for name in self.dataset.cameras:
+            if there := self.dataset.instants(name):
+                nearest = min(there, key=lambda k: abs(k - instant))
+                movers = self.motion.widened_movers(name, nearest)
+                found[name] = self.image_features(name, nearest).at_rest(movers)
+        return found
+
     def moving_share(self, instants: list[int]) -> float:
         """Largest share of any camera's pixels that move, the mean over these instants."""
         shares = [0.0]
@@ -187,17 +203,6 @@ class Rig:
             if there:
                 shares.append(float(np.mean([self.motion.detected_movers(name, k).mean() for k in there])))
         return max(shares)
-
-
-def features_at_rest(motion: SceneMotion, cameras: Iterable[str], instant: int) -> dict[str, Features]:
-    """By camera, features of what stands still in its image nearest to an instant, if it has any image."""
-    found = {}
-    for name in cameras:
-        if there := motion.dataset.instants(name):
-            nearest = min(there, key=lambda k: abs(k - instant))
-            image, movers = motion.dataset.grey(name, nearest), motion.widened_movers(name, nearest)
-            found[name] = detect_features(image, movers)
-    return found
 
 
 def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, View]:

@@ -93,7 +93,7 @@ def read_points(path: Path) -> tuple[Array, Array]:
 Result = TypeVar("Result")
 
 
-VERSION = 8
+VERSION = 9
 """Raised whenever a stage computes something else: old outputs are then made again."""
 
 

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
@@ -17,7 +17,7 @@ from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import write_points
 from reconstruction.compare.study import Study, write_pictures
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
-from reconstruction.depth.mesh import draw_turntables
+from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
@@ -286,16 +286,13 @@ class MultiviewStudy(Study):
     def _draw_turntable(
         self, one: ShownInstant, maps: Mapping[str, InstantDepth], folder: Path
     ) -> tuple[Picture, ...]:
-        """The surface of both clouds from six places; none without Open3D, or without a surface."""
-        clouds = {side: (found.points, found.normals, found.colours) for side, found in maps.items()}
+        """Both clouds from six places; none where there is nothing to see."""
+        if len(maps["synced"].points) < MIN_POINTS:
+            return ()
+        clouds = {side: (found.points, found.colours) for side, found in maps.items()}
         views = [self.shots.image(camera, k).calibrated.view for camera, k in one.together.items()]
-        try:
-            drawn = draw_turntables(clouds, views)
-        except NotAvailableError:
-            return ()
-        if drawn is None:
-            return ()
-        caption = "The surface through the points of all cameras, from six places."
+        drawn = draw_clouds(clouds, views)
+        caption = "The points of all cameras, from six places."
         pictures = {side: {"multiview_turntable": picture} for side, picture in drawn.items()}
         return write_pictures(pictures, {"multiview_turntable": ("All around", caption)}, folder)
 

@@ -1,13 +1,11 @@
-"""The study of single points that COLMAP finds, matches and triangulates under the rig's known poses."""
+"""The study of single points that COLMAP matches and triangulates under the rig's known poses."""
 
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
-import cv2
 import numpy as np
 
 from capture_app.terminal import Progress
@@ -15,11 +13,11 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
 from reconstruction.compare.study import ALL_APART, PairStudy, Study
+from reconstruction.pairs import Features, size_above_features
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.scores.truth import right_depth
 from reconstruction.session.conditions import Condition, FrameOffset
-from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import (
     ShownInstant,
     choose_moving_instants,
@@ -28,9 +26,6 @@ from reconstruction.session.instants import (
 )
 from reconstruction.session.motion import dilate
 
-MAX_SIDE_PX = 1280
-"""Larger pictures are made smaller for finding features."""
-MAX_FEATURES = 2048
 MAX_ERROR_PX = 2.0
 """The error of a match and of a point, in the picture that features are found in. COLMAP's own 4 px are for
 poses still to be found, and let points through that have moved."""
@@ -40,11 +35,10 @@ NO_LIMIT = 1e9
 MAX_CAMERAS = 5
 """More cameras find more points, but say no more about timing."""
 MAX_PICTURES = 24
-"""Pictures whose features are looked for, about; each takes some tenths of a second."""
+"""Pictures whose features are matched, about."""
 INSTANT_LIMITS = (3, 8)
 CONTROL_MARGIN_PX = 4
 """Points seen this near to something that moves do not belong to the control."""
-KEPT_PICTURES = 64
 PURPOSE = "triangulating points"
 
 Masks = tuple[Array, Array]
@@ -67,112 +61,95 @@ class RigPoints:
     pixel: Array
 
 
-_Features = tuple[Array, Any, float]
-"""COLMAP's features of a picture: positions (n, 2) px in the picture, first pixel's centre at (0, 0), their
-descriptors, and how much smaller the picture was that they were found in."""
+def triangulate(rig: Rig, shown: Mapping[str, int]) -> RigPoints:
+    """The points that these cameras (two or more) see, each at its instant.
+
+    Features are the rig's, found once for all that asks for them; COLMAP does all else.
+
+    Raises:
+        NotAvailableError: COLMAP is not installed.
+        ForeignError: COLMAP failed.
+    """
+    colmap = load_pycolmap(PURPOSE)
+    found = {camera: rig.image_features(camera, instant) for camera, instant in shown.items()}
+    limit = MAX_ERROR_PX * max(size_above_features(*rig.dataset.size(camera)) for camera in shown)
+    with (
+        tempfile.TemporaryDirectory(prefix="simulshot-") as scratch,
+        foreign_calls("COLMAP", PURPOSE),
+    ):
+        database = Path(scratch) / "database.db"
+        model = _write_database(colmap, database, rig.views, found)
+        _match(colmap, database, model, limit)
+        return _rig_points(_place_points(colmap, database, model, limit), found)
 
 
-class RigTriangulator:
-    """Points of any set of pictures of calibrated cameras; the features of a picture are found once."""
+def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: Mapping[str, Features]) -> Any:
+    """Write cameras and features into a new database; the same with the rig's poses, without points.
 
-    def __init__(self, dataset: Dataset, views: Mapping[str, View]) -> None:
-        """Raises NotAvailableError where COLMAP is not installed."""
-        self._colmap: Any = load_pycolmap(PURPOSE)
-        self._dataset = dataset
-        self._views = views
-        self._features = lru_cache(maxsize=KEPT_PICTURES)(self._find_features)
-
-    def triangulate(self, shown: Mapping[str, int]) -> RigPoints:
-        """The points that these cameras (two or more) see, each at its instant.
-
-        Raises:
-            ForeignError: COLMAP failed.
-        """
-        found = {camera: self._features(camera, instant) for camera, instant in shown.items()}
-        with (
-            tempfile.TemporaryDirectory(prefix="simulshot-") as scratch,
-            foreign_calls("COLMAP", PURPOSE),
-        ):
-            database = Path(scratch) / "database.db"
-            model = self._write_database(database, found)
-            limit = MAX_ERROR_PX / min(scale for _, _, scale in found.values())
-            self._match(database, model, limit)
-            return _rig_points(self._place_points(database, model, limit), found)
-
-    def _find_features(self, camera: str, instant: int) -> _Features:
-        grey = self._dataset.grey(camera, instant)
-        scale = min(1.0, MAX_SIDE_PX / max(grey.shape))
-        if scale < 1:
-            grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        options = self._colmap.FeatureExtractionOptions(num_threads=1)
-        options.sift.max_num_features = MAX_FEATURES
-        with foreign_calls("COLMAP", "finding features"):
-            extractor = self._colmap.FeatureExtractor.create(options, self._colmap.Device.cpu)
-            keypoints, descriptors = extractor.extract_from_uint8_array(np.ascontiguousarray(grey))
-            places = np.asarray(self._colmap.keypoints_to_matrix(keypoints), float)[:, :2]
+    Pictures are undistorted point by point: COLMAP refuses some strong distortions that OpenCV allows.
+    """
+    model = colmap.Reconstruction()
+    database = colmap.Database.open(path)
+    for number, (name, features) in enumerate(found.items(), 1):
+        view = views[name]
+        camera = _pinhole(colmap, view, number)
+        database.write_camera(camera, use_camera_id=True)
+        model.add_camera_with_trivial_rig(camera)
+        database.write_rig(model.rig(number), use_rig_id=True)
+        places = np.zeros((0, 2))
+        if len(features.positions):
+            places = view.rays(features.positions) @ view.matrix.T
         # COLMAP's first pixel has its centre at (0.5, 0.5).
-        return places / scale - 0.5, descriptors, scale
+        places = places[:, :2] + 0.5
+        pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
+        image = colmap.Image(name=name, keypoints=places, camera_id=number, image_id=number)
+        model.add_image_with_trivial_frame(image, pose)
+        database.write_frame(model.frame(number), use_frame_id=True)
+        database.write_image(model.image(number), use_image_id=True)
+        database.write_keypoints(number, places.astype(np.float32))
+        sift = colmap.FeatureExtractorType.SIFT
+        database.write_descriptors(number, colmap.FeatureDescriptors(sift, _roots(features.descriptors)))
+    database.close()
+    return model
 
-    def _write_database(self, path: Path, found: Mapping[str, _Features]) -> Any:
-        """Write cameras and features into a new database; the same with the rig's poses, without points.
 
-        Pictures are undistorted point by point: COLMAP refuses some strong distortions that OpenCV allows.
-        """
-        colmap = self._colmap
-        model = colmap.Reconstruction()
-        database = colmap.Database.open(path)
-        for number, (name, (positions, descriptors, _)) in enumerate(found.items(), 1):
-            view = self._views[name]
-            camera = _pinhole(colmap, view, number)
-            database.write_camera(camera, use_camera_id=True)
-            model.add_camera_with_trivial_rig(camera)
-            database.write_rig(model.rig(number), use_rig_id=True)
-            places = np.zeros((0, 2))
-            if len(positions):
-                places = view.rays(positions) @ view.matrix.T
-            places = places[:, :2] + 0.5
-            pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
-            image = colmap.Image(name=name, keypoints=places, camera_id=number, image_id=number)
-            model.add_image_with_trivial_frame(image, pose)
-            database.write_frame(model.frame(number), use_frame_id=True)
-            database.write_image(model.image(number), use_image_id=True)
-            database.write_keypoints(number, places.astype(np.float32))
-            database.write_descriptors(number, descriptors)
-        database.close()
-        return model
+def _roots(descriptors: Array) -> Array:
+    """Descriptors as COLMAP's SIFT has them: 512 times the root of each one's share of their sum, uint8."""
+    shares = descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-7)
+    return np.asarray(np.rint(512 * np.sqrt(shares)).clip(0, 255).astype(np.uint8))
 
-    def _match(self, database: Path, model: Any, limit_px: float) -> None:
-        """Match every two pictures, and keep what fits the known poses."""
-        colmap = self._colmap
-        matching = colmap.FeatureMatchingOptions(skip_geometric_verification=True, num_threads=1)
-        colmap.match_exhaustive(database, matching, device=colmap.Device.cpu)
-        # A pair counts however few matches it has: what moves may be small.
-        verification = colmap.TwoViewGeometryOptions(min_num_inliers=1)
-        verification.ransac.random_seed = 0
-        verification.ransac.max_error = limit_px
-        colmap.guided_geometric_verification(
-            model, database, two_view_geometry_options=verification, num_threads=1
-        )
 
-    def _place_points(self, database: Path, model: Any, limit_px: float) -> Any:
-        colmap = self._colmap
-        options = colmap.IncrementalPipelineOptions(
-            random_seed=0,
-            num_threads=1,
-            min_num_matches=1,
-            extract_colors=False,
-            max_focal_length_ratio=NO_LIMIT,
-            min_focal_length_ratio=1 / NO_LIMIT,
-        )
-        options.triangulation.ignore_two_view_tracks = False
-        options.triangulation.min_angle = MIN_ANGLE_DEG
-        options.triangulation.merge_max_reproj_error = limit_px
-        options.triangulation.complete_max_reproj_error = limit_px
-        options.mapper.filter_min_tri_angle = MIN_ANGLE_DEG
-        options.mapper.filter_max_reproj_error = limit_px
-        folder = database.parent / "model"
-        folder.mkdir()
-        return colmap.triangulate_points(model, database, database.parent, folder, options=options)
+def _match(colmap: Any, database: Path, model: Any, limit_px: float) -> None:
+    """Match every two pictures, and keep what fits the known poses."""
+    matching = colmap.FeatureMatchingOptions(skip_geometric_verification=True, num_threads=1)
+    colmap.match_exhaustive(database, matching, device=colmap.Device.cpu)
+    # A pair counts however few matches it has: what moves may be small.
+    verification = colmap.TwoViewGeometryOptions(min_num_inliers=1)
+    verification.ransac.random_seed = 0
+    verification.ransac.max_error = limit_px
+    colmap.guided_geometric_verification(
+        model, database, two_view_geometry_options=verification, num_threads=1
+    )
+
+
+def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> Any:
+    options = colmap.IncrementalPipelineOptions(
+        random_seed=0,
+        num_threads=1,
+        min_num_matches=1,
+        extract_colors=False,
+        max_focal_length_ratio=NO_LIMIT,
+        min_focal_length_ratio=1 / NO_LIMIT,
+    )
+    options.triangulation.ignore_two_view_tracks = False
+    options.triangulation.min_angle = MIN_ANGLE_DEG
+    options.triangulation.merge_max_reproj_error = limit_px
+    options.triangulation.complete_max_reproj_error = limit_px
+    options.mapper.filter_min_tri_angle = MIN_ANGLE_DEG
+    options.mapper.filter_max_reproj_error = limit_px
+    folder = database.parent / "model"
+    folder.mkdir()
+    return colmap.triangulate_points(model, database, database.parent, folder, options=options)
 
 
 def _pinhole(colmap: Any, view: View, number: int) -> Any:
@@ -188,8 +165,8 @@ def _pinhole(colmap: Any, view: View, number: int) -> Any:
     )
 
 
-def _rig_points(model: Any, found: Mapping[str, _Features]) -> RigPoints:
-    positions = [one[0] for one in found.values()]
+def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
+    positions = [features.positions for features in found.values()]
     points, errors, seen, pixels = [], [], [], []
     for index, (_, point) in enumerate(sorted(model.points3D.items())):
         points.append(point.xyz)
@@ -319,17 +296,13 @@ class TriangulationStudy(Study):
         chosen = choose_moving_instants(self.motion, first, list(by_instant), min(self.max_instants, wanted))
         return [by_instant[instant] for instant in chosen]
 
-    @cached_property
-    def _triangulator(self) -> RigTriangulator:
-        return RigTriangulator(self.dataset, self.rig.views)
-
     def _points(self, shown: Mapping[str, int]) -> RigPoints:
         views = [repr(self.rig.views[camera]) for camera in shown]
         version = library_versions()["pycolmap"]
         return self.rig.stages.arrays(
             "triangulation",
             RigPoints,
-            lambda: self._triangulator.triangulate(shown),
+            lambda: triangulate(self.rig, shown),
             tuple(shown.items()),
             views,
             version,

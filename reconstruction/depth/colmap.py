@@ -10,9 +10,8 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -200,27 +199,11 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
     return count
 
 
-@dataclass(frozen=True, eq=False)
-class FusedCloud:
-    """Points (n, 3) float32 in the rig's frame, their normals (n, 3) float32, colours (n, 3) uint8 RGB.
+def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array, Array]:
+    """The points of a fused PLY (n, 3) float32 in the rig's frame, their colours (n, 3) uint8 RGB.
 
-    `seen` (n, views) bool: whose maps each was fused from.
+    And from whose maps each was fused, (n, views) bool, by the `.vis` file beside it.
     """
-
-    points: Array
-    normals: Array
-    colours: Array
-    seen: Array
-
-    @classmethod
-    def empty(cls, views: int) -> Self:
-        """A cloud without a point."""
-        nowhere = np.zeros((0, 3), np.float32)
-        return cls(nowhere, nowhere, np.zeros((0, 3), np.uint8), np.zeros((0, views), bool))
-
-
-def read_fused_cloud(path: Path, views: int) -> FusedCloud:
-    """A fused PLY, and the `.vis` file beside it."""
     data = path.read_bytes()
     start = data.index(b"end_header\n") + len(b"end_header\n")
     vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
@@ -234,7 +217,7 @@ def read_fused_cloud(path: Path, views: int) -> FusedCloud:
     heads = np.cumsum([0, *lengths[:-1]]) + np.arange(len(rows))
     seen = np.zeros((len(rows), views), bool)
     seen[np.repeat(np.arange(len(rows)), lengths), np.delete(lists[:at], heads)] = True
-    return FusedCloud(np.array(rows["at"]), np.array(rows["normal"]), np.array(rows["colour"]), seen)
+    return np.array(rows["at"]), np.array(rows["colour"]), seen
 
 
 ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
@@ -253,12 +236,8 @@ pycolmap.patch_match_stereo(sys.argv[1], "COLMAP", "option-all", options)
 """
 
 
-@dataclass(frozen=True)
-class CudaGpu:
-    """A CUDA GPU and the Python whose pycolmap can use it."""
-
-    name: str
-    python: Path
+CudaGpu = tuple[str, Path]
+"""A CUDA GPU's name, and the Python whose pycolmap can use it."""
 
 
 def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
@@ -288,7 +267,7 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
     python = Path(named)
     if not python.is_file():
         raise NotAvailableError(f"{ENVIRONMENT} names {python}, which does not exist", hint=HINT)
-    return CudaGpu(names[0], python)
+    return names[0], python
 
 
 def run_patch_match(gpu: CudaGpu, workspace: Path, nearest: float, farthest: float) -> None:
@@ -297,12 +276,13 @@ def run_patch_match(gpu: CudaGpu, workspace: Path, nearest: float, farthest: flo
     Raises:
         SimulshotError: the other process failed or died.
     """
-    command = [str(gpu.python), "-c", PROGRAM, str(workspace), repr(nearest), repr(farthest)]
+    name, python = gpu
+    command = [str(python), "-c", PROGRAM, str(workspace), repr(nearest), repr(farthest)]
     done = subprocess.run(command, stdout=STDERR, stderr=subprocess.PIPE, text=True)  # noqa: S603
     if done.returncode != 0:
         said = done.stderr.strip().splitlines()
         how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
         raise SimulshotError(
-            f"PatchMatch on {gpu.name} ended with {how}: {said[-1] if said else 'no message'}",
+            f"PatchMatch on {name} ended with {how}: {said[-1] if said else 'no message'}",
             hint="--matcher sweep does without a GPU",
         )

@@ -106,13 +106,6 @@ class Surface(NamedTuple):
     cost: Array
 
 
-class Proposals(NamedTuple):
-    """Inverse depths that others put into a view's picture (0 = none), and which are confirmed (bool)."""
-
-    inverse_depth: Array
-    sure: Array
-
-
 def sweep_view(
     reference: CalibratedImage,
     sources: Sequence[CalibratedImage],
@@ -136,23 +129,25 @@ def sweep_view(
 
 def adopt_proposals(
     surface: Surface,
-    proposals: Proposals,
+    proposed: Array,
+    sure: Array,
     reference: CalibratedImage,
     sources: Sequence[CalibratedImage],
     depth_range: tuple[float, float],
     options: SweepOptions,
 ) -> Surface:
-    """The surface with proposals for some of its pixels where they match too.
+    """The surface with what others put into the picture where that matches too.
 
-    Sure ones must match at all, others better than what was found before.
+    `proposed`: their inverse depths, 0 = none. Where they are `sure` (bool), as others confirmed them, they
+    must match at all, elsewhere better than what was found before.
 
     `depth_range`: the nearest and the farthest depth, as in the first sweep.
     """
     span = (1 / depth_range[1], 1 / depth_range[0])
     scale, count = _plan_first_sweep(reference, sources, span, options)
     step = scale * (span[1] - span[0]) / (count - 1)
-    new = proposals.inverse_depth > 0
-    level = np.where(new, proposals.inverse_depth, surface.inverse_depth).astype(np.float32)
+    new = proposed > 0
+    level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
     slopes = np.stack([surface.slope_x, surface.slope_y])
     planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, rounds=3)
     fine = replace(reference, window=options.fine_window)
@@ -163,7 +158,7 @@ def adopt_proposals(
     )
     # What moves between the pictures is elsewhere in this one than others have confirmed.
     highest = np.full_like(surface.cost, MAX_PROPOSED_COST)
-    choose = np.where(proposals.sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
+    choose = np.where(sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
     new &= swept.cost < choose
     return Surface(*(np.where(new, now, before) for now, before in zip(swept, surface, strict=True)))
 

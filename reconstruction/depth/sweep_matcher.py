@@ -22,7 +22,6 @@ from reconstruction.depth.geometric_consistency import (
 from reconstruction.depth.plane_fitting import surface_normals
 from reconstruction.depth.plane_sweep import (
     MAX_PROPOSED_COST,
-    Proposals,
     Surface,
     SweepOptions,
     adopt_proposals,
@@ -117,8 +116,10 @@ def match_all_views(
             # Nobody else could confirm what that camera found, unless this one finds it too.
             matched = {o: _matched_depth(surfaces[o], kept[o]) for o in sources[name]}
             proposed = np.where(sure > 0, sure, from_others(matched))
-        proposals = Proposals(np.where(kept[name] > 0, 0, proposed), sure > 0)
-        return adopt_proposals(surfaces[name], proposals, images[name], others, depth_ranges[name], options)
+        new = np.where(kept[name] > 0, 0, proposed)
+        return adopt_proposals(
+            surfaces[name], new, sure > 0, images[name], others, depth_ranges[name], options
+        )
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))

@@ -183,8 +183,8 @@ def score_movers(
         return None
     index, shared = known["mover"]
     views = {camera: image.calibrated.view for camera, image in images.items()}
-    fused = read_fused_cloud(cloud, len(images))
-    points = fused.points[points_on_movers(fused.points, fused.seen, views, movers)]
+    points, _, seen = read_fused_cloud(cloud, len(images))
+    points = points[points_on_movers(points, seen, views, movers)]
     precise, complete = index.count_near(points), PointIndex(points).count_near(shared)
     found = Measurements({"precision": precise, "recall": complete})
     precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))

@@ -11,7 +11,7 @@ from capture_app.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.colmap import FusedCloud, fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_matcher import ViewDepth
@@ -31,16 +31,15 @@ class InstantDepth:
     `depth` is 0 where there is none. `consistent` (bool): where two other views, each matched by
     itself, found the same depth, before any other check. `difference`: grey levels between the reference
     and its sources, seen through all that was matched; the median over them, NaN = none sees it.
-    `points` (n, 3) float32 with `normals` and of `colours` (n, 3) uint8 RGB; `seen` (n, cameras) bool: whose
-    maps each point was fused from, in the order in which the images were given. Without COLMAP there is no
-    cloud, and `no_cloud` says so.
+    `points` (n, 3) float32 of `colours` (n, 3) uint8 RGB; `seen` (n, cameras) bool: whose maps each point was
+    fused from, in the order in which the images were given. Without COLMAP there is no cloud, and `no_cloud`
+    says so.
     """
 
     depth: Array
     consistent: Array
     difference: Array
     points: Array
-    normals: Array
     colours: Array
     seen: Array
     no_cloud: Array
@@ -102,7 +101,8 @@ def _fuse_cloud(
     images: Mapping[str, InputImage], found: Mapping[str, ViewDepth], group: int
 ) -> dict[str, Array]:
     fused = [camera for camera in images if camera in found]
-    made, reason = FusedCloud.empty(len(fused)), ""
+    points, colours = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+    of_fused, reason = np.zeros((0, len(fused)), bool), ""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         cloud = Path(scratch) / "fused.ply"
         try:
@@ -110,18 +110,12 @@ def _fuse_cloud(
             maps = {camera: found[camera] for camera in fused}
             write_workspace(Path(scratch), image_views(kept), image_colours(kept), maps)
             fuse_depth_maps(Path(scratch), cloud, group)
-            made = read_fused_cloud(cloud, len(fused))
+            points, colours, of_fused = read_fused_cloud(cloud, len(fused))
         except NotAvailableError as error:
             reason = str(error)
         except BadInputError:
             # No point is consistent in enough cameras: an empty cloud is a result too.
             pass
-    seen = np.zeros((len(made.points), len(images)), bool)
-    seen[:, [list(images).index(camera) for camera in fused]] = made.seen
-    return {
-        "points": made.points,
-        "normals": made.normals,
-        "colours": made.colours,
-        "seen": seen,
-        "no_cloud": np.array(reason),
-    }
+    seen = np.zeros((len(points), len(images)), bool)
+    seen[:, [list(images).index(camera) for camera in fused]] = of_fused
+    return {"points": points, "colours": colours, "seen": seen, "no_cloud": np.array(reason)}

@@ -54,7 +54,7 @@ def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
     """
     if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
-        return ChosenMatcher(gpu, f"on {gpu.name}")
+        return ChosenMatcher(gpu, f"on {gpu[0]}")
     engine = find_engine()
     why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
     return ChosenMatcher(note="; ".join(filter(None, (why, engine.note))), engine=engine, quick=quick)
@@ -74,7 +74,7 @@ def match_cameras(
         return match_all_views(
             calibrated, sources, depth_ranges, matcher.engine, progress, quick=matcher.quick
         )
-    (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu.name}")
+    (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)

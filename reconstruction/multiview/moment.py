@@ -30,8 +30,8 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
 
     `image` and `depth` are the reference's.
     """
-    cloud = read_fused_cloud(fused, len(result.views))
-    write_points(fused.with_name(POINTS), cloud.points, cloud.colours)
+    points, colours, _ = read_fused_cloud(fused, len(result.views))
+    write_points(fused.with_name(POINTS), points, colours)
     view = image.calibrated.view
     clouds = InstantClouds(
         instant=result.instant,
@@ -39,7 +39,7 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
         rotation=tuple(view.rotation.ravel().tolist()),
         centre=tuple(view.centre.tolist()),
         focal=view.focal / view.width,
-        pivot=tuple(np.median(cloud.points, axis=0).tolist()),
+        pivot=tuple(np.median(points, axis=0).tolist()),
     )
     measured = result.moving_measured
     moving = "" if measured is None else f" {share(measured)} of what moves was measured."

@@ -236,9 +236,7 @@ def register_pictures(
     """
     calibrated = all(name in known for name in points)
     views = {name: known[name] if calibrated else long_view(*sizes[name]) for name in points}
-    flat = {
-        name: Features(flat_pixels(views[name], p.positions), p.descriptors) for name, p in points.items()
-    }
+    flat = {name: replace(p, positions=flat_pixels(views[name], p.positions)) for name, p in points.items()}
     overlaps = {
         (a, b): _find_overlap(match_features(flat[a], flat[b]), views[a], views[b])
         for a, b in combinations(points, 2)

@@ -84,5 +84,5 @@ class PanoramaStitcher:
 
     @staticmethod
     def _features(image: Array, movers: Array | None) -> Features:
-        moving = np.zeros(image.shape[:2], bool) if movers is None else movers
-        return detect_features(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), moving)
+        found = detect_features(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        return found if movers is None else found.at_rest(movers)

@@ -123,7 +123,6 @@ class PairOffsets:
         self.most_instants = min(most, max(least, IMAGES // len(self.dataset.cameras)))
         self._points = lru_cache(maxsize=None)(self._find_points)
         self._outlines = lru_cache(maxsize=None)(self._find_outlines)
-        self._still_features = lru_cache(maxsize=STILL_INSTANTS)(rig.features)
         self._motion = lru_cache(maxsize=None)(partial(measure_camera_motion, rig.dataset))
 
     def moving(self, cameras: Iterable[str]) -> dict[str, CameraMotion]:
@@ -235,7 +234,7 @@ class PairOffsets:
         found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
         some = evenly_spread(self.dataset.instants(first, second), instants) if instants else []
         for place, k in enumerate(some):
-            points = self._still_features(k)
+            points = self.rig.features(k)
             matches = match_features(points[first], points[second])
             other = some[(place + len(some) // 2) % len(some)]
             stays = np.ones(len(matches[0]), bool)

@@ -18,7 +18,6 @@ from reconstruction.depth import colmap
 from reconstruction.depth.colmap import (
     ENVIRONMENT,
     PROGRAM,
-    CudaGpu,
     find_gpu,
     read_array,
     read_maps,
@@ -217,13 +216,13 @@ def test_gpu_is_found_by_its_driver_and_the_other_environment_by_its_name(tmp_pa
     with pytest.raises(NotAvailableError, match="does not exist"):
         find_gpu(there | {ENVIRONMENT: str(tmp_path / "python")})
     found = find_gpu(there | {ENVIRONMENT: sys.executable})
-    assert found == CudaGpu("Some GPU", Path(sys.executable))
+    assert found == ("Some GPU", Path(sys.executable))
 
 
 def test_patch_match_runs_in_another_process_and_its_death_is_told(tmp_path: Path) -> None:
     note = tmp_path / "asked"
     python = fake(tmp_path / "python", f'#!/bin/sh\nprintf "%s\\n" "$3" "$4" "$5" > {note}\n')
-    gpu = CudaGpu("Some GPU", python)
+    gpu = "Some GPU", python
     run_patch_match(gpu, tmp_path / "workspace", 1.5, 4.0)
     assert note.read_text().split() == [str(tmp_path / "workspace"), "1.5", "4.0"]
     fake(python, "#!/bin/sh\necho no kernel image >&2\nexit 3\n")

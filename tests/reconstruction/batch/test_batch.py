@@ -147,11 +147,11 @@ def test_a_sheet_shows_instants_evenly_and_lives_without_a_picture(tmp_path: Pat
     ]
     rows += [Row(session="take", instant=5, condition="66", error="too dark")]
     (sheet,) = depth_sheets(tmp_path, rows)
-    assert list(sheet.instants) == [0, 3, 5, 8, 11, 13, 16, 18, 21, 24, 26, 29]
-    ((condition, cells),) = sheet.rows
+    assert sheet["instants"] == [0, 3, 5, 8, 11, 13, 16, 18, 21, 24, 26, 29]
+    ((condition, cells),) = sheet["rows"]
     assert condition == "synced"
     assert cells[0] is None
-    assert all(cell.image["width"] == 160 and cell.path == "depth.png" for cell in cells[1:])
+    assert all(cell["width"] == 160 and cell["path"] == "depth.png" for cell in cells[1:])
 
 
 def test_no_name_becomes_markup_in_the_summary(run: Callable[..., Any], scene: Scene, tmp_path: Path) -> None:

@@ -20,8 +20,6 @@ from reconstruction.common.geometry import View
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import (
-    HEIGHT,
-    WIDTH,
     Board,
     Reconstruct,
     Scene,
@@ -93,8 +91,7 @@ def test_a_panorama_takes_its_lenses_from_the_rig_s_calibration(
 @pytest.fixture(scope="module")
 def features(bare: Session) -> dict[str, Features]:
     """What stands still in it."""
-    still = np.zeros((HEIGHT, WIDTH), bool)
-    return {name: detect_features(Dataset(bare).grey(name, 0), still) for name in RIG}
+    return {name: detect_features(Dataset(bare).grey(name, 0)) for name in RIG}
 
 
 @pytest.mark.parametrize(

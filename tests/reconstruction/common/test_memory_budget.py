@@ -77,7 +77,9 @@ def test_the_process_s_own_limit_counts() -> None:
 def test_pairs_that_cannot_be_rectified_are_left_out_with_a_number() -> None:
     at_home = make_view((0, 0, 0))
     views = {"a": at_home, "same": make_view((1e-9, 0, 0)), "turned": make_view((0.4, 0, 1.0), yaw=-110)}
-    nothing = {name: Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32)) for name in views}
+    nothing = {
+        name: Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0)) for name in views
+    }
     choice = choose_stereo_pair(views, nothing)
     assert choice.cameras is None
     assert "same place by the calibration (baseline 1e-09)" in choice.left_out["a,same"]

@@ -180,7 +180,6 @@ def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
             consistent=flat > 0,
             difference=flat,
             points=np.zeros((0, 3)),
-            normals=np.zeros((0, 3)),
             colours=np.zeros((0, 3), np.uint8),
             seen=np.zeros((0, len(images)), bool),
             no_cloud=np.array("no fusion in this test"),

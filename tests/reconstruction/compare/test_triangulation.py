@@ -12,7 +12,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.stereo_study import StereoStudy
-from reconstruction.compare.triangulation_study import RigTriangulator, TriangulationStudy
+from reconstruction.compare.triangulation_study import TriangulationStudy, triangulate
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.session.dataset import Dataset
@@ -41,14 +41,15 @@ def compared(points: TriangulationStudy, condition: Condition | None = None) -> 
     return points.compare(condition or points.condition, QUIET)
 
 
-def test_points_lie_where_the_scene_is(boards: Session) -> None:
-    views = {**PAIR, "aside": VIEWS["aside"]}
-    found = RigTriangulator(Dataset(boards), views).triangulate({"left": 2, "right": 2})
+def test_points_lie_where_the_scene_is(boards: Session, tmp_path: Path) -> None:
+    rig = Rig(Dataset(boards), tmp_path)
+    rig.calibrate()
+    found = triangulate(rig, {"left": 2, "right": 2})
     assert len(found.points) > 100
     assert np.median(found.errors) < 0.5
     assert set(found.camera) == {0, 1}
     seen = found.camera == 0
-    view = views["left"]
+    view = VIEWS["left"]
     pixels = view.project(found.points[found.point[seen]] @ view.rotation.T + view.translation)
     assert np.median(np.abs(pixels - found.pixel[seen])) < 1
     # All boards face along z.

@@ -11,7 +11,7 @@ from reconstruction.common.geometry import Array, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.cost_volume import cost_volume
-from reconstruction.depth.plane_sweep import Proposals, Surface, SweepOptions, adopt_proposals, sweep_view
+from reconstruction.depth.plane_sweep import Surface, SweepOptions, adopt_proposals, sweep_view
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from tests.reconstruction.depth.small_views import (
     FOCAL,
@@ -171,7 +171,8 @@ def test_proposals_that_nobody_confirmed_must_match_better(
     proposed[doubted] = 0.7 * right[doubted]
     adopted = adopt_proposals(
         Surface(found, flat, flat, cost),
-        Proposals(proposed, flat > 0),
+        proposed,
+        flat > 0,
         photos["middle"],
         [photos["left"], photos["right"]],
         (1.4, 4.0),

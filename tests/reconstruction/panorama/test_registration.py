@@ -96,7 +96,7 @@ def test_pairs_are_chosen_by_what_they_see(scene: Scene) -> None:
     points = {}
     for name, view in VIEWS.items():
         image, _, moving = scene.look(view, 0)
-        points[name] = detect_features(image, moving)
+        points[name] = detect_features(image).at_rest(moving)
     stereo = choose_stereo_pair(VIEWS, points)
     assert stereo.cameras == ("left", "right")
     assert "parallax" in stereo.why
@@ -109,7 +109,7 @@ def test_no_pair_is_made_up(scene: Scene) -> None:
     points = {}
     for name, view in (("a", make_view((0, 0, 0))), ("b", make_view((0.2, 0, 0)))):
         image, _, moving = scene.look(view, 0)
-        points[name] = detect_features(image, moving)
+        points[name] = detect_features(image).at_rest(moving)
     panorama = choose_panorama_pair(points, dict.fromkeys(points, SIZE))
     assert panorama.cameras is None
     assert "same" in panorama.why

@@ -21,7 +21,7 @@ from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, client_socket
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstAccepted
+from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
@@ -66,7 +66,7 @@ async def lead(port: int, trials: int, *, sealed: bool) -> list[float]:
 
     def drain() -> None:
         while (event := engine.next_event()) is not None:
-            if isinstance(event, BurstAccepted):
+            if isinstance(event, BurstAnswered) and not event.refusal:
                 answered_ns.append(clock.now_ns() - asked_ns.pop(event.burst))
 
     pump = Pump(SealedLeader(engine, granted(trials)[0]) if sealed else engine, clock, drain)
@@ -75,7 +75,7 @@ async def lead(port: int, trials: int, *, sealed: bool) -> list[float]:
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
     while not stop.is_set():
         now_ns = clock.now_ns()
-        reports = [view.report for view in engine.roster.views(now_ns)]
+        reports = [view.report for view in engine.roster.by_name()]
         if any(report.uncertainty_ns is not None and report.state != "lost" for report in reports):
             asked_ns.clear()
             burst = engine.trigger(now_ns, BurstOrder(frames=1))

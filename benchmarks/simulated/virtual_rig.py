@@ -220,7 +220,7 @@ class VirtualRig:
         return self._all_in(NodeState.READY, NodeState.COARSE)
 
     def _all_in(self, *states: NodeState) -> bool:
-        clients = self.leader.roster.views(self.now_true_ns)
+        clients = self.leader.roster.by_name()
         return len(clients) == len(self.nodes) and all(c.report.state in states for c in clients)
 
     # The world

@@ -19,7 +19,7 @@ from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, read_trac
 from capture_app.simulation.links import Link, ReplayedDelay
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
+from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import PACE_NS, SteadySchedule
@@ -85,11 +85,10 @@ class LinkClient:
                 case Joined():
                     self._joined_s = now_s
                     self.joined.set()
-                case JoinRefused():
-                    self.problem = event.reason
-                case LeaderLost():
-                    self.problem = event.reason
-                    self.done.set()
+                case LeaderNews("refused" | "lost"):
+                    self.problem = event.text
+                    if event.what == "lost":
+                        self.done.set()
                 case _:
                     pass
         time_map = self.timekeeper.time_map

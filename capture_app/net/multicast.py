@@ -141,6 +141,6 @@ def send_due_beacon(
     beacon = engine.beacon_to_send()
     if beacon is None or sender is None:
         return
-    own = [view for view in engine.roster.views(now_ns) if view.via is None]
-    sender.set_destinations(view.address[0] for view in own if view.report.state is not NodeState.LOST)
+    own = [member for member in engine.roster.by_name() if member.via is None]
+    sender.set_destinations(member.address[0] for member in own if member.report.state is not NodeState.LOST)
     sender.send(beacon if sealed is None else sealed.keys.seal_for_all(beacon))

@@ -10,7 +10,7 @@ from capture_app.node.wire.status import BurstStatus, Level, NewsLine
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.timekeeping import clock_events
-from capture_app.sync.timekeeping.rates import HostAtRate, HostOffRate
+from capture_app.sync.timekeeping.rates import HostOffRate
 from capture_app.text import duration
 from capture_app.trust.sealing import DatagramsRefused
 
@@ -25,40 +25,42 @@ class FollowerNews:
     """Whether a person should look."""
 
 
-News = events.LeaderEvent | HostOffRate | HostAtRate | DatagramsRefused | BurstStatus | FollowerNews
+News = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerNews
 """What a leader tells about: nodes and phones that come and go, odd clocks, damaged seals, and bursts."""
 
 
-_NODE_LINES: dict[type, str] = {
-    events.NodeJoined: "{0.name} joined",
-    events.NodeReturned: "{0.name} is back",
-    events.NodeLost: "lost {0.name}: {0.reason}",
-    events.NodeForgotten: "forgot {0.name}, which was lost",
-    events.NodeRefused: "refused {0.name} {0.where}: {0.reason}",
-    events.BurstRefused: "burst {0.burst}: without {0.name}: {0.reason}",
+_NODE_LINES = {
+    "joined": "{0.name} joined",
+    "returned": "{0.name} is back",
+    "lost": "lost {0.name}: {0.reason}",
+    "forgotten": "forgot {0.name}, which was lost",
+    "refused": "refused {0.name} {0.where}: {0.reason}",
 }
 
 
 def news_line(news: News) -> str:
     """A line about what happened, for a person; empty where it is nothing to tell."""
     match news:
-        case events.NodeMoved():
-            return f"{news.name} is now connected to {news.relay or 'this leader'}"
+        case events.NodeChanged(change="moved"):
+            return f"{news.name} is now connected to {news.where or 'this leader'}"
+        case events.NodeChanged():
+            return _NODE_LINES[news.change].format(news)
+        case events.BurstAnswered():
+            return f"burst {news.burst}: without {news.name}: {news.refusal}" if news.refusal else ""
         case HostOffRate():
             return off_rate_line(news)
-        case HostAtRate():
-            return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
         case FollowerNews():
             return news.line
         case DatagramsRefused():
             return str(news)
         case BurstStatus():
             return burst_line(news)
-    return _NODE_LINES.get(type(news), "").format(news)
 
 
 def off_rate_line(off: HostOffRate) -> str:
-    """Say whose clock runs at another rate than the others, and why that may be."""
+    """Say whose clock runs at another rate than the others, and why that may be; or no more."""
+    if not off.fast_ppm:
+        return f"the clock of {off.name or 'the leader'} runs at its usual rate again"
     if off.certain:
         return node_message.slewing(off.name or "the leader's host", off.fast_ppm)
     against = "the leader's" if off.ambiguous else "all others"
@@ -74,12 +76,12 @@ def follower_line(event: TimeClientEvent, parent: Address) -> str:
     match event:
         case events.Joined():
             return f"joined {parent}"
-        case events.LeaderLost():
-            return f"lost {parent} ({event.reason}): in holdover"
-        case events.LeaderSaid():
+        case events.LeaderNews("lost"):
+            return f"lost {parent} ({event.text}): in holdover"
+        case events.LeaderNews("said"):
             return f"{parent} says: {event.text}"
-        case events.JoinRefused():
-            return f"{parent} refused this relay: {event.reason}"
+        case events.LeaderNews():
+            return f"{parent} refused this relay: {event.text}"
         case clock_events.ClockSynced():
             return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
     return node_message.of_event(event)
@@ -130,7 +132,18 @@ class Log:
         return tuple(line for line in self._lines if line.unix_ns > unix_ns)
 
 
-_WARNINGS = events.NodeLost | events.NodeRefused | events.BurstRefused | HostOffRate | DatagramsRefused
+def _is_warning(news: News) -> bool:
+    """Whether a person should look."""
+    match news:
+        case events.NodeChanged():
+            return news.change in ("lost", "refused")
+        case FollowerNews():
+            return news.is_warning
+        case HostOffRate():
+            return bool(news.fast_ppm)
+        case BurstStatus():
+            return news.session is None or news.received != news.expected
+    return True
 
 
 class NewsLog(Log):
@@ -143,15 +156,8 @@ class NewsLog(Log):
 
     def note(self, news: News) -> None:
         """Show what happened in a rig, and keep it but for a burst's progress, which is in every status."""
-        text, is_kept = news_line(news), True
-        warns = isinstance(news, _WARNINGS) or (isinstance(news, FollowerNews) and news.is_warning)
-        camera = None
-        if isinstance(news, BurstStatus):
-            is_kept = news.done
-            warns = news.session is None or news.received != news.expected
-        else:
-            camera = news.name
-        if text and is_kept:
-            self.add(text, camera=camera, level="warning" if warns else "info")
+        text, camera = news_line(news), None if isinstance(news, BurstStatus) else news.name
+        if text and (not isinstance(news, BurstStatus) or news.done):
+            self.add(text, camera=camera, level="warning" if _is_warning(news) else "info")
         if text:
             self.show(text)

@@ -35,7 +35,7 @@ from capture_app.node.wire.messages import (
 )
 from capture_app.node.wire.operating import ViewfinderOpened
 from capture_app.node.wire.status import RigStatus
-from capture_app.sync.rig.events import Joined, LeaderLost
+from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
@@ -166,19 +166,19 @@ class RelayNode:
         """What this relay knows by itself: its own nodes, or a page of them, and how its time stands."""
         now_ns = self._clock.now_ns()
         member, leader = self._engine.member, self._engine.leader
-        time_map, views = member.time_map, leader.roster.views(now_ns)
+        time_map, nodes = member.time_map, leader.roster.by_name()
         message = self._holdover_message(now_ns)
-        page, further, words = page_of(views, after)
+        page, further, words = page_of(nodes, after)
         return RigStatus(
             leader=str(self.address),
             is_open=self.options.trust.is_open,
             relay=self.options.name,
             message="; ".join(filter(None, (message, words))),
             further=further,
-            advice=message or rig_advice(views, str(self.address)),
+            advice=message or rig_advice(nodes, str(self.address), now_ns),
             now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
             period_ns=None if leader.grid is None else leader.grid.period_ns,
-            nodes=node_statuses(page, views),
+            nodes=node_statuses(page, nodes, now_ns=now_ns),
         )
 
     def shared_grid(self) -> SharedGrid | None:
@@ -248,21 +248,19 @@ class RelayNode:
         if self._requester is not None:
             self._requester.look()
         while (event := self._engine.next_event()) is not None and not self._is_leaving:
-            if isinstance(event, Joined | LeaderLost):
-                self._change_upstream(event)
+            if isinstance(event, Joined):
+                self._change_upstream(Address(self._engine.member.parent[0], event.transfer_port))
+            elif isinstance(event, LeaderNews) and event.what == "lost":
+                self._change_upstream(None)
             if not isinstance(event, TimeClientEvent):
                 self.options.news.note(event)
             elif line := follower_line(event, Address(*self._engine.member.parent)):
                 self.options.news.say(line)
 
-    def _change_upstream(self, event: Joined | LeaderLost) -> None:
+    def _change_upstream(self, upstream: Address | None) -> None:
         """Another parent, or none: break streams to the one before off, for nodes to take up again."""
-        if isinstance(event, Joined):
-            self._upstream = Address(self._engine.member.parent[0], event.transfer_port)
-            self._lost_ns = None
-        else:
-            self._upstream = None
-            self._lost_ns = self._clock.now_ns()
+        self._upstream = upstream
+        self._lost_ns = self._clock.now_ns() if upstream is None else None
         for above in self._upstream_channels:
             above.abort()
 

@@ -122,6 +122,6 @@ def test_a_rig_goes_by_a_measured_stamp_at_once() -> None:
     for pick in next(iter(rig.nodes["late"].bursts.values())).frames:
         assert abs(pick.leader_ns - pick.frame.start_true_ns) <= pick.uncertainty_ns < MS
         assert abs(pick.residual_ns) < MS
-    (view,) = (one for one in rig.leader.roster.views(rig.now_true_ns) if one.name == "late")
+    (view,) = (one for one in rig.leader.roster.by_name() if one.name == "late")
     assert view.camera.stamp == measured, "the leader shows it"
-    assert EXACT_STAMPS in {one.camera.stamp_accuracy for one in rig.leader.roster.views(rig.now_true_ns)}
+    assert EXACT_STAMPS in {one.camera.stamp_accuracy for one in rig.leader.roster.by_name()}

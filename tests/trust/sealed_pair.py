@@ -77,7 +77,7 @@ class SealedRig:
     @property
     def joined(self) -> list[str]:
         """Who is here, as the leader sees it."""
-        views = self.engine.roster.views(self.now_ns)
+        views = self.engine.roster.by_name()
         return [view.name for view in views if view.report.state is not NodeState.LOST]
 
 

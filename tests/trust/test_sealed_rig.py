@@ -1,12 +1,13 @@
 """A sealed rig: what strangers, other nodes or whoever is on the path send changes nothing in it."""
 
+import dataclasses
 import typing
 from collections.abc import Iterator
 
 import pytest
 from msgspec import structs
 
-from capture_app.sync.rig.events import BurstAccepted, StrangeTrigger
+from capture_app.sync.rig.events import BurstAnswered, StrangeTrigger
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
 from capture_app.sync.wire.messages import (
@@ -67,7 +68,7 @@ def every_message(number: int, instance: int, name: str) -> list[Message]:
 def state(rig: SealedRig) -> object:
     """All that messages can change at both ends, as it is at this moment."""
     leader = [
-        rig.engine.roster.views(rig.now_ns),
+        [dataclasses.replace(member) for member in rig.engine.roster.by_name()],
         rig.engine.grid,
         rig.engine.pace_ns,
         rig.engine.next_timer(),
@@ -282,7 +283,7 @@ def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None
     rig.engine.receive_datagram(encode(TriggerAck(number, 6, 1)), node.address, rig.now_ns, node.principal)
     assert rig.engine.next_event() is None
     rig.engine.receive_datagram(encode(TriggerAck(number, 5, 1)), node.address, rig.now_ns, node.principal)
-    assert rig.engine.next_event() == BurstAccepted("a", 1)
+    assert rig.engine.next_event() == BurstAnswered("a", 1)
 
 
 def test_datagrams_that_come_twice_now_and_then_are_not_worth_a_word() -> None:

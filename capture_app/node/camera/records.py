@@ -107,11 +107,9 @@ def true_clock(clock: NodeClock, facts: CameraFacts) -> SimulatedClock | None:
     return SimulatedClock(0) if facts.kind == SIMULATED else None
 
 
+_LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
-    events.JoinRefused: ("join-refused", ("reason",)),
-    events.LeaderSaid: ("leader-said", ("text",)),
-    events.LeaderLost: ("leader-lost", ("reason",)),
     events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
@@ -127,6 +125,8 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
 def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
     """An event as a flat line of JSON."""
     match event:
+        case events.LeaderNews(what, text):
+            return {"event": _LEADER_LINES[what], "text" if what == "said" else "reason": text}
         case clock_events.ClockSynced(time_map):
             bound_ns = round(time_map.hard_bound_ns)
             return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
@@ -147,10 +147,12 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
 def event_words(event: events.ClientEvent[Any]) -> str:
     """Return what a user should hear of an event; empty where nothing."""
     match event:
-        case events.LeaderLost() | events.JoinRefused() | events.AlignmentFailed():
-            return f"{event_line(event)['event']}: {event.reason}"
-        case events.LeaderSaid():
+        case events.LeaderNews("said"):
             return f"the leader says: {event.text}"
+        case events.LeaderNews():
+            return f"{_LEADER_LINES[event.what]}: {event.text}"
+        case events.AlignmentFailed():
+            return f"alignment-failed: {event.reason}"
         case events.StrangeTrigger():
             return f"refused a trigger for burst {event.burst}: it is not of the leader that is followed"
     return node_message.of_event(event)

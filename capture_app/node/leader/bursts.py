@@ -31,7 +31,7 @@ from capture_app.node.leader.readiness import (
 from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.events import BurstRefused
+from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.orders import BurstOrder
@@ -200,7 +200,7 @@ class ActiveBursts:
             async for reason in reasons_until_ready(engine, self.options.clock, wait_s, nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self.now_ns()
-        if coarse := coarse_nodes(engine.roster.views(self.now_ns())):
+        if coarse := coarse_nodes(engine.roster.by_name()):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
         grid = engine.grid
         # Without a camera there is no grid: that is said when the burst is ordered.
@@ -225,7 +225,7 @@ class ActiveBursts:
         prefix = name or (RECORDING if order.video else UNNAMED)
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
         self.engine.orders.check(self.engine.grid, order)
-        image_bytes = expected_image_bytes(self.engine.roster.views(self.now_ns()), self._image_bytes)
+        image_bytes = expected_image_bytes(self.engine.roster.by_name(), self._image_bytes)
         # A recording may be stopped at any time.
         frames = min(order.frames, SURE_FRAMES) if order.video else order.frames
         root = self.options.sessions
@@ -246,7 +246,7 @@ class ActiveBursts:
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        facts = {view.name: view.camera for view in self.engine.roster.views(self.now_ns())}
+        facts = {member.name: member.camera for member in self.engine.roster.by_name()}
         shares = new_shares(burst, facts, short_timeouts=self._silent)
         session = self._bursts[number] = self.newest = BurstSession(burst, shares, writer, self._disk)
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
@@ -355,11 +355,11 @@ class ActiveBursts:
             self._told_ns = self.now_ns()
             self._news.note(session.status)
 
-    def note_refusal(self, refusal: BurstRefused) -> None:
-        """A node takes no part in a burst."""
-        if refusal.burst in self._bursts:
-            session = self._bursts[refusal.burst]
-            self._spawn(session.give_up_camera(refusal.name, refusal.reason))
+    def note_answer(self, answer: BurstAnswered) -> None:
+        """A node takes part in a burst, or does not."""
+        if answer.refusal and answer.burst in self._bursts:
+            session = self._bursts[answer.burst]
+            self._spawn(session.give_up_camera(answer.name, answer.refusal))
 
     async def _follow(self, session: BurstSession) -> None:
         self._news.note(session.status)
@@ -386,9 +386,9 @@ class ActiveBursts:
             await asyncio.sleep(SILENCE_CHECK_S)
             now_ns = self.now_ns()
             lost: Mapping[str, str] = {
-                view.name: f"lost: {view.report.message}"
-                for view in self.engine.roster.views(now_ns)
-                if view.report.state is NodeState.LOST
+                member.name: f"lost: {member.report.message}"
+                for member in self.engine.roster.by_name()
+                if member.report.state is NodeState.LOST
             }
             for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):
                 if not session.finished.is_set():

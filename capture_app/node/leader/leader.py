@@ -22,7 +22,7 @@ from capture_app.node.news import FollowerNews
 from capture_app.node.pairing import Enrolment
 from capture_app.node.wire.messages import ToLeader
 from capture_app.node.wire.status import RigStatus
-from capture_app.sync.rig.events import BurstRefused, NodeForgotten, NodeJoined, NodeReturned
+from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
@@ -138,9 +138,9 @@ class LeaderNode:
         send_due_beacon(self.options.beacons, self._engine, now_ns, self._sealed)
         self.enrolment.look(now_ns)
         while (event := self._engine.next_event()) is not None:
-            if isinstance(event, BurstRefused):
-                self.bursts.note_refusal(event)
-            if isinstance(event, NodeJoined | NodeReturned | NodeForgotten) and self._names is not None:
+            if isinstance(event, BurstAnswered):
+                self.bursts.note_answer(event)
+            elif event.change in ("joined", "returned", "forgotten") and self._names is not None:
                 try:
                     self._names.keep()
                 except SimulshotError as error:

@@ -14,8 +14,8 @@ from capture_app.node.wire.status import LOST_IS_NEWS_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.sync.rig.leader import Leader
-from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.timekeeping.rates import LEADER, HostAtRate, HostOffRate, RateVote
+from capture_app.sync.rig.roster import Member
+from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration, megabytes
 
@@ -28,24 +28,24 @@ GUESSED_PIXELS_PER_BYTE = 4
 MARGIN = 1.1
 
 
-def shortfall(view: ClientView, *, why: bool = False) -> str:
+def shortfall(member: Member, *, why: bool = False) -> str:
     """Say how a node is not ready: its state, `why` with its own sentence, or how coarse it will be."""
-    state, message = view.report.state, view.report.message
+    state, message = member.report.state, member.report.message
     if state is NodeState.COARSE:
-        return f"{view.name}: {message}"
-    return f"{view.name} is {state}" + (f": {message}" if why and message else "")
+        return f"{member.name}: {message}"
+    return f"{member.name} is {state}" + (f": {message}" if why and message else "")
 
 
-def coarse_nodes(views: Sequence[ClientView]) -> str:
+def coarse_nodes(members: Sequence[Member]) -> str:
     """Say which nodes take their pictures less accurately than was asked for; empty where none does."""
-    return ", ".join(shortfall(view) for view in views if view.report.state is NodeState.COARSE)
+    return ", ".join(shortfall(member) for member in members if member.report.state is NodeState.COARSE)
 
 
-def why_not_ready(views: Sequence[ClientView], cameras: int, *, coarse_will_do: bool = False) -> str:
+def why_not_ready(members: Sequence[Member], cameras: int, *, coarse_will_do: bool = False) -> str:
     """Say what keeps the rig from being ready, of at least so many cameras; empty when it is."""
     enough = (NodeState.LOST, NodeState.READY, *([NodeState.COARSE] if coarse_will_do else []))
-    late = [shortfall(view) for view in views if view.report.state not in enough]
-    there = len(present_cameras(views))
+    late = [shortfall(member) for member in members if member.report.state not in enough]
+    there = len(present_cameras(members))
     if there < cameras:
         late.append(f"{there} of {cameras} nodes are here")
     return ", ".join(late)
@@ -62,9 +62,9 @@ async def reasons_until_ready(
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     usable_s: float | None = None
-    while reason := why_not_ready(engine.roster.views(clock.now_ns()), cameras):
+    while reason := why_not_ready(engine.roster.by_name(), cameras):
         now_s = loop.time()
-        if why_not_ready(engine.roster.views(clock.now_ns()), cameras, coarse_will_do=True):
+        if why_not_ready(engine.roster.by_name(), cameras, coarse_will_do=True):
             usable_s = None
             if now_s >= deadline_s:
                 raise IncompleteError(
@@ -80,11 +80,12 @@ async def reasons_until_ready(
         await asyncio.sleep(CHECK_EVERY_S)
 
 
-def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) -> dict[str, int]:
+def expected_image_bytes(members: Sequence[Member], known: Mapping[str, int]) -> dict[str, int]:
     """The likely size in bytes of an image of each camera that is here, from those that came before."""
     return {
-        view.name: known.get(view.name) or view.camera.width * view.camera.height // GUESSED_PIXELS_PER_BYTE
-        for view in present_cameras(views)
+        member.name: known.get(member.name)
+        or member.camera.width * member.camera.height // GUESSED_PIXELS_PER_BYTE
+        for member in present_cameras(members)
     }
 
 
@@ -149,23 +150,25 @@ class RateReview:
         self._host_rate, self.vote = HostRate(), RateVote()
         self._due_ns: int | None = None
 
-    def look(self, engine: Leader, now_ns: int) -> list[HostOffRate | HostAtRate]:
+    def look(self, engine: Leader, now_ns: int) -> list[HostOffRate]:
         """Look where it is time to; return what is news."""
         if self._due_ns is not None and now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + REVIEW_EVERY_NS
-        return review_rates(self.vote, engine.roster.views(now_ns), self._host_rate.slewing_ppm(now_ns))
+        return review_rates(self.vote, engine.roster.by_name(), self._host_rate.slewing_ppm(now_ns))
 
 
 def review_rates(
-    vote: RateVote, views: Sequence[ClientView], leader_slewing_ppm: float | None
-) -> list[HostOffRate | HostAtRate]:
+    vote: RateVote, members: Sequence[Member], leader_slewing_ppm: float | None
+) -> list[HostOffRate]:
     """Let the vote judge all clocks by what their nodes report; return what is news."""
-    known = [view for view in views if view.report.state in _CLOCK_IS_KNOWN]
+    known = [member for member in members if member.report.state in _CLOCK_IS_KNOWN]
     # A skew is that of the leader's clock against the node's.
-    rates_ppm = {view.name: -view.report.skew_ppm for view in known if view.report.skew_ppm is not None}
+    rates_ppm = {
+        member.name: -member.report.skew_ppm for member in known if member.report.skew_ppm is not None
+    }
     slewing_ppm: dict[str | None, float] = {
-        view.name: view.report.slewing_ppm for view in known if view.report.slewing_ppm
+        member.name: member.report.slewing_ppm for member in known if member.report.slewing_ppm
     }
     if leader_slewing_ppm:
         slewing_ppm[LEADER] = leader_slewing_ppm
@@ -173,21 +176,24 @@ def review_rates(
 
 
 def rig_advice(
-    views: Sequence[ClientView], leader: str, off_rate: Mapping[str | None, HostOffRate] | None = None
+    members: Sequence[Member],
+    leader: str,
+    now_ns: int,
+    off_rate: Mapping[str | None, HostOffRate] | None = None,
 ) -> str:
     """Return the one sentence; `leader` is where nodes join, `off_rate` are the hosts with odd clocks."""
-    sentence = _of_states(views, _GONE)
+    sentence = _of_states(members, _GONE, now_ns)
     if not sentence and off_rate:
         worst = max(off_rate.values(), key=lambda off: (off.certain, abs(off.fast_ppm)))
         sentence = off_rate_line(worst) + _and_more(len(off_rate))
-    if sentence := sentence or _of_states(views, _ON_THE_WAY):
+    if sentence := sentence or _of_states(members, _ON_THE_WAY, now_ns):
         return sentence
-    cameras = present_cameras(views)
+    cameras = present_cameras(members)
     if not cameras:
         return f"no camera is here: start one with capture-app node --leader {leader} --camera SPEC"
-    bars_ns = [view.report.uncertainty_ns for view in cameras if view.report.uncertainty_ns is not None]
+    bars_ns = [member.report.uncertainty_ns for member in cameras if member.report.uncertainty_ns is not None]
     sure = f", clocks sure to ±{duration(max(bars_ns))} (95 %)" if bars_ns else ""
-    facts = {view.name: view.camera for view in cameras}
+    facts = {member.name: member.camera for member in cameras}
     if unsure := unmeasured_stamps(facts):
         sure += f"; {unsure}"
     elif stamps_ns := max(one.stamp_accuracy.uncertainty_ns for one in facts.values()):
@@ -195,10 +201,14 @@ def rig_advice(
     return f"{count(len(cameras), 'camera')} ready{sure}"
 
 
-def _of_states(views: Sequence[ClientView], states: Sequence[NodeState]) -> str:
+def _of_states(members: Sequence[Member], states: Sequence[NodeState], now_ns: int) -> str:
     for state in states:
         most_ns = LOST_IS_NEWS_NS if state is NodeState.LOST else math.inf
-        concerned = [view for view in views if view.report.state is state and view.age_ns <= most_ns]
+        concerned = [
+            member
+            for member in members
+            if member.report.state is state and now_ns - member.last_heard_ns <= most_ns
+        ]
         if concerned:
             return shortfall(concerned[0], why=True) + _and_more(len(concerned))
     return ""

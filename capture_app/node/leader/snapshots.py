@@ -10,7 +10,7 @@ from capture_app.net.address import Address
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.node.wire.operating import Vitals
 from capture_app.node.wire.status import NodeStatus
-from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import MAX_DEPTH, WITHOUT_CAMERA, NodeState, Report
 from capture_app.text import count
 
@@ -18,43 +18,44 @@ MOST_OF_A_PAGE = 250
 
 
 def node_statuses(
-    views: tuple[ClientView, ...],
-    all_views: tuple[ClientView, ...] | None = None,
+    members: tuple[Member, ...],
+    all_members: tuple[Member, ...] | None = None,
     *,
+    now_ns: int,
     vitals: Mapping[str, Vitals] | None = None,
     spools: Mapping[str, SpoolSpace] | None = None,
     local: Collection[str] = (),
 ) -> tuple[NodeStatus, ...]:
     """These nodes by name, with their place in the tree of all; `local` are processes of the leader's."""
-    by_name = {view.name: view for view in all_views or views}
+    by_name = {member.name: member for member in all_members or members}
     known = spools or {}
     return tuple(
         NodeStatus(
-            **asdict(_with_disk(view.report, known.get(view.name))),
-            **asdict((vitals or {}).get(view.name, Vitals())),
-            disk_free_bytes=space.free_bytes if (space := known.get(view.name)) else None,
-            on_leader=view.name in local,
-            name=view.name,
-            address=str(Address(*view.address)),
-            camera=view.camera,
-            parent=view.via,
-            depth=_depth(view, by_name),
-            last_seen_ns=view.age_ns,
+            **asdict(_with_disk(member.report, known.get(member.name))),
+            **asdict((vitals or {}).get(member.name, Vitals())),
+            disk_free_bytes=space.free_bytes if (space := known.get(member.name)) else None,
+            on_leader=member.name in local,
+            name=member.name,
+            address=str(Address(*member.address)),
+            camera=member.camera,
+            parent=member.via,
+            depth=_depth(member, by_name),
+            last_seen_ns=now_ns - member.last_heard_ns,
         )
-        for view in views
+        for member in members
     )
 
 
-def page_of(views: tuple[ClientView, ...], after: str | None) -> tuple[tuple[ClientView, ...], int, str]:
+def page_of(members: tuple[Member, ...], after: str | None) -> tuple[tuple[Member, ...], int, str]:
     """Return the nodes of a page, which are after that name, how many follow it, and what those are in words.
 
     None for all of them. A page is short enough for a message.
     """
     if after is None:
-        return views, 0, ""
-    rest = views[bisect_right(views, after, key=lambda view: view.name) :] if after else views
+        return members, 0, ""
+    rest = members[bisect_right(members, after, key=lambda member: member.name) :] if after else members
     page, further = rest[:MOST_OF_A_PAGE], rest[MOST_OF_A_PAGE:]
-    states = Counter(str(view.report.state) for view in further)
+    states = Counter(str(member.report.state) for member in further)
     words = ", ".join(f"{number} {state}" for state, number in sorted(states.items()))
     text = f"and {count(len(further), 'more node')}, not listed here: {words}" if further else ""
     return page, len(further), text
@@ -84,17 +85,17 @@ def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
     yield from (node for node in nodes if node.name not in shown)
 
 
-def present_cameras(views: Sequence[ClientView]) -> list[ClientView]:
+def present_cameras(members: Sequence[Member]) -> list[Member]:
     """The nodes that are not lost and can take pictures."""
     return [
-        view
-        for view in views
-        if view.report.state is not NodeState.LOST and view.camera.kind not in WITHOUT_CAMERA
+        member
+        for member in members
+        if member.report.state is not NodeState.LOST and member.camera.kind not in WITHOUT_CAMERA
     ]
 
 
-def _depth(view: ClientView, by_name: Mapping[str, ClientView]) -> int:
-    depth, at = 1, view
+def _depth(member: Member, by_name: Mapping[str, Member]) -> int:
+    depth, at = 1, member
     while at.via is not None and depth <= MAX_DEPTH:
         depth += 1
         if at.via not in by_name:

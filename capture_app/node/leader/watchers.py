@@ -47,19 +47,20 @@ class RigState:
         """All of it at this moment; of the nodes a page, those `after` that name, where that is given."""
         options, engine, bursts = self._bursts.options, self._bursts.engine, self._bursts
         now_ns = options.clock.now_ns()
-        grid, views = engine.grid, engine.roster.views(now_ns)
-        page, further, words = page_of(views, after)
+        grid, members = engine.grid, engine.roster.by_name()
+        page, further, words = page_of(members, after)
         return RigStatus(
             leader=str(self._address),
             is_open=options.trust.is_open,
-            advice=rig_advice(views, str(self._address), self._rates.vote.off),
+            advice=rig_advice(members, str(self._address), now_ns, self._rates.vote.off),
             now_ns=now_ns,
             period_ns=None if grid is None else grid.period_ns,
             message=words,
             further=further,
             nodes=node_statuses(
                 page,
-                views,
+                members,
+                now_ns=now_ns,
                 vitals=self._viewfinders.vitals,
                 spools=bursts.spools,
                 local=() if self._local is None else self._local.names,

@@ -4,7 +4,7 @@ Unlike messages they never leave the process, so they carry time maps, estimates
 """
 
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.stamps import PhaseEstimate
@@ -29,26 +29,15 @@ class Joined:
 
 
 @dataclass(frozen=True, slots=True)
-class JoinRefused:
-    """The leader did not take this client in; it keeps asking."""
+class LeaderNews:
+    """The leader did not take this client in, has something to say to whoever looks after it, or is lost.
 
-    reason: str
-    """As the leader said it."""
+    One that is lost fell silent, forgot this client or is followed no more. The client keeps asking to join.
+    """
 
-
-@dataclass(frozen=True, slots=True)
-class LeaderSaid:
-    """The leader has something to say to whoever looks after this client."""
-
+    what: Literal["refused", "said", "lost"]
     text: str
-
-
-@dataclass(frozen=True, slots=True)
-class LeaderLost:
-    """The leader fell silent, forgot this client or is followed no more; the client asks to join again."""
-
-    reason: str
-    """In a few words, for the log."""
+    """As the leader said it; of one that is lost why, in a few words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +118,7 @@ class StrangeTrigger:
 
 ClientEvent = (
     Joined
-    | JoinRefused
-    | LeaderSaid
-    | LeaderLost
+    | LeaderNews
     | ClockEvent
     | FramesDropped
     | PhaseCorrected
@@ -143,83 +130,30 @@ ClientEvent = (
 
 
 @dataclass(frozen=True, slots=True)
-class NodeJoined:
-    """A client joined."""
+class NodeChanged:
+    """Something has become of a client's membership."""
 
     name: str
-    """The client's, here and below."""
+    """The client's."""
+    change: Literal["joined", "returned", "moved", "lost", "forgotten", "refused"]
+    """One that returned was lost or restarted, one that moved is here and joined another relay, or this leader
+    itself; one forgotten was lost for long, or put away by a person; one that is refused keeps asking."""
+    reason: str = ""
+    """Why it is lost, in a few words; why it is refused, as it is told, with what to do."""
+    where: str = ""
+    """Its new relay, empty for this leader; of one that is refused at which host, or below which relay."""
 
 
 @dataclass(frozen=True, slots=True)
-class NodeRefused:
-    """A client may not join under its name; it keeps asking, and is told of now and then."""
+class BurstAnswered:
+    """A client will save a burst, or will not."""
 
     name: str
-    where: str
-    """At which host, or below which relay."""
-    reason: str
-    """As the client is told, with what to do."""
-
-
-@dataclass(frozen=True, slots=True)
-class NodeReturned:
-    """A client that was lost or restarted joined again."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class NodeMoved:
-    """A client that is here joined another relay, or this leader itself."""
-
-    name: str
-    relay: str | None
-    """Its new relay; None for this leader."""
-
-
-@dataclass(frozen=True, slots=True)
-class NodeLost:
-    """A client fell silent, or left of its own will."""
-
-    name: str
-    reason: str
-    """In a few words, for the log."""
-
-
-@dataclass(frozen=True, slots=True)
-class NodeForgotten:
-    """A client that was lost for long, or that a person has put away, is no member any more."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class BurstAccepted:
-    """A client will save the burst."""
-
-    name: str
+    """The client's."""
     burst: int
     """Its number."""
+    refusal: str = ""
+    """Why not, as the client said it, or that it was lost or silent; empty where it will."""
 
 
-@dataclass(frozen=True, slots=True)
-class BurstRefused:
-    """A client will not save the burst, or never answered."""
-
-    name: str
-    burst: int
-    """Its number."""
-    reason: str
-    """As the client said it, or that it was lost or silent."""
-
-
-LeaderEvent = (
-    NodeJoined
-    | NodeRefused
-    | NodeReturned
-    | NodeMoved
-    | NodeLost
-    | NodeForgotten
-    | BurstAccepted
-    | BurstRefused
-)
+LeaderEvent = NodeChanged | BurstAnswered

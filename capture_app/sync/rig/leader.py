@@ -18,7 +18,7 @@ from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import GridChoice
 from capture_app.sync.reference_broadcast import Broadcaster
-from capture_app.sync.rig.events import LeaderEvent, NodeForgotten, NodeLost, NodeRefused
+from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
 from capture_app.sync.rig.roster import Member, Roster, camera_phases
@@ -345,7 +345,7 @@ class Leader:
             raise BadInputError(f"{name} is here", hint="stop it first: it would join again")
         if self.roster.owners.pop(name, None) is None and member is None:
             raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
-        self._events.append(NodeForgotten(name) if member is None else self.roster.forget(member))
+        self._events.append(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
@@ -485,13 +485,13 @@ class Leader:
             del self._told[next(iter(self._told))]
         self._told[who] = reason, now_ns
         where = f"at {address[0]}" if hello.via is None else f"below {hello.via}"
-        self._events.append(NodeRefused(hello.name, where, reason))
+        self._events.append(NodeChanged(hello.name, "refused", reason, where))
         owner = self.roster.members.get(hello.name)
         if owner is not None and not owner.lost and owner.instance != hello.instance:
             text = f"another camera {where} wants to be {hello.name}, too: give one another --name"
             self.send(owner, Notice(owner.number, text[:MOST_TEXT]))
 
-    def _note_lost(self, event: NodeLost) -> None:
+    def _note_lost(self, event: NodeChanged) -> None:
         self._events.append(event)
         self._review_is_due = True
 

@@ -7,7 +7,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import MOST_PPM, CameraPhase
-from capture_app.sync.rig.events import BurstAccepted, BurstRefused
+from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
     MAX_FRAMES,
@@ -57,6 +57,7 @@ AFTER_BURST_NS = 1_000_000_000
 """The grid stays as it is for so long after a burst's last instant: until then clients pick frames."""
 MOST_AWAY_NS = 24 * 3_600_000_000_000
 """A burst begins at most so long after, or before, it is ordered."""
+NO_ANSWER = "it does not answer"
 CANCELLED = "it was cancelled"
 """A client's answer to a trigger that takes a burst back."""
 
@@ -188,7 +189,7 @@ class Orders:
         self._busy_until_ns = {burst: until for burst, until in self._busy_until_ns.items() if now_ns < until}
         return bool(self._busy_until_ns)
 
-    def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
+    def take_ack(self, member: Member, ack: TriggerAck) -> BurstAnswered | None:
         """Note a member's answer; None where it had answered before, or the order has expired."""
         burst = self._open_bursts.get(ack.burst)
         if ack.leader != self._leader or burst is None or member.number not in burst.triggers:
@@ -199,11 +200,9 @@ class Orders:
         self._close(ack.burst, burst, member.number)
         if burst.cancels or burst.again:
             return None
-        if ack.refusal:
-            return BurstRefused(member.name, ack.burst, ack.refusal)
-        return BurstAccepted(member.name, ack.burst)
+        return BurstAnswered(member.name, ack.burst, ack.refusal)
 
-    def expire(self, now_ns: int) -> list[BurstRefused]:
+    def expire(self, now_ns: int) -> list[BurstAnswered]:
         """Drop the orders of members that are lost or have not answered for too long, before they are due."""
         refused = []
         for number, burst in list(self._open_bursts.items()):
@@ -213,7 +212,7 @@ class Orders:
                 if member.lost or now_ns >= burst.give_up_ns:
                     self._close(number, burst, client)
                     if not burst.cancels and not burst.again:
-                        refused.append(BurstRefused(member.name, number, member.lost or "it does not answer"))
+                        refused.append(BurstAnswered(member.name, number, member.lost or NO_ANSWER))
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Member, Trigger]]:

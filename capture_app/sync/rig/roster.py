@@ -11,7 +11,7 @@ from capture_app.names import is_name
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.frame_grid import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
-from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeMoved, NodeReturned
+from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
     MOST_TEXT,
@@ -31,19 +31,6 @@ FORGET_LOST_NS = 600_000_000_000
 MAX_CLIENTS = 10_000
 MOST_OF_ONE = 100
 """How many names one machine has: it takes no room of others."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClientView:
-    """A client as the leader sees it; `age_ns` is the time since it was last heard."""
-
-    name: str
-    address: Address
-    camera: CameraFacts
-    report: Report
-    age_ns: int
-    via: str | None = None
-    """The relay that it joined."""
 
 
 @dataclass(slots=True)
@@ -119,12 +106,9 @@ class Roster:
         self._silence_ns = self._forget_ns = 0
         """No member can have been silent for too long, or lost for too long, before these times."""
 
-    def views(self, now_ns: int) -> tuple[ClientView, ...]:
-        """Return all that are or were here, by name; lost ones say so in their report."""
-        return tuple(
-            ClientView(m.name, m.address, m.camera, m.report, now_ns - m.last_heard_ns, m.via)
-            for _, m in sorted(self.members.items())
-        )
+    def by_name(self) -> tuple[Member, ...]:
+        """Return all that are or were here, in the order of their names; lost ones say so in their report."""
+        return tuple(member for _, member in sorted(self.members.items()))
 
     def member_by_number(self, number: int) -> Member | None:
         """Return the member of that number, None where there is none or it is lost."""
@@ -174,11 +158,11 @@ class Roster:
         self._unconfirmed.pop(member.name, None)
         return first
 
-    def make_room(self, hello: Hello) -> list[NodeForgotten]:
+    def make_room(self, hello: Hello) -> list[NodeChanged]:
         """Forget one that is not needed where a new client that is not refused would be one too many."""
         if hello.name in self.members:
             return []
-        forgotten: list[NodeForgotten] = []
+        forgotten: list[NodeChanged] = []
         for pin in (hello.pin, ""):
             full = self._is_full(pin) if pin else len(self.members) >= MAX_CLIENTS
             member = self._least_needed(pin) if full else None
@@ -202,7 +186,7 @@ class Roster:
 
     def admit(
         self, hello: Hello, address: Address, now_ns: int, principal: Principal | None = None
-    ) -> tuple[Member, NodeJoined | NodeReturned | NodeMoved | None]:
+    ) -> tuple[Member, NodeChanged | None]:
         """Add a client that is not refused; no event where it is here already and merely asks again."""
         known = self.members.get(hello.name)
         moved = known is not None and not known.lost
@@ -237,10 +221,10 @@ class Roster:
         if hello.camera.phase_control in WEIGHTS and hello.camera.kind not in WITHOUT_CAMERA:
             self.immovable[hello.name] = member
         if moved:
-            return member, NodeMoved(hello.name, hello.via)
-        return member, NodeJoined(hello.name) if known is None else NodeReturned(hello.name)
+            return member, NodeChanged(hello.name, "moved", where=hello.via or "")
+        return member, NodeChanged(hello.name, "joined" if known is None else "returned")
 
-    def mark_lost(self, member: Member, reason: str) -> NodeLost:
+    def mark_lost(self, member: Member, reason: str) -> NodeChanged:
         """Count a member as lost; its counts of frames stay."""
         self._count(member, -1)
         member.lost = reason
@@ -248,18 +232,18 @@ class Roster:
             state=NodeState.LOST, message=reason, frames=member.report.frames, drops=member.report.drops
         )
         self._forget_ns = min(self._forget_ns, member.last_heard_ns + FORGET_LOST_NS)
-        return NodeLost(member.name, reason)
+        return NodeChanged(member.name, "lost", reason)
 
-    def forget(self, member: Member) -> NodeForgotten:
+    def forget(self, member: Member) -> NodeChanged:
         """Forget a member as if it had never been here."""
         self._count(member, -1)
         self._by_number.pop(member.number, None)
         self._unconfirmed.pop(member.name, None)
         self.immovable.pop(member.name, None)
         del self.members[member.name]
-        return NodeForgotten(member.name)
+        return NodeChanged(member.name, "forgotten")
 
-    def forget_long_lost(self, now_ns: int) -> list[NodeForgotten]:
+    def forget_long_lost(self, now_ns: int) -> list[NodeChanged]:
         """Forget the members that have been lost for too long, and note when the next one will be."""
         if now_ns < self._forget_ns:
             return []
@@ -271,14 +255,14 @@ class Roster:
         )
         return [self.forget(member) for member in over]
 
-    def mark_silent_lost(self, now_ns: int) -> list[NodeLost | NodeForgotten]:
+    def mark_silent_lost(self, now_ns: int) -> list[NodeChanged]:
         """Count silent members as lost, and note when the next one could be.
 
         One that has never said more than hello is forgotten.
         """
         if now_ns < self._silence_ns:
             return []
-        lost: list[NodeLost | NodeForgotten] = []
+        lost: list[NodeChanged] = []
         self._silence_ns = now_ns + CLIENT_SILENT_NS
         for member in tuple(self.members.values()):
             if member.lost:

@@ -8,7 +8,7 @@ from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost, LeaderSaid
+from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
@@ -52,7 +52,7 @@ NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP thr
 MOST_EVENTS = 256
 """Newest events that are kept for a node that does not take them."""
 
-TimeClientEvent = Joined | JoinRefused | LeaderSaid | LeaderLost | ClockEvent
+TimeClientEvent = Joined | LeaderNews | ClockEvent
 
 
 class TimeClient:
@@ -197,7 +197,7 @@ class TimeClient:
         self.timekeeper.stop()
         self.why_joining = reason
         self._hello_due_ns = now_ns
-        self._events.append(LeaderLost(reason))
+        self._events.append(LeaderNews("lost", reason))
 
     def leave(self) -> None:
         """Say goodbye: this node is about to stop."""
@@ -212,7 +212,7 @@ class TimeClient:
         self.unanswered = 0
         if reason != self.why_joining:
             self.why_joining = reason
-            self._events.append(JoinRefused(reason))
+            self._events.append(LeaderNews("refused", reason))
 
     def report_at_once(self) -> None:
         """Send the next heartbeat at once."""
@@ -311,7 +311,7 @@ class TimeClient:
         elif isinstance(message, AgreedArrival):
             self.timekeeper.listener.accept(message)
         elif isinstance(message, Notice):
-            self._events.append(LeaderSaid(message.text))
+            self._events.append(LeaderNews("said", message.text))
 
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
         config = FollowedConfig.of_message(answer.config)

@@ -55,18 +55,11 @@ class HostOffRate:
     name: str | None
     """The node's; None for the leader."""
     fast_ppm: float
-    """By how much it is faster than the others, or than usual."""
-    certain: bool
+    """By how much it is faster than the others, or than usual; 0 where it is no more, or the host is gone."""
+    certain: bool = False
     """Whether the host says so itself."""
-    ambiguous: bool
+    ambiguous: bool = False
     """Whether there is no majority: it may as well be the leader's clock."""
-
-
-@dataclass(frozen=True, slots=True)
-class HostAtRate:
-    """A host's clock runs at the rate of the others again, or the host is gone."""
-
-    name: str | None
 
 
 class RateVote:
@@ -78,7 +71,7 @@ class RateVote:
 
     def review(
         self, rates_ppm: Mapping[str, float], slewing_ppm: Mapping[str | None, float]
-    ) -> list[HostOffRate | HostAtRate]:
+    ) -> list[HostOffRate]:
         """Judge all anew, and return what is news.
 
         `rates_ppm` are those of the nodes, `slewing_ppm` what hosts that can tell say of themselves.
@@ -96,9 +89,9 @@ class RateVote:
         for name, rate in rates.items():
             fast_ppm, own_ppm = rate - usual_ppm, slewing_ppm.get(name, 0.0)
             if own_ppm:
-                off[name] = HostOffRate(name, own_ppm, certain=True, ambiguous=False)
+                off[name] = HostOffRate(name, own_ppm, certain=True)
             elif abs(fast_ppm) > (STILL_UNUSUAL_PPM if name in self.off else USUAL_PPM):
-                off[name] = HostOffRate(name, fast_ppm, certain=False, ambiguous=most == friends[name])
+                off[name] = HostOffRate(name, fast_ppm, ambiguous=most == friends[name])
         before, self.off = self.off, off
         news = [off[name] for name in off if name not in before or before[name].certain != off[name].certain]
-        return [*news, *(HostAtRate(name) for name in before if name not in off)]
+        return [*news, *(HostOffRate(name, 0.0) for name in before if name not in off)]

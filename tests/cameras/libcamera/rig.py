@@ -144,7 +144,7 @@ class Rig:
 
     @property
     def all_ready(self) -> bool:
-        clients = self.leader.roster.views(true_now_ns())
+        clients = self.leader.roster.by_name()
         return len(clients) == len(self.nodes) and all(c.report.state is NodeState.READY for c in clients)
 
     def post(self, delays_ns: Sequence[int], action: Callable[..., None], data: bytes) -> None:

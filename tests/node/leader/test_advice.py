@@ -1,10 +1,12 @@
 """The one sentence for a whole rig: what keeps it from being ready, and what to do."""
 
+import dataclasses
+
 from msgspec.structs import replace
 
 from capture_app.camera_facts import StampAccuracy, StampSource
 from capture_app.node.leader.readiness import rig_advice
-from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import NodeState, Report
 from capture_app.text import duration
 from tests.facts import make_facts
@@ -12,19 +14,19 @@ from tests.facts import make_facts
 LEADER = "10.0.0.1:47010"
 
 
-def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> ClientView:
+def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> Member:
     report = Report(state=state, message=message, uncertainty_ns=41_000)
-    return ClientView(name, ("10.0.0.2", 5), make_facts(), report, 0)
+    return Member(name, 1, 1, ("10.0.0.2", 5), make_facts(), report, 0, 0.0)
 
 
 def test_an_empty_rig_is_told_how_to_get_a_camera() -> None:
-    assert rig_advice([], LEADER) == (
+    assert rig_advice([], LEADER, 0) == (
         f"no camera is here: start one with capture-app node --leader {LEADER} --camera SPEC"
     )
 
 
 def test_a_ready_rig_is_told_how_sure_its_clocks_are() -> None:
-    assert rig_advice([view("a"), view("b")], LEADER) == "2 cameras ready, clocks sure to ±41 µs (95 %)"
+    assert rig_advice([view("a"), view("b")], LEADER, 0) == "2 cameras ready, clocks sure to ±41 µs (95 %)"
 
 
 def test_the_node_that_waits_for_a_person_is_named_first() -> None:
@@ -34,37 +36,39 @@ def test_the_node_that_waits_for_a_person_is_named_first() -> None:
         view("c", NodeState.FAILED, "no frames for 5 s"),
         view("d"),
     ]
-    assert rig_advice(nodes, LEADER) == "b is failed: /dev/video0 is gone (and 1 more node)"
-    assert rig_advice([nodes[0], nodes[3]], LEADER) == "a is aligning: moving its frames by 8.1 ms"
+    assert rig_advice(nodes, LEADER, 0) == "b is failed: /dev/video0 is gone (and 1 more node)"
+    assert rig_advice([nodes[0], nodes[3]], LEADER, 0) == "a is aligning: moving its frames by 8.1 ms"
 
 
 def test_a_node_that_is_less_accurate_than_asked_for_speaks_for_itself() -> None:
     sentence = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
-    assert rig_advice([view("a"), view("b", NodeState.COARSE, sentence)], LEADER) == f"b: {sentence}"
+    assert rig_advice([view("a"), view("b", NodeState.COARSE, sentence)], LEADER, 0) == f"b: {sentence}"
 
 
 def test_a_lost_camera_is_news_for_a_minute() -> None:
     lost = view("b", NodeState.LOST, "it left")
-    late = ClientView(lost.name, lost.address, lost.camera, lost.report, 61_000_000_000)
-    assert rig_advice([view("a"), lost], LEADER) == "b is lost: it left"
-    assert rig_advice([view("a"), late], LEADER) == "1 camera ready, clocks sure to ±41 µs (95 %)"
+    assert rig_advice([view("a"), lost], LEADER, 0) == "b is lost: it left"
+    assert (
+        rig_advice([view("a"), lost], LEADER, 61_000_000_000)
+        == "1 camera ready, clocks sure to ±41 µs (95 %)"
+    )
 
 
 def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
     webcam = make_facts(kind="v4l2", exposure_ns=4_000_000)
-    unsure = ClientView("web", ("10.0.0.3", 5), webcam, view("web").report, 0)
-    said = rig_advice([view("a"), unsure], LEADER)
+    unsure = dataclasses.replace(view("web"), camera=webcam)
+    said = rig_advice([view("a"), unsure], LEADER, 0)
     half = duration(webcam.assumed_stamp.uncertainty_ns)
     assert said == (
         f"2 cameras ready, clocks sure to ±41 µs (95 %); how late the stamps of web are, to ±{half},"
         " nobody has measured: capture-app cameras calibrate-time does"
     )
     stamp = StampAccuracy(bias_ns=15_000_000, uncertainty_ns=300_000, source=StampSource.MOTION)
-    measured = ClientView("web", ("10.0.0.3", 5), replace(webcam, stamp=stamp), unsure.report, 0)
-    said = rig_advice([view("a"), measured], LEADER)
+    measured = dataclasses.replace(unsure, camera=replace(webcam, stamp=stamp))
+    said = rig_advice([view("a"), measured], LEADER, 0)
     assert said == "2 cameras ready, clocks sure to ±41 µs (95 %), stamps to ±300 µs"
     of_another = replace(stamp, against="hall", against_uncertainty_ns=20_000_000)
-    joined = ClientView("web", ("10.0.0.3", 5), replace(webcam, stamp=of_another), unsure.report, 0)
+    joined = dataclasses.replace(unsure, camera=replace(webcam, stamp=of_another))
     assert "stamps of web are, to ±20 ms, nobody has measured but against hall" in rig_advice(
-        [view("a"), joined], LEADER
+        [view("a"), joined], LEADER, 0
     )

@@ -25,7 +25,7 @@ from capture_app.node.wire.operating import (
     StopRig,
 )
 from capture_app.node.wire.status import BurstStatus, NewsLine, RigStatus
-from capture_app.sync.rig.events import BurstRefused, NodeJoined, NodeLost
+from capture_app.sync.rig.events import BurstAnswered, NodeChanged
 
 PATIENCE_S = 60.0
 
@@ -194,10 +194,10 @@ def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: p
     monkeypatch.setattr(news, "KEPT", 3)
     monkeypatch.setattr(time, "time_ns", lambda: next(clock))
     log = NewsLog()
-    log.note(NodeJoined("a"))
-    log.note(NodeLost("a", "it left"))
-    log.note(NodeLost("a", "it left"))
-    log.note(BurstRefused("b", 1, "no clock"))
+    log.note(NodeChanged("a", "joined"))
+    log.note(NodeChanged("a", "lost", "it left"))
+    log.note(NodeChanged("a", "lost", "it left"))
+    log.note(BurstAnswered("b", 1, "no clock"))
     log.note(BurstStatus(burst=1, name="x", cameras=1, instants=1, received=0, expected=1))
     done: dict[str, Any] = {"burst": 1, "name": "x", "cameras": 1, "instants": 1, "expected": 1, "done": True}
     log.note(BurstStatus(received=1, session="/s/x", **done))

@@ -10,15 +10,16 @@ from capture_app.clock import HostClock
 from capture_app.errors import IncompleteError
 from capture_app.node.leader.readiness import coarse_nodes, reasons_until_ready, why_not_ready
 from capture_app.sync.rig.leader import Leader
-from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import NodeState, Report
 from tests.facts import make_facts
 
 COARSE = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
 
 
-def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> ClientView:
-    return ClientView(name, ("10.0.0.2", 5), make_facts(), Report(state=state, message=message), 0)
+def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> Member:
+    report = Report(state=state, message=message)
+    return Member(name, 1, 1, ("10.0.0.2", 5), make_facts(), report, 0, 0.0)
 
 
 READY, ROUGH = view("cam01"), view("cam03", NodeState.COARSE, COARSE)
@@ -28,17 +29,17 @@ READY, ROUGH = view("cam01"), view("cam03", NodeState.COARSE, COARSE)
 class Seen:
     """An engine that always sees the same nodes."""
 
-    seen: tuple[ClientView, ...]
+    seen: tuple[Member, ...]
 
     @property
     def roster(self) -> "Seen":
         return self
 
-    def views(self, now_ns: int) -> tuple[ClientView, ...]:
+    def by_name(self) -> tuple[Member, ...]:
         return self.seen
 
 
-def waited_for(*views: ClientView, timeout_s: float = 0.0) -> list[str]:
+def waited_for(*views: Member, timeout_s: float = 0.0) -> list[str]:
     async def wait() -> list[str]:
         return [
             reason

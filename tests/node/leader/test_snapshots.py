@@ -3,30 +3,30 @@
 from msgspec import structs
 
 from capture_app.node.leader.snapshots import in_tree_order, node_statuses, present_cameras
-from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import RELAY, NodeState, Report
 from tests.facts import make_facts
 
 CAMERA = make_facts()
 
 
-def view(name: str, via: str | None = None, *, relay: bool = False, lost: bool = False) -> ClientView:
+def view(name: str, via: str | None = None, *, relay: bool = False, lost: bool = False) -> Member:
     state = NodeState.LOST if lost else NodeState.READY
     camera = structs.replace(CAMERA, kind=RELAY) if relay else CAMERA
-    return ClientView(name, ("10.0.0.1", 5), camera, Report(state=state), 0, via)
+    return Member(name, 1, 1, ("10.0.0.1", 5), camera, Report(state=state), 0, 0.0, via)
 
 
 def test_each_relay_is_followed_by_what_is_below_it_and_depths_are_counted() -> None:
     cameras = view("a", "z"), view("b"), view("c", "y"), view("d", "gone")
     views = (*cameras, view("y", "z", relay=True), view("z", relay=True))
-    nodes = tuple(in_tree_order(node_statuses(views)))
+    nodes = tuple(in_tree_order(node_statuses(views, now_ns=0)))
     shown = [f"{node.name} {node.depth}" for node in nodes]
     assert shown == ["b 1", "d 2", "z 1", "a 2", "y 2", "c 3"]
 
 
 def test_nodes_that_are_said_to_be_below_each_other_are_all_shown_once() -> None:
     views = (view("a", "b", relay=True), view("b", "a", relay=True), view("c", "c", relay=True))
-    nodes = [node.name for node in in_tree_order(node_statuses(views))]
+    nodes = [node.name for node in in_tree_order(node_statuses(views, now_ns=0))]
     assert sorted(nodes) == ["a", "b", "c"]
 
 

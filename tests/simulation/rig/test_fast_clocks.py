@@ -64,9 +64,9 @@ class SlewedClock:
 
 
 def advice(rig: VirtualRig) -> str:
-    vote, views = RateVote(), rig.leader.roster.views(rig.now_true_ns)
+    vote, views = RateVote(), rig.leader.roster.by_name()
     review_rates(vote, views, None)
-    return rig_advice(views, "10.0.0.1:47010", vote.off)
+    return rig_advice(views, "10.0.0.1:47010", rig.now_true_ns, vote.off)
 
 
 def lan_rig(*skews_ppm: float) -> VirtualRig:
@@ -84,7 +84,7 @@ def test_a_fast_clock_is_named_to_the_user_by_its_node_and_by_the_rig() -> None:
     node = rig.nodes["cam1"]
     (event,) = [event for event in node.events if isinstance(event, ClockRateUnusual)]
     assert event.fast_ppm == pytest.approx(210.0, abs=5.0)
-    report = next(view.report for view in rig.leader.roster.views(rig.now_true_ns) if view.name == "cam1")
+    report = next(view.report for view in rig.leader.roster.by_name() if view.name == "cam1")
     assert report.message.startswith(
         "its clock runs 210 ppm fast against the leader's: an NTP daemon is slewing"
     )

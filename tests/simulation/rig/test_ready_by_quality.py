@@ -28,7 +28,7 @@ def spec(name: str, link: Link, tolerance_ns: int) -> NodeSpec:
 
 
 def report(rig: VirtualRig, name: str) -> Report:
-    return next(view.report for view in rig.leader.roster.views(rig.now_true_ns) if view.name == name)
+    return next(view.report for view in rig.leader.roster.by_name() if view.name == name)
 
 
 def in_state(rig: VirtualRig, name: str, state: NodeState) -> bool:

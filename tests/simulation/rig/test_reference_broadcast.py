@@ -69,7 +69,7 @@ def run(rig: VirtualRig, seconds: int) -> None:
 
 
 def told(rig: VirtualRig) -> list[int | None]:
-    return [client.report.relative_uncertainty_ns for client in rig.leader.roster.views(rig.now_true_ns)]
+    return [client.report.relative_uncertainty_ns for client in rig.leader.roster.by_name()]
 
 
 @pytest.mark.slow

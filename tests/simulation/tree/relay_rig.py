@@ -11,13 +11,13 @@ from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstAccepted, FramesSelected, LeaderEvent
+from capture_app.sync.rig.events import BurstAnswered, FramesSelected, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.rig.roster import Member
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import NodeState
@@ -110,8 +110,8 @@ class RelayRig:
     def kill(self, name: str) -> None:
         self.tree.kill(name)
 
-    def views(self) -> dict[str, ClientView]:
-        return {view.name: view for view in self.tree.root.roster.views(self.tree.now_true_ns)}
+    def views(self) -> dict[str, Member]:
+        return {view.name: view for view in self.tree.root.roster.by_name()}
 
     def all_ready(self) -> bool:
         views = self.views()
@@ -134,8 +134,8 @@ class RelayRig:
         burst = self.trigger(frames)
         self.run(2.0)
         assert set(burst.clients) == set(self.cameras)
-        accepted = {e.name for e in self.events if isinstance(e, BurstAccepted) and e.burst == burst.number}
-        assert accepted == set(self.cameras)
+        answers = [e for e in self.events if isinstance(e, BurstAnswered) and e.burst == burst.number]
+        assert {(e.name, e.refusal) for e in answers} == {(name, "") for name in self.cameras}
         for name, camera in self.cameras.items():
             assert len(camera.ready) == had[name] + 1, name
             ready = camera.ready[-1]

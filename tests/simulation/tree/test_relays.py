@@ -7,7 +7,7 @@ from msgspec import structs
 
 from benchmarks.simulated.clock_tree import ROOT
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstAccepted, JoinRefused, LeaderSaid, NodeLost, NodeMoved
+from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
 from capture_app.sync.rig.leader import RigConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.codec import decode
@@ -58,11 +58,11 @@ def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
     second = rig.camera("cam", two, at="other")
     rig.run(4.0)
     assert first.client.time.is_member
-    (said,) = (event for event in first.events if isinstance(event, LeaderSaid))
+    (said,) = (event for event in first.events if isinstance(event, LeaderNews) and event.what == "said")
     assert "another camera below two wants to be cam" in said.text
     assert second.client.state is NodeState.JOINING
     refusal = "another camera named cam is here: give this one another --name"
-    assert JoinRefused(refusal) in second.events
+    assert LeaderNews("refused", refusal) in second.events
     rig.kill("cam")
     rig.run_until(lambda: second.client.state is NodeState.READY)
     assert rig.views()["cam"].via == "two"
@@ -104,7 +104,7 @@ def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
     rig.run(0.5)
     rig.kill("relay")
     rig.run(9.0)
-    assert [event.name for event in rig.events if isinstance(event, BurstAccepted)] == ["cam"]
+    assert [(e.name, e.refusal) for e in rig.events if isinstance(e, BurstAnswered)] == [("cam", "")]
     (ready,) = camera.ready
     assert ready.burst == burst.number
     assert len(ready.frames) == 2
@@ -137,7 +137,7 @@ def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> No
     camera.client.time.lose("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
     rig.run_until(lambda: rig.views()["cam"].via is None)
     rig.run(5.0)
-    assert NodeMoved("cam", None) in rig.events
+    assert NodeChanged("cam", "moved") in rig.events
     assert rig.views()["cam"].via is None
     assert camera.client.state is NodeState.READY
     rig.check_burst()
@@ -164,7 +164,9 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
     rig.run_until(lambda: rig.views()["cam"].via == "relay")
     assert len(camera.ready[-1].frames) == 2
     rig.check_burst()
-    assert not any(isinstance(event, NodeLost) and event.name == "cam" for event in rig.events[-4:])
+    assert not any(
+        isinstance(e, NodeChanged) and (e.name, e.change) == ("cam", "lost") for e in rig.events[-4:]
+    )
 
 
 @pytest.mark.slow

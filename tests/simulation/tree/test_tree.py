@@ -247,10 +247,10 @@ def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> No
     assert paces[0] == 0, "one may begin as quickly as it likes"
     assert paces[-1] == 10_000_000, "ten that begin together may not"
     leader.handle_timer(CLIENT_SILENT_NS + 100)
-    lost = [view.name for view in leader.roster.views(0) if view.report.state is NodeState.LOST]
+    lost = [view.name for view in leader.roster.by_name() if view.report.state is NodeState.LOST]
     assert lost == [f"n{i}" for i in range(5)]
     leader.handle_timer(CLOCK_SILENT_NS + 100)
-    assert all(view.report.state is NodeState.LOST for view in leader.roster.views(0))
+    assert all(view.report.state is NodeState.LOST for view in leader.roster.by_name())
     assert leader.next_timer() == FORGET_LOST_NS, "nothing is due until they are forgotten"
 
 

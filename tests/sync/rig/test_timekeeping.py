@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig.events import Joined, LeaderLost
+from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import LEADER_SILENT_NS, NO_ANSWER, TimeClient
 from capture_app.sync.timekeeping.clock_events import ClockSynced
@@ -122,7 +122,7 @@ def test_it_joins_keeps_the_time_at_its_pace_and_tells_every_sample() -> None:
     assert timekeeper.requests - timekeeper.outstanding == len(samples)
     spacings = [b.t0_ns - a.t0_ns for a, b in pairwise(samples[50:])]
     assert abs(sum(spacings) / len(spacings) - STEADY_NS) < STEADY_NS / 50
-    assert next(iter(leader.roster.views(0))).report.samples > 100, "its heartbeats tell of it"
+    assert next(iter(leader.roster.by_name())).report.samples > 100, "its heartbeats tell of it"
     events = list(iter(client.next_event, None))
     assert events[0] == Joined(47, 1)
     assert [type(event) for event in events[1:]] == [ClockSynced]
@@ -135,7 +135,7 @@ def test_it_notices_that_the_leader_is_gone_and_keeps_what_it_knows() -> None:
     assert client.state is NodeState.JOINING
     assert client.time_map is not None
     *_, last = iter(client.next_event, None)
-    assert last == LeaderLost("the leader is silent")
+    assert last == LeaderNews("lost", "the leader is silent")
 
 
 def test_it_says_why_it_waits_where_no_leader_answers_and_no_more_once_one_does() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture_app.sync.timekeeping.rates import LEADER, HostAtRate, HostOffRate, RateVote
+from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
 
 
 def off(vote: RateVote) -> dict[str | None, float]:
@@ -20,7 +20,7 @@ def test_a_fast_clock_among_others_is_named_once() -> None:
     assert vote.review(rates, {}) == [HostOffRate("cam02", 210.0, certain=False, ambiguous=False)]
     assert vote.review(rates, {}) == []
     assert off(vote) == {"cam02": 210.0}
-    assert vote.review({**rates, "cam02": 5.0}, {}) == [HostAtRate("cam02")]
+    assert vote.review({**rates, "cam02": 5.0}, {}) == [HostOffRate("cam02", 0.0)]
     assert vote.off == {}
 
 
@@ -45,7 +45,7 @@ def test_a_host_that_says_so_itself_is_certain_however_small_the_difference() ->
     ]
     assert vote.review({"cam01": 40.0, "cam02": 3.0}, {LEADER: -500.0}) == [
         HostOffRate(LEADER, -500.0, certain=True, ambiguous=False),
-        HostAtRate("cam01"),
+        HostOffRate("cam01", 0.0),
     ]
 
 
@@ -59,4 +59,4 @@ def test_a_rate_at_the_edge_does_not_flicker() -> None:
 def test_a_node_that_is_gone_is_not_off_rate() -> None:
     vote = RateVote()
     vote.review({"cam01": 210.0, "cam02": 0.0}, {})
-    assert vote.review({"cam02": 0.0}, {}) == [HostAtRate("cam01")]
+    assert vote.review({"cam02": 0.0}, {}) == [HostOffRate("cam01", 0.0)]

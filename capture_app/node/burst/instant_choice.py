@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 from msgspec.structs import replace
 
@@ -26,18 +25,8 @@ def usual_spare(frames: int) -> int:
     return max(FEWEST_SPARE, frames)
 
 
-@dataclass(frozen=True, slots=True)
-class CameraInstants:
-    """What a camera has told of the instants that were ordered, by their numbers."""
-
-    there: frozenset[int]
-    """Instants of which it has a frame."""
-    missing: frozenset[int]
-    """Instants of which it has none."""
-
-
 def choose_instants(
-    ordered: int, frames: int, cameras: Collection[CameraInstants | None]
+    ordered: int, frames: int, cameras: Collection[CameraPlan | None]
 ) -> tuple[int, ...] | None:
     """Choose `frames` of the instants that were ordered; None where more must be heard first.
 
@@ -47,14 +36,16 @@ def choose_instants(
     told = [camera for camera in cameras if camera is not None]
     if len(told) < len(cameras):
         return None
+    there = [frozenset(camera.instants) for camera in told]
+    missing = {gap.instant for camera in told for gap in camera.missing}
     complete: list[int] = []
     undecided = False
     for instant in range(ordered):
         if len(complete) == frames:
             break
-        if any(instant in camera.missing for camera in told):
+        if instant in missing:
             continue
-        if all(instant in camera.there for camera in told):
+        if all(instant in instants for instants in there):
             complete.append(instant)
         else:
             undecided = True
@@ -62,7 +53,7 @@ def choose_instants(
         return None
     if len(complete) < frames:
         others = (instant for instant in range(ordered) if instant not in complete)
-        by_cameras = sorted(others, key=lambda n: sum(n in camera.there for camera in told), reverse=True)
+        by_cameras = sorted(others, key=lambda n: sum(n in instants for instants in there), reverse=True)
         complete += by_cameras[: frames - len(complete)]
     return tuple(sorted(complete))
 
@@ -111,13 +102,7 @@ class InstantChoice:
 
     def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:
         """The instants to commit to by what the cameras that are awaited have told; None for not yet."""
-        told = [
-            None
-            if report is None
-            else CameraInstants(frozenset(report.instants), frozenset(gap.instant for gap in report.missing))
-            for report in awaited
-        ]
-        return choose_instants(len(self._burst.instants_ns), self._burst.frames, told)
+        return choose_instants(len(self._burst.instants_ns), self._burst.frames, awaited)
 
     def check_ordered(self, instants: Collection[int]) -> None:
         """Raise BadInputError for one that was not ordered."""

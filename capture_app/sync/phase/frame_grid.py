@@ -5,10 +5,6 @@ A setpoint says where a stream should be moved, so that its drift takes it throu
 
 from dataclasses import dataclass
 
-MIN_PERIOD_NS = 100_000
-MAX_PERIOD_NS = 60_000_000_000
-"""Frame periods that a rig can have: 10,000 fps to one a minute."""
-
 
 @dataclass(frozen=True, slots=True)
 class FrameGrid:

@@ -26,15 +26,14 @@ from capture_app.sync.rig.events import (
 )
 from capture_app.sync.rig.frame_selection import (
     NO_FRAME_OF_ITS_OWN,
-    FrameTiming,
+    CameraGrid,
     Gap,
     RingBuffer,
     SelectedFrame,
     is_possible_burst,
-    select_frame,
 )
 from capture_app.sync.rig.orders import CANCELLED
-from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
+from capture_app.sync.rig.phase_loop import ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -102,6 +101,19 @@ class _PendingBurst(Generic[F]):
         self.last_stamp_ns = picked.stamp_ns
         return picked
 
+    def tell(
+        self, picks: tuple[SelectedFrame[F], ...], time_map: TimeMap, phase: PhaseEstimate | None
+    ) -> FramesSelected[F]:
+        """What is new of it: the picks with their times by this map, and what is a gap."""
+        trigger, further = self.trigger, self.told > 0
+        gaps = tuple(gap for gap in self.picked if isinstance(gap, Gap))
+        self.told, self.time_map = self.over, time_map
+        self.picked.clear()
+        streamed = trigger if trigger.streamed else None
+        return FramesSelected(
+            trigger.leader, trigger.burst, picks, gaps, time_map, phase, further, streamed, self.told
+        )
+
 
 class PendingBursts(Generic[F]):
     """Triggers of one tree's root, by its run and their number, whichever relay has brought them."""
@@ -121,7 +133,7 @@ class PendingBursts(Generic[F]):
             if burst.trigger.streamed and burst.time_map is not None:
                 burst.trigger = structs.replace(burst.trigger, count=burst.told)
                 burst.picked.clear()
-                ends.append(_tell(burst, FrameTiming(burst.time_map), None))
+                ends.append(burst.tell((), burst.time_map, None))
         self._pending.clear()
         self._done.clear()
         return ends
@@ -164,48 +176,34 @@ class PendingBursts(Generic[F]):
         Spare instants are told after that, each when it is over; the stream's phase only by a member.
         """
         due = []
-        timing = grid.timing(time_map, loop)
         for key, burst in list(self._pending.items()):
             for instant in range(burst.over, burst.trigger.count):
                 instant_ns = burst.instant_ns(instant)
                 if not _is_over(instant_ns, ring, grid, time_map, now_ns):
                     break
-                picked = select_frame(ring, timing, instant, instant_ns, grid.rig_grid.period_ns)
-                burst.picked.append(burst.once(picked))
+                burst.picked.append(burst.once(grid.select(ring, time_map, instant, instant_ns)))
             if burst.has_news:
                 newest = burst.trigger.streamed or burst.time_map is None
                 by = time_map if newest else burst.time_map or time_map
-                last_ns = by.local_from_leader(burst.instant_ns(max(0, burst.over - 1))) - grid.offset_ns
+                last_ns = grid.wanted_ns(by, burst.instant_ns(max(0, burst.over - 1)))
                 phase = loop.phase(grid, time_map, last_ns) if is_member else None
-                due.append(_tell(burst, grid.timing(by, loop), phase))
+                picks = (
+                    grid.pick(by, pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
+                    for pick in burst.picked
+                    if isinstance(pick, SelectedFrame)
+                )
+                due.append(burst.tell(tuple(picks), by, phase))
             if burst.told == burst.trigger.count:
                 self.forget(*key)
         return due
 
 
-def _is_over(instant_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
-    """Whether an instant's frame has come, or is waited for no longer."""
+def _is_over(at_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
+    """Whether the frame of an instant of leader time has come, or is waited for no longer."""
     newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
-    wanted_ns = time_map.local_from_leader(instant_ns) - grid.offset_ns
+    wanted_ns = grid.wanted_ns(time_map, at_ns)
     seen = newest_ns is not None and newest_ns > wanted_ns + period_ns // 2
     return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns
-
-
-def _tell(burst: _PendingBurst[F], timing: FrameTiming, phase: PhaseEstimate | None) -> FramesSelected[F]:
-    """What is new of a burst, with the times by this timing."""
-    trigger, further = burst.trigger, burst.told > 0
-    picks = tuple(
-        timing.pick(pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
-        for pick in burst.picked
-        if isinstance(pick, SelectedFrame)
-    )
-    gaps = tuple(gap for gap in burst.picked if isinstance(gap, Gap))
-    burst.told, burst.time_map = burst.over, timing.time_map
-    burst.picked.clear()
-    streamed = trigger if trigger.streamed else None
-    return FramesSelected(
-        trigger.leader, trigger.burst, picks, gaps, timing.time_map, phase, further, streamed, burst.told
-    )
 
 
 class Client(Generic[F]):
@@ -310,7 +308,7 @@ class Client(Generic[F]):
     @property
     def leader_in_holdover(self) -> bool:
         """Whether the leader is a relay in holdover: it keeps the time, but brings no bursts."""
-        return self.time.is_member and self.time.followed is not None and self.time.followed.told.in_holdover
+        return self.time.is_member and self.time.followed is not None and self.time.followed.in_holdover
 
     @property
     def can_change_leader(self) -> bool:
@@ -405,7 +403,9 @@ class Client(Generic[F]):
     def _grid(self) -> CameraGrid | None:
         """By the configuration of the present leader, or of the last one, whose bursts are still picked."""
         config = self.time.followed
-        return None if config is None else CameraGrid.of_camera(self.config.camera, config)
+        return (
+            None if config is None else CameraGrid.of_camera(self.config.camera, config, self.aligner.phase)
+        )
 
     def _report_to_leader(self, now_ns: int) -> Report:
         self._phase_loop.note_report()

@@ -136,7 +136,7 @@ class NodeChanged:
     name: str
     """The client's."""
     change: Literal["joined", "returned", "moved", "lost", "forgotten", "refused"]
-    """One that returned was lost or restarted, one that moved is here and joined another relay, or this leader
+    """One that returned was lost or restarted, one that moved is here and joined another relay or the leader
     itself; one forgotten was lost for long, or put away by a person; one that is refused keeps asking."""
     reason: str = ""
     """Why it is lost, in a few words; why it is refused, as it is told, with what to do."""

@@ -69,7 +69,7 @@ class LeaderChoice:
         followed = self._time.followed
         if now_ns < self.due_ns or followed is None or not self._time.is_member:
             return None
-        return self.probe(self.leader, now_ns, in_holdover=followed.told.in_holdover)
+        return self.probe(self.leader, now_ns, in_holdover=followed.in_holdover)
 
     def change_to(self, leader: Address, now_ns: int) -> None:
         """Follow another leader, which was found by probes."""

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy
+from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.aligner import Aligner
+from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import StampError
+from capture_app.sync.wire.messages import RigConfigMessage
 
 F = TypeVar("F")
 
@@ -145,50 +146,75 @@ def burst_instants(grid: FrameGrid, at_leader_ns: int, frames: int, spacing: int
 
 
 @dataclass(frozen=True, slots=True)
-class FrameTiming:
-    """What tells when a camera's frames were, in leader time."""
+class CameraGrid:
+    """The rig's grid of instants as one camera's timestamps see it, and when its frames were; times in ns."""
 
-    time_map: TimeMap
+    rig_grid: FrameGrid
     offset_ns: int = 0
-    """From a frame's timestamp to its aligned moment, which is what a pick tells."""
+    """From a frame's timestamp to its aligned moment, as well as that is known: that is what a pick tells."""
     accuracy: StampAccuracy = EXACT_STAMPS
-    """How well that is known."""
-    aligner: Aligner | None = None
+    """How well it is known."""
+    why_no_centre: str = ""
+    """Why the middle of the exposure is not aligned though it was asked for; empty where it is."""
+    meeting_leader_ns: int | None = None
+    stream: PhaseEstimator | None = None
     """Knows how far a timestamp is off its stream's line: a stamp may be late though the frame is not."""
 
-    def pick(self, frame: F, stamp_ns: int, instant: int, instant_ns: int) -> SelectedFrame[F]:
-        """Return the pick of a frame for an instant; `stamp_ns` is as the driver told it."""
-        error = StampError() if self.aligner is None else self.aligner.phase.stamp_error(stamp_ns)
-        time_map, accuracy = self.time_map, self.accuracy
+    @classmethod
+    def of_camera(cls, camera: CameraFacts, config: RigConfigMessage, stream: PhaseEstimator) -> "CameraGrid":
+        """Return the grid of that configuration for a camera and its stream."""
+        row = config.align_row
+        start_ns = camera.start_offset_ns()
+        known_ns = start_ns if row is None else camera.mid_exposure_offset_ns(row)
+        problem = "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
+        return cls(
+            FrameGrid(config.anchor_leader_ns, config.period_ns),
+            start_ns if known_ns is None else known_ns,
+            camera.stamp_accuracy,
+            "" if known_ns is not None else problem,
+            config.meeting_leader_ns,
+            stream,
+        )
+
+    @property
+    def grid_of_stamps(self) -> FrameGrid:
+        """The grid that the frames' timestamps should lie on."""
+        return FrameGrid(self.rig_grid.anchor_leader_ns - self.offset_ns, self.rig_grid.period_ns)
+
+    def wanted_ns(self, time_map: TimeMap, instant_ns: int) -> int:
+        """Return the timestamp, in local time, that a frame of an instant of leader time should have."""
+        return time_map.local_from_leader(instant_ns) - self.offset_ns
+
+    def pick(self, time_map: TimeMap, frame: F, stamp_ns: int, instant: int, at_ns: int) -> SelectedFrame[F]:
+        """Return the pick of a frame for an instant at `at_ns` of leader time; `stamp_ns` is the driver's."""
+        error = StampError() if self.stream is None else self.stream.stamp_error(stamp_ns)
         local_ns = stamp_ns - error.outlier_ns + self.offset_ns
         leader_ns = time_map.leader_from_local(local_ns)
         bound_ns = round(time_map.hard_bound_at(local_ns) + error.hard_bound_ns)
+        uncertainty_ns = time_map.uncertainty_at(local_ns) + error.uncertainty_ns
         return SelectedFrame(
             instant,
             local_ns,
             leader_ns,
-            residual_ns=leader_ns - instant_ns,
-            uncertainty_ns=round(
-                time_map.uncertainty_at(local_ns) + error.uncertainty_ns + accuracy.uncertainty_ns
-            ),
-            hard_bound_ns=bound_ns if accuracy.is_exact else None,
+            residual_ns=leader_ns - at_ns,
+            uncertainty_ns=round(uncertainty_ns + self.accuracy.uncertainty_ns),
+            hard_bound_ns=bound_ns if self.accuracy.is_exact else None,
             outlier_ns=error.outlier_ns,
             frame=frame,
             alignment_offset_ns=self.offset_ns,
         )
 
-
-def select_frame(
-    ring: RingBuffer[F], timing: FrameTiming, instant: int, instant_ns: int, period_ns: int
-) -> SelectedFrame[F] | Gap:
-    """Return the frame nearest to an instant, or why there is none within half a period."""
-    wanted_ns = timing.time_map.local_from_leader(instant_ns) - timing.offset_ns
-    nearest = ring.nearest(wanted_ns)
-    if nearest is None:
-        return Gap(instant, "the camera gave no frames")
-    stamp_ns, frame = nearest
-    pick = timing.pick(frame, stamp_ns, instant, instant_ns)
-    if abs(pick.residual_ns) > period_ns // 2:
-        late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
-        return Gap(instant, "it had left the ring buffer" if late else DROPPED)
-    return pick
+    def select(
+        self, ring: RingBuffer[F], time_map: TimeMap, instant: int, at_ns: int
+    ) -> SelectedFrame[F] | Gap:
+        """Return the frame nearest to an instant, or why there is none within half a period."""
+        wanted_ns = self.wanted_ns(time_map, at_ns)
+        nearest = ring.nearest(wanted_ns)
+        if nearest is None:
+            return Gap(instant, "the camera gave no frames")
+        stamp_ns, frame = nearest
+        pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
+        if abs(pick.residual_ns) > self.rig_grid.period_ns // 2:
+            late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
+            return Gap(instant, "it had left the ring buffer" if late else DROPPED)
+        return pick

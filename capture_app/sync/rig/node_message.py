@@ -3,7 +3,8 @@
 from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.phase.stamps import PhaseEstimate
-from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
+from capture_app.sync.rig.frame_selection import CameraGrid
+from capture_app.sync.rig.phase_loop import PhaseLoop
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper

@@ -6,55 +6,15 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy
+from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
-from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS, FrameTiming
-from capture_app.sync.timekeeping.timekeeper import FollowedConfig
+from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS, CameraGrid
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
-
-
-@dataclass(frozen=True, slots=True)
-class CameraGrid:
-    """The rig's grid of instants as one camera's timestamps see it; times in ns."""
-
-    rig_grid: FrameGrid
-    offset_ns: int
-    """From a frame's timestamp to its aligned moment, as well as that is known."""
-    stamp: StampAccuracy
-    """How well it is known."""
-    why_no_centre: str
-    """Why the middle of the exposure is not aligned though it was asked for; empty where it is."""
-    meeting_leader_ns: int | None
-
-    @classmethod
-    def of_camera(cls, camera: CameraFacts, config: FollowedConfig) -> "CameraGrid":
-        """Return the grid of that configuration for a camera."""
-        row = config.told.align_row
-        start_ns = camera.start_offset_ns()
-        known_ns = start_ns if row is None else camera.mid_exposure_offset_ns(row)
-        problem = "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
-        return cls(
-            config.grid,
-            start_ns if known_ns is None else known_ns,
-            camera.stamp_accuracy,
-            "" if known_ns is not None else problem,
-            config.told.meeting_leader_ns,
-        )
-
-    def timing(self, time_map: TimeMap, loop: "PhaseLoop") -> FrameTiming:
-        """What tells when this camera's frames were, by that map of its clock."""
-        return FrameTiming(time_map, self.offset_ns, self.stamp, loop.aligner)
-
-    @property
-    def grid_of_stamps(self) -> FrameGrid:
-        """The grid that the frames' timestamps should lie on."""
-        return FrameGrid(self.rig_grid.anchor_leader_ns - self.offset_ns, self.rig_grid.period_ns)
 
 
 @dataclass(frozen=True, slots=True)

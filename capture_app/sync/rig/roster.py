@@ -9,11 +9,12 @@ from msgspec import structs
 from capture_app.camera_facts import CameraFacts
 from capture_app.names import is_name
 from capture_app.sync.engine import Address
-from capture_app.sync.phase.frame_grid import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
+    MAX_PERIOD_NS,
+    MIN_PERIOD_NS,
     MOST_TEXT,
     PROBE_NUMBER,
     WITHOUT_CAMERA,

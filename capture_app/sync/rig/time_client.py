@@ -11,7 +11,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
-from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import (
     Message,
     WireError,
@@ -34,6 +34,7 @@ from capture_app.sync.wire.messages import (
     NodeState,
     Notice,
     Report,
+    RigConfigMessage,
     TimeReply,
     Trigger,
     UnknownMember,
@@ -87,7 +88,7 @@ class TimeClient:
         """How often it has asked to join since it was a member; after HELLOS another leader is asked."""
         self.number: int | None = None
         """What the leader knows this node by; None while it is no member."""
-        self.followed: FollowedConfig | None = None
+        self.followed: RigConfigMessage | None = None
         """Configuration of the present leader, or of the last one."""
         self.why_joining = ""
         """Why it is no member, where that is known."""
@@ -135,7 +136,7 @@ class TimeClient:
     def receive_broadcast(self, data: bytes, now_ns: int) -> None:
         """Take in a datagram of the leader's multicast group; all but its beacons are ignored."""
         message = self.decode(data)
-        leader = self.followed.told.leader if self.followed is not None and self.is_member else None
+        leader = self.followed.leader if self.followed is not None and self.is_member else None
         if isinstance(message, Beacon) and message.leader == leader:
             self.timekeeper.listener.add_arrival(message.number, now_ns)
 
@@ -180,15 +181,15 @@ class TimeClient:
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
         """Become a member of the leader that sent this; False if it cannot be followed."""
-        config = FollowedConfig.of_message(welcome.config)
-        if config is None or self._objection(config):
+        config = welcome.config
+        if not config.is_possible or self._objection(config):
             return False
         self.followed, self.number = config, welcome.client
         self.timekeeper.follow(config, welcome.client, welcome.slot, now_ns)
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
         self._heard_ns = now_ns
         self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
-        self._events.append(Joined(welcome.transfer_port, config.told.leader, welcome.beacons))
+        self._events.append(Joined(welcome.transfer_port, config.leader, welcome.beacons))
         return True
 
     def lose(self, reason: str, now_ns: int) -> None:
@@ -280,7 +281,7 @@ class TimeClient:
         camera = self.camera
         if camera.kind in WITHOUT_CAMERA and self.followed is not None:
             # A root that has been started anew can lay its grid as the cameras below have it.
-            camera = structs.replace(camera, period_ns=self.followed.grid.period_ns)
+            camera = structs.replace(camera, period_ns=self.followed.period_ns)
         return Hello(self.name, self.instance, camera)
 
     # The parts
@@ -290,7 +291,7 @@ class TimeClient:
         """From when on the leader is gone if it is not heard until then."""
         return NEVER_NS if self._heartbeat_every_ns is None else self._heard_ns + self.silent_ns
 
-    def _objection(self, config: FollowedConfig) -> str:
+    def _objection(self, config: RigConfigMessage) -> str:
         """Say why a leader of such a configuration cannot be followed; empty where it can.
 
         A camera's member joins anew where the grid's period or the root has changed: its bursts are theirs.
@@ -301,7 +302,7 @@ class TimeClient:
             return "the parent is too far from the root" if len(config.path) > MAX_DEPTH else ""
         if not self.is_member or self.followed is None:
             return ""
-        if config.grid.period_ns != self.followed.grid.period_ns:
+        if config.period_ns != self.followed.period_ns:
             return "the leader has another grid of instants"
         return "the relay follows another leader" if config.path[0] != self.followed.path[0] else ""
 
@@ -314,11 +315,11 @@ class TimeClient:
             self._events.append(LeaderNews("said", message.text))
 
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
-        config = FollowedConfig.of_message(answer.config)
-        reason = "its answers cannot be right" if config is None else self._objection(config)
-        if config is None or reason:
+        config = answer.config
+        reason = self._objection(config) if config.is_possible else "its answers cannot be right"
+        if reason:
             self.lose(reason, now_ns)
-        elif self.followed is not None and config.told.leader != self.followed.told.leader:
+        elif self.followed is not None and config.leader != self.followed.leader:
             self.lose("the leader has changed", now_ns)
         else:
             self.followed = config

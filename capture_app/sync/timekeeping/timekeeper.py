@@ -1,17 +1,12 @@
-"""Keeps the leader's time on a node: requests as its schedule says, and the newest time map.
-
-The configuration of its leader as a client uses it: the grid of instants and the way to the root's time.
-"""
+"""Keeps the leader's time on a node: requests as its schedule says, and the newest time map."""
 
 from collections import deque
 from collections.abc import MutableSequence
-from dataclasses import dataclass
 
 from msgspec.structs import replace
 
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.frame_grid import MAX_PERIOD_NS, MIN_PERIOD_NS, FrameGrid
 from capture_app.sync.reference_broadcast import Listener
 from capture_app.sync.timekeeping.clock_events import (
     ClockEvent,
@@ -31,40 +26,6 @@ from capture_app.sync.timekeeping.poll_schedule import (
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.wire.codec import request_at, request_before_t0
 from capture_app.sync.wire.messages import ArrivalReport, NodeState, Report, RigConfigMessage, TimeReply
-
-
-@dataclass(frozen=True, slots=True)
-class FollowedConfig:
-    """The configuration of its leader, or relay, as a client uses it; times in ns."""
-
-    told: RigConfigMessage
-    """As it was told."""
-    path: tuple[int, ...]
-    """Instances from the root to this leader."""
-    grid: FrameGrid
-    upstream: TimeMap | None
-    """From the leader's clock to the root's; None where it is the root."""
-
-    @classmethod
-    def of_message(cls, message: RigConfigMessage) -> "FollowedConfig | None":
-        """Return the configuration of a welcome or an acknowledgement; None where it cannot be right."""
-        above = message.upstream
-        upstream = None if above is None else above.time_map()
-        if (
-            above is not None and upstream is None
-        ) or not MIN_PERIOD_NS <= message.period_ns <= MAX_PERIOD_NS:
-            return None
-        return cls(
-            told=message,
-            path=(message.leader,) if above is None else (*above.path, message.leader),
-            grid=FrameGrid(message.anchor_leader_ns, message.period_ns),
-            upstream=upstream,
-        )
-
-    def root_map(self, own: TimeMap) -> TimeMap:
-        """Return the map to the root's clock; `own` is the one to the leader's."""
-        return own if self.upstream is None else own.chained_to(self.upstream)
-
 
 OUTSTANDING = 512
 TELL_STEPS_EVERY_NS = 10_000_000_000
@@ -108,7 +69,7 @@ class Timekeeper:
         """How many time requests were sent."""
         self._samples = samples
         self._number = 0
-        self._asked: FollowedConfig | None = None
+        self._asked: RigConfigMessage | None = None
         """Configuration of the leader that is asked, or was last: `clock` estimates its clock."""
         self._sequence = first_sequence
         self._outstanding: dict[int, int] = {}
@@ -127,20 +88,19 @@ class Timekeeper:
 
     # In
 
-    def follow(self, config: FollowedConfig, number: int, slot: float, now_ns: int) -> None:
+    def follow(self, config: RigConfigMessage, number: int, slot: float, now_ns: int) -> None:
         """Begin to ask a leader that has taken this node in; the time map of the same root is kept.
 
         So is that of the root whose time a new one carries on, less certain by what that one tells.
         """
-        if self._asked is None or config.told.leader != self._asked.told.leader:
+        if self._asked is None or config.leader != self._asked.leader:
             self.clock.reset()
             self.listener.reset()
             self.uncorrected_map = None
         if self.time_is_known and self.time_map is not None and config.path[0] != self.path[0]:
-            continued = config.told.continues
-            to_former = None if continued is None else continued.time_map()
-            if continued is not None and to_former is not None and continued.path[0] == self.path[0]:
-                self.time_map = self.time_map.chained_to(to_former)
+            continued = config.continues
+            if continued is not None and continued.is_finite and continued.path[0] == self.path[0]:
+                self.time_map = self.time_map.chained_to(continued.time_map())
                 self.path = (config.path[0], *(self.path[1:] or self.path))
         if not self.time_is_known or config.path[0] != self.path[0]:
             self.time_map, self.time_is_known = None, False
@@ -154,11 +114,11 @@ class Timekeeper:
         self.update_config(config)
         self.schedule.begin(now_ns)
 
-    def update_config(self, config: FollowedConfig) -> None:
+    def update_config(self, config: RigConfigMessage) -> None:
         """Note the leader's present configuration."""
         self._asked = config
-        self.schedule.leader_pace_ns = config.told.pace_ns
-        self.clock.look_back(config.told.pace_ns)
+        self.schedule.leader_pace_ns = config.pace_ns
+        self.clock.look_back(config.pace_ns)
 
     def stop(self) -> None:
         """Send no more requests: the leader is gone."""
@@ -279,7 +239,7 @@ class Timekeeper:
         if own is None or asked is None:
             return
         self.uncorrected_map = own
-        in_holdover = self.time_is_known and self.path[-1] != asked.told.leader
+        in_holdover = self.time_is_known and self.path[-1] != asked.leader
         schedule = self.schedule
         wary = in_holdover or self._stepped
         if self.clock.samples < (schedule.synced_samples if wary else schedule.least_samples):

@@ -10,6 +10,7 @@ from dataclasses import replace
 import msgspec
 
 from capture_app.sync.engine import Address
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import GridChoice
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -156,8 +157,8 @@ class Relay:
         if number != self._number:
             self._number = number
             self.uplink.restart(has_parent=number is not None)
-        current.continues = None if above is None else above.told.continues
-        in_holdover = number is None or above is None or above.told.in_holdover
+        current.continues = None if above is None else above.continues
+        in_holdover = number is None or above is None or above.in_holdover
         if current.in_holdover is not in_holdover:
             current.in_holdover = in_holdover
             if current.grid_choice is not None:
@@ -171,11 +172,12 @@ class Relay:
             return
         if current.upstream is None or current.upstream.epoch_local_ns != member.time_map.epoch_local_ns:
             current.upstream = upstream_map(member.time.timekeeper.path, member.time_map)
-        moved = (leader.grid, current.config.align_row) != (above.grid, above.told.align_row)
+        grid = FrameGrid(above.anchor_leader_ns, above.period_ns)
+        moved = (leader.grid, current.config.align_row) != (grid, above.align_row)
         if current.grid_choice is None or moved:
-            current.grid_choice = GridChoice(above.grid)
+            current.grid_choice = GridChoice(grid)
         # Without a parent no stream is restarted: what suits the other cameras is not known.
-        current.grid_choice.meeting_leader_ns = above.told.meeting_leader_ns if number is not None else None
-        current.config = replace(current.config, align_row=above.told.align_row)
+        current.grid_choice.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
+        current.config = replace(current.config, align_row=above.align_row)
         if moved:
             leader.acknowledge_all()

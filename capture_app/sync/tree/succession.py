@@ -121,4 +121,5 @@ class Succession:
             skew_bound=time_map.skew_bound,
             drift_uncertainty=time_map.drift_uncertainty,
         )
-        return Continued(time_map, told, followed.grid)
+        grid = FrameGrid(followed.anchor_leader_ns, followed.period_ns)
+        return Continued(time_map, told, grid)

@@ -88,11 +88,15 @@ class UpstreamMap(Struct, frozen=True, array_like=True):
     skew_bound: SkewError
     drift_uncertainty: SkewError = 0.0
 
-    def time_map(self) -> TimeMap | None:
-        """The map from the relay's clock to the root's; None where a value is not a number."""
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of its values are numbers."""
+        values = (getattr(self, name) for name in _SHARED_FIELDS)
+        return all(isfinite(value) for value in values if isinstance(value, float))
+
+    def time_map(self) -> TimeMap:
+        """The map from the relay's clock to the root's."""
         fields = {name: getattr(self, name) for name in _SHARED_FIELDS}
-        if not all(isfinite(value) for value in fields.values() if isinstance(value, float)):
-            return None
         return TimeMap(**fields, samples=0, round_trip_ns=0)
 
 
@@ -175,6 +179,11 @@ class Hello(Struct, frozen=True, tag="hello"):
     """That of its machine, as a relay has seen it; what a client says of itself does not count."""
 
 
+MIN_PERIOD_NS = 100_000
+MAX_PERIOD_NS = 60_000_000_000
+"""Frame periods that a rig can have: 10,000 fps to one a minute."""
+
+
 class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     """A rig's configuration as a leader, or a relay, tells it to all its clients; times in ns."""
 
@@ -195,6 +204,21 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     """This relay, or one above it, has lost its leader: it keeps the time, but brings no bursts."""
     continues: UpstreamMap | None = None
     """The root carries on the time of a leader that is gone, which is the path: from its own to that time."""
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether it can be right."""
+        above = self.upstream
+        return MIN_PERIOD_NS <= self.period_ns <= MAX_PERIOD_NS and (above is None or above.is_finite)
+
+    @property
+    def path(self) -> tuple[int, ...]:
+        """Instances from the root to this leader."""
+        return (self.leader,) if self.upstream is None else (*self.upstream.path, self.leader)
+
+    def root_map(self, own: TimeMap) -> TimeMap:
+        """Return the map to the root's clock; `own` is the one to this leader's."""
+        return own if self.upstream is None else own.chained_to(self.upstream.time_map())
 
 
 class Welcome(Struct, frozen=True, tag="welcome"):

@@ -6,7 +6,10 @@ import pytest
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.clock import SimulatedClock
-from capture_app.node.burst.instant_choice import CameraInstants, choose_instants
+from capture_app.node.burst.instant_choice import choose_instants
+from capture_app.node.camera.records import missing_images
+from capture_app.session.format.burst_plan import CameraPlan
+from capture_app.session.format.manifest import CameraRecord
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.events import BurstCancelled, FramesSelected
 from capture_app.sync.rig.frame_selection import Burst
@@ -20,12 +23,14 @@ def dropping_rig(cameras: int, drop_share: float, seed: int = 1) -> VirtualRig:
     )
 
 
-def shares_of(node: VirtualNode, burst: Burst) -> CameraInstants | None:
+def shares_of(node: VirtualNode, burst: Burst) -> CameraPlan | None:
     picked = node.bursts.get(burst.number)
     if picked is None:
         return None
-    return CameraInstants(
-        frozenset(pick.instant for pick in picked.frames), frozenset(gap.instant for gap in picked.gaps)
+    return CameraPlan(
+        camera=CameraRecord(name=node.spec.name, facts=node.client.config.camera),
+        instants=tuple(pick.instant for pick in picked.frames),
+        missing=missing_images(node.spec.name, picked.gaps),
     )
 
 

@@ -3,12 +3,21 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.node.burst.instant_choice import CameraInstants, choose_instants
+from capture_app.node.burst.instant_choice import choose_instants
+from capture_app.session.format.burst_plan import CameraPlan
+from capture_app.session.format.manifest import CameraRecord, MissingImage
+from tests.facts import make_facts
 
 
-def camera(told: int, *missing: int) -> CameraInstants:
+def camera(told: int, *missing: int) -> CameraPlan:
     """A camera that has told of the first so many instants."""
-    return CameraInstants(frozenset(range(told)) - set(missing), frozenset(missing))
+    return CameraPlan(
+        camera=CameraRecord(name="cam", facts=make_facts()),
+        instants=tuple(sorted({*range(told)} - {*missing})),
+        missing=tuple(
+            MissingImage(camera="cam", instant=instant, reason="it dropped") for instant in missing
+        ),
+    )
 
 
 def test_a_whole_burst_needs_no_spare_instant() -> None:

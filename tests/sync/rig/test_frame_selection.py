@@ -6,12 +6,11 @@ from hypothesis import strategies as st
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.frame_selection import (
-    FrameTiming,
+    CameraGrid,
     Gap,
     RingBuffer,
     SelectedFrame,
     burst_instants,
-    select_frame,
 )
 
 PERIOD_NS = 33_333_333
@@ -56,9 +55,8 @@ def ring_of(timestamps: list[int], span_ns: int = HOUR_NS) -> RingBuffer[int]:
 def pick_frames(
     ring: RingBuffer[int], there: TimeMap, instants_ns: tuple[int, ...], period_ns: int
 ) -> tuple[list[SelectedFrame[int]], list[Gap]]:
-    found = [
-        select_frame(ring, FrameTiming(there), n, at_ns, period_ns) for n, at_ns in enumerate(instants_ns)
-    ]
+    grid = CameraGrid(FrameGrid(0, period_ns))
+    found = [grid.select(ring, there, n, at_ns) for n, at_ns in enumerate(instants_ns)]
     return [f for f in found if isinstance(f, SelectedFrame)], [f for f in found if isinstance(f, Gap)]
 
 

@@ -19,7 +19,7 @@ from capture_app.sync.timekeeping.poll_schedule import (
     PACE_NS,
     SteadySchedule,
 )
-from capture_app.sync.timekeeping.timekeeper import FollowedConfig, Timekeeper
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import NodeState, RigConfigMessage, TimeReply, TimeRequest
 
@@ -31,9 +31,8 @@ def asked_ns(seconds: float, *, told_pace_ns: int = 0, lose_each: int = 0) -> li
     """Let a client ask a leader a millisecond away; return when its requests went out."""
     keeper = Timekeeper(7)
     told = RigConfigMessage(leader=2, anchor_leader_ns=0, period_ns=33_333_333, pace_ns=told_pace_ns)
-    config = FollowedConfig.of_message(told)
-    assert config is not None
-    keeper.follow(config, 3, 0.25, 0)
+    assert told.is_possible
+    keeper.follow(told, 3, 0.25, 0)
     sent_ns: list[int] = []
     replies: list[tuple[int, TimeReply]] = []
     now_ns = 0

@@ -15,7 +15,7 @@ from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import News, NewsLog
+from capture_app.node.news import Log, News
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.reader import Session
@@ -80,7 +80,7 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
 async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> Session:
     """Start a leader and simulated nodes, take one burst when all are ready, and return its session."""
 
-    class Progress(NewsLog):
+    class Progress(Log):
         shown = 0
 
         def note(self, news: News) -> None:

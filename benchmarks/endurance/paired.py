@@ -17,6 +17,7 @@ from capture_app.net.udp import client_socket
 from capture_app.node.requests import ask_status
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating
+from capture_app.node.wire.status import Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Hello, TimeRequest, Welcome
@@ -122,7 +123,7 @@ class PairedThief:
         channel = await connect(self.leader, wire.FromLeader, trust=self.trust)
         await channel.send(operating.ViewfinderOpened(camera=name, instance=run))
         if with_picture:
-            frame = operating.PreviewFrame(camera=name, leader_ns=0, width=1, height=1)
+            frame = Preview(camera=name, leader_ns=0, width=1, height=1)
             await channel.send(frame, bytes(PREVIEW_BYTES))
         return channel
 

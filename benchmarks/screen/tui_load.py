@@ -27,7 +27,7 @@ from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.requests import ask_burst, ask_status, give_order
 from capture_app.node.rig_link import RigLink
 from capture_app.node.wire.messages import BurstRequest, StatusAnswer, StatusRequest, ToLeader
@@ -192,7 +192,7 @@ async def _measure_idle(status: RigStatus, options: Namespace, environment: dict
         if isinstance(await channel.receive_header(), StatusRequest):
             await channel.send(StatusAnswer(rig=status))
         else:
-            await Watcher(channel, rig, NewsLog(), viewfinders).serve()
+            await Watcher(channel, rig, Log(), viewfinders).serve()
 
     datagrams, listening = bind_port("127.0.0.1", 0)
     server = TransferServer[ToLeader](ToLeader, serve)

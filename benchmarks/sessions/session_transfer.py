@@ -30,7 +30,7 @@ from capture_app.node.camera.burst_upload import BurstUpload
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.leader.service import LeaderService
-from capture_app.node.news import Log, NewsLog
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace, ToLeader
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
@@ -71,7 +71,7 @@ class OneBurst:
         self._session = session
         self.engine = self.options = self
         self.members = {name: Joined(name) for name in session.burst.clients}
-        self.news = NewsLog()
+        self.news = Log()
 
     async def answer_finished(self, report: CameraReport) -> None:
         """No session is finished."""

@@ -1,7 +1,7 @@
 """`capture-app cameras`: those of this machine and of a running rig, and the rig's controls."""
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from capture_app.text import UNREADABLE, count, duration, megabytes, pretty_json
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.requests import ControlledCamera
+    from capture_app.node.requests import CamerasControls
     from capture_app.node.wire.status import NodeDetail
 
 Profile = dict[str, dict[Control, ControlValue]]
@@ -39,13 +39,13 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
 
     found = asyncio.run(read_all(leader))
     if save is not None:
-        profile: Profile = {one.camera: {} for one in found}
-        for one in found:
-            for of in one.state.controls:
+        profile: Profile = {camera: {} for camera in found}
+        for camera, state in found.items():
+            for of in state.controls:
                 if of.automatic or of.value is not None:
-                    profile[one.camera][of.control] = "auto" if of.automatic else of.value or 0.0
+                    profile[camera][of.control] = "auto" if of.automatic else of.value or 0.0
         write_atomic(save, pretty_json(profile))
-    answer(as_json, {"cameras": found}, _lines(found))
+    _answer(as_json, found)
 
 
 @click.command(
@@ -79,8 +79,8 @@ def set_command(
         found = asyncio.run(set_cameras(leader, dict(_wanted(value) for value in values), cameras))
     else:
         kept = {name: of for name, of in _read_profile(profile).items() if not cameras or name in cameras}
-        found = [one for name, of in kept.items() for one in asyncio.run(set_cameras(leader, of, [name]))]
-    answer(as_json, {"cameras": found}, _lines(found))
+        found = {name: asyncio.run(set_cameras(leader, of, [name]))[name] for name, of in kept.items()}
+    _answer(as_json, found)
 
 
 @click.command(
@@ -106,7 +106,7 @@ def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) ->
 
     chosen = [Control(name) for name in only] or list(Control)
     found = asyncio.run(match_cameras(leader, camera, chosen))
-    answer(as_json, {"cameras": found}, _lines(found))
+    _answer(as_json, found)
 
 
 def _read_profile(file: Path) -> Profile:
@@ -138,15 +138,20 @@ def _wanted(text: str) -> tuple[Control, ControlValue]:
     return Control(name), number
 
 
-def _lines(found: "Sequence[ControlledCamera]") -> Iterator[str]:
+def _answer(as_json: bool, found: "CamerasControls") -> None:
+    told = [{"camera": camera, "state": state} for camera, state in found.items()]
+    answer(as_json, {"cameras": told}, _lines(found))
+
+
+def _lines(found: "CamerasControls") -> Iterator[str]:
     if found:
-        rows = ((one.camera, *(describe(one.state.state(control)) for control in Control)) for one in found)
+        rows = ((name, *(describe(of.state(control)) for control in Control)) for name, of in found.items())
         yield table(("camera", *NAMES), rows)
     else:
         talk("no camera is here")
-    for one in found:
-        for problem in dict.fromkeys(one.state.problems.values()):
-            talk(f"{one.camera}: {problem}")
+    for name, state in found.items():
+        for problem in dict.fromkeys(state.problems.values()):
+            talk(f"{name}: {problem}")
 
 
 @click.group(

@@ -1,6 +1,7 @@
 """`capture-app coverage`: what a calibration board has covered while it is held before a running rig."""
 
 import asyncio
+import functools
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -50,7 +51,9 @@ def coverage(board: "Board", width: int, for_s: float | None, leader: Address, a
     as well, during the count or after it, as docs/calibration.md shows. Ends when nothing is missing, or with
     Ctrl-C.
     """
-    show = print_json_line if as_json else _Screen()
+    from rich.live import Live
+
+    show = print_json_line if as_json else functools.partial(_draw, Live(auto_refresh=False))
     found = run_until_stopped(_count(leader, board, width, for_s, show))
     if found.missing:
         raise IncompleteError(f"still missing: {'; '.join(found.missing[:3])}")
@@ -104,32 +107,23 @@ async def _count(
     return shown
 
 
-class _Screen:
-    """Draws the table anew in its place on a terminal; elsewhere a line whenever something has changed."""
+def _draw(live: "Live", found: "BoardCoverage") -> None:
+    """Draw the table anew in its place on a terminal; elsewhere a line whenever something has changed."""
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
 
-    def __init__(self) -> None:
-        self._live: Live | None = None
+    from capture_app.board.coverage import coverage_table
 
-    def __call__(self, found: "BoardCoverage") -> None:
-        """Show what is covered now."""
-        from capture_app.board.coverage import coverage_table
-
-        if not sys.stdout.isatty():
-            views = ", ".join(f"{name} {seen.views}" for name, seen in found.cameras.items())
-            print_line(f"views: {views}; {(*found.missing, 'nothing is missing')[0]}")
-            return
-        from rich.console import Group
-        from rich.live import Live
-        from rich.table import Table
-        from rich.text import Text
-
-        head, rows = coverage_table(found)
-        table = Table(*head)
-        for row in rows:
-            table.add_row(*(Text(cell) for cell in row))
-        drawn = Group(table, *(Text(line) for line in found.missing[:4]))
-        if self._live is None:
-            self._live = Live(drawn, auto_refresh=False)
-            self._live.start()
-            click.get_current_context().call_on_close(self._live.stop)
-        self._live.update(drawn, refresh=True)
+    if not sys.stdout.isatty():
+        views = ", ".join(f"{name} {seen.views}" for name, seen in found.cameras.items())
+        print_line(f"views: {views}; {(*found.missing, 'nothing is missing')[0]}")
+        return
+    head, rows = coverage_table(found)
+    table = Table(*head)
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    if not live.is_started:
+        live.start()
+        click.get_current_context().call_on_close(live.stop)
+    live.update(Group(table, *(Text(line) for line in found.missing[:4])), refresh=True)

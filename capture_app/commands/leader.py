@@ -4,13 +4,11 @@ import asyncio
 import contextlib
 import functools
 import os
-import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import msgspec
 
 from capture_app.commands.joining import inviting_phones, joining_command
 from capture_app.commands.options import (
@@ -35,7 +33,6 @@ from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.news import News
 
 APP_NOTE = (
     "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose hotspot is"
@@ -140,14 +137,8 @@ def leader(
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
     from capture_app.node.leader.options import LeaderOptions
     from capture_app.node.leader.standby import lead_in_turn
-    from capture_app.node.news import News, NewsLog
+    from capture_app.node.news import Log
     from capture_app.sync.rig.leader import RigConfig
-
-    class PrintedNews(NewsLog):
-        def note(self, news: News) -> None:
-            super().note(news)
-            if as_json:
-                print_json_line(_event_record(news))
 
     is_apps_grid = android_app and fps is None
     rig = RigConfig(
@@ -156,7 +147,7 @@ def leader(
         align_row=align_row if align == "mid-exposure" else None,
         max_delay_ns=round(max_delay_ms * 1e6),
     )
-    news = PrintedNews(log_line)
+    news = Log(log_line, record=print_json_line if as_json else None)
 
     def make_options() -> LeaderOptions:
         return LeaderOptions(
@@ -245,8 +236,3 @@ def _show_code(node: "LeaderNode") -> None:
         f"code {show_code(invited.code)}, for one machine, within {invited.good_for_s // 60} minutes; there:"
     )
     talk(f"  {joining_command(str(node.address), Role.CAMERA, invited.code)}")
-
-
-def _event_record(news: "News") -> dict[str, object]:
-    name = re.sub(r"(?<!^)(?=[A-Z])", "-", type(news).__name__).lower()
-    return {"event": name, **msgspec.to_builtins(news)}

@@ -58,7 +58,7 @@ def relay(
     preferred first. The relay passes on the leader's time and bursts to its nodes, and their images to the
     leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
     """
-    from capture_app.node.news import NewsLog
+    from capture_app.node.news import Log
     from capture_app.node.relay import RelayOptions
 
     make_known(parents, pin, code)
@@ -70,7 +70,7 @@ def relay(
         clock=parse_clock(clock_text, node=name),
         beacons=beacon_sender(reference_broadcast),
         followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
-        news=NewsLog(lambda line: log_line(f"{name}: {line}")),
+        news=Log(lambda line: log_line(f"{name}: {line}")),
     )
     run_until_stopped(_run_relay(options, as_json))
 

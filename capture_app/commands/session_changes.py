@@ -162,10 +162,10 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
     """
     from capture_app.node.leader.repair import repair as repair_sessions
-    from capture_app.node.news import NewsLog
+    from capture_app.node.news import Log
 
     clear_leftovers(path)
-    repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=NewsLog(talk)))
+    repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=Log(talk)))
     told = {"ok": all(one.ok for one in repaired), "sessions": repaired}
     answer(as_json, told, map(_describe_result, repaired))
     failed = [one for one in repaired if not one.ok]

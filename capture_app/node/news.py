@@ -1,9 +1,12 @@
 """What happens at a leader or a relay, in a line each, for the terminal and the screen alike."""
 
+import re
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+
+import msgspec
 
 from capture_app.net.address import Address
 from capture_app.node.wire.status import BurstStatus, Level, NewsLine
@@ -98,18 +101,58 @@ def burst_line(burst: BurstStatus) -> str:
     return so_far + where + (f"; {burst.message}" if burst.message else "")
 
 
+def _is_warning(news: News) -> bool:
+    """Whether a person should look."""
+    match news:
+        case events.NodeChanged():
+            return news.change in ("lost", "refused")
+        case FollowerNews():
+            return news.is_warning
+        case HostOffRate():
+            return bool(news.fast_ppm)
+        case BurstStatus():
+            return news.session is None or news.received != news.expected
+    return True
+
+
+def news_record(news: News) -> dict[str, object]:
+    """What happened as a line of JSON."""
+    match news:
+        case events.NodeChanged(name, change, reason, where):
+            record: dict[str, object] = {"event": f"node-{change}", "name": name}
+            if change == "moved":
+                record["relay"] = where or None
+            if change == "refused":
+                record["where"] = where
+            return record | ({"reason": reason} if change in ("lost", "refused") else {})
+        case events.BurstAnswered(name, burst, refusal):
+            if refusal:
+                return {"event": "burst-refused", "name": name, "burst": burst, "reason": refusal}
+            return {"event": "burst-accepted", "name": name, "burst": burst}
+        case HostOffRate(name, fast_ppm=0.0):
+            return {"event": "host-at-rate", "name": name}
+    kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(news).__name__).lower()
+    return {"event": kind, **msgspec.to_builtins(news)}
+
+
 KEPT = 500
 
 
 class Log:
     """Lines with the time of the calendar, each later than the one before, shown as they come."""
 
-    def __init__(self, show: Callable[[str], None] = lambda _: None, *, name: str | None = None) -> None:
-        """`show` shows a line to whoever runs this.
+    def __init__(
+        self,
+        show: Callable[[str], None] = lambda _: None,
+        *,
+        name: str | None = None,
+        record: Callable[[dict[str, object]], None] | None = None,
+    ) -> None:
+        """`show` shows a line to whoever runs this, `record` what happens in a rig as JSON.
 
         `name` is the node's whose lines these are; None for a leader's, which are of all its nodes.
         """
-        self.show = show
+        self.show, self._record = show, record
         self.name = name
         self._lines: deque[NewsLine] = deque(maxlen=KEPT)
 
@@ -131,24 +174,6 @@ class Log:
         """Return the lines that are later than that time, oldest first."""
         return tuple(line for line in self._lines if line.unix_ns > unix_ns)
 
-
-def _is_warning(news: News) -> bool:
-    """Whether a person should look."""
-    match news:
-        case events.NodeChanged():
-            return news.change in ("lost", "refused")
-        case FollowerNews():
-            return news.is_warning
-        case HostOffRate():
-            return bool(news.fast_ppm)
-        case BurstStatus():
-            return news.session is None or news.received != news.expected
-    return True
-
-
-class NewsLog(Log):
-    """The lines of a leader or a relay, of what happens to all of its nodes."""
-
     def say_of_disk(self, name: str | None, problem: str) -> None:
         """Tell of a disk that cannot be used, a node's or without a name the leader's; or that can again."""
         text = f"{name or 'leader'}: {problem or 'its disk can be used again'}"
@@ -161,3 +186,5 @@ class NewsLog(Log):
             self.add(text, camera=camera, level="warning" if _is_warning(news) else "info")
         if text:
             self.show(text)
+        if self._record is not None:
+            self._record(news_record(news))

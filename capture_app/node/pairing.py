@@ -10,9 +10,10 @@ from capture_app.names import name_like
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.asking import ask
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
+from capture_app.node.wire.status import Preview
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.camera_names import CameraNames
@@ -36,7 +37,7 @@ OF_CAMERAS = (
     | messages.SpoolSpace
     | operating.ViewfinderOpened
     | operating.Vitals
-    | operating.PreviewFrame
+    | Preview
     | operating.DetailAnswer
     | operating.ControlsAnswer
     | operating.StampKept
@@ -62,7 +63,7 @@ def check_allowed(who: Peer, message: Message) -> None:
 class Enrolment:
     """Makes machines known that have a code, or whose pin was added here, and gives nodes of them keys."""
 
-    def __init__(self, trust: Trust, news: NewsLog, sealed: SealedLeader | None = None) -> None:
+    def __init__(self, trust: Trust, news: Log, sealed: SealedLeader | None = None) -> None:
         """`sealed` is None where datagrams are not sealed."""
         self._trust, self._news, self._sealed = trust, news, sealed
         self._seen_version: int | None = None

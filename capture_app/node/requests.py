@@ -7,7 +7,6 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import TypeVar
 
-from msgspec import Struct
 from msgspec.structs import replace
 
 from capture_app.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue
@@ -84,21 +83,18 @@ async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIte
 ISO_OF_GAIN_1 = 100
 
 
-class ControlledCamera(Struct, frozen=True, kw_only=True):
-    """A camera of the rig and its controls as they stand, with what could not be done of what was asked."""
-
-    camera: str
-    state: CameraControls
+CamerasControls = dict[str, CameraControls]
+"""By camera of the rig its controls as they stand, with what could not be done of what was asked."""
 
 
-async def read_all(leader: Address) -> list[ControlledCamera]:
+async def read_all(leader: Address) -> CamerasControls:
     """Return the controls of all cameras that are here. Raises NetworkError."""
     return await _each(leader, present_cameras(await ask_status(leader)), {})
 
 
 async def set_cameras(
     leader: Address, wanted: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
-) -> list[ControlledCamera]:
+) -> CamerasControls:
     """Set controls of these cameras, or of all that are here.
 
     Raises BadInputError for a camera that is not here, NetworkError.
@@ -111,17 +107,18 @@ async def set_cameras(
 
 async def match_cameras(
     leader: Address, source: str, controls: Sequence[Control] = tuple(Control)
-) -> list[ControlledCamera]:
+) -> CamerasControls:
     """Hold what one camera has chosen, and set it on all others that can; the first is that camera.
 
     A value goes to those whose unit is the same: a gain in steps of one model means nothing to another.
     Raises BadInputError where that camera is not here, NetworkError.
     """
     rig = await ask_status(leader)
-    first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[0]
+    first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]
     others = [name for name in present_cameras(rig) if name != source]
-    rest = await asyncio.gather(*(_set_like(leader, name, first.state, controls) for name in others))
-    return [first, *rest, *await _set_app_phones(leader, rig, first.state)]
+    rest = await asyncio.gather(*(_set_like(leader, name, first, controls) for name in others))
+    alike = {source: first, **dict(zip(others, rest, strict=True))}
+    return alike | await _set_app_phones(leader, rig, first)
 
 
 def present_cameras(rig: RigStatus) -> list[str]:
@@ -135,21 +132,22 @@ def present_cameras(rig: RigStatus) -> list[str]:
 
 async def _each(
     leader: Address, cameras: Sequence[str], wanted: Mapping[Control, ControlValue]
-) -> list[ControlledCamera]:
-    return list(await asyncio.gather(*(_ask_camera(leader, name, wanted) for name in cameras)))
+) -> CamerasControls:
+    states = await asyncio.gather(*(_ask_camera(leader, name, wanted) for name in cameras))
+    return dict(zip(cameras, states, strict=True))
 
 
-async def _ask_camera(leader: Address, name: str, wanted: Mapping[Control, ControlValue]) -> ControlledCamera:
+async def _ask_camera(leader: Address, name: str, wanted: Mapping[Control, ControlValue]) -> CameraControls:
     try:
-        return ControlledCamera(camera=name, state=await ask_controls(leader, name, wanted))
+        return await ask_controls(leader, name, wanted)
     except IncompleteError as error:
-        return ControlledCamera(camera=name, state=CameraControls(problems=dict.fromkeys(wanted, error.what)))
+        return CameraControls(problems=dict.fromkeys(wanted, error.what))
 
 
 async def _set_like(
     leader: Address, name: str, like: CameraControls, controls: Sequence[Control]
-) -> ControlledCamera:
-    own = (await _ask_camera(leader, name, {})).state
+) -> CameraControls:
+    own = await _ask_camera(leader, name, {})
     wanted: dict[Control, ControlValue] = {}
     problems: dict[Control, str] = {}
     for control in controls:
@@ -162,16 +160,15 @@ async def _set_like(
             problems[control] = f"its {control} is in {mine.unit}, and was measured in {measured.unit}"
         else:
             wanted[control] = measured.value
-    done = (await _ask_camera(leader, name, wanted)).state
-    state = CameraControls(controls=done.controls, problems={**problems, **done.problems})
-    return ControlledCamera(camera=name, state=state)
+    done = await _ask_camera(leader, name, wanted)
+    return CameraControls(controls=done.controls, problems={**problems, **done.problems})
 
 
-async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls) -> list[ControlledCamera]:
+async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls) -> CamerasControls:
     """Tell phones with the app, which answer nothing; their gain is an ISO, of which 100 is taken for 1."""
     phones = [phone.name for phone in rig.app_phones if phone.state != "lost"]
     if not phones:
-        return []
+        return {}
     exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
     values = (None if exposure is None else exposure.value, None if gain is None else gain.value)
     told = "it was told, and answers nothing"
@@ -184,4 +181,4 @@ async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls)
         problems = {Control.EXPOSURE: told, Control.GAIN: told}
     else:
         problems = {Control.EXPOSURE: "it takes an exposure with a gain only, which was not measured in ×"}
-    return [ControlledCamera(camera=name, state=CameraControls(problems=problems)) for name in phones]
+    return {name: CameraControls(problems=problems) for name in phones}

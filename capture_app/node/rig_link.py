@@ -6,12 +6,13 @@ from collections.abc import AsyncGenerator, AsyncIterator
 from typing import Any
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import Address, parse_address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.asking import receive_answer
-from capture_app.node.requests import A, ControlledCamera, ask_burst, ask_leader, give_order, match_cameras
+from capture_app.node.requests import A, CamerasControls, ask_burst, ask_leader, give_order, match_cameras
 from capture_app.node.wire import messages, operating
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.status import BurstStatus, NewsLine, Preview, RigStatus
@@ -107,7 +108,7 @@ class RigLink:
         """Return the leader's answer of that kind: once or twice a second, not more."""
         return await ask_leader(self.leader, request, kind)
 
-    async def match_cameras(self, source: str) -> list[ControlledCamera]:
+    async def match_cameras(self, source: str) -> CamerasControls:
         """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
         return await match_cameras(self.leader, source)
 
@@ -122,15 +123,9 @@ class RigLink:
                     if line.unix_ns > self._news_ns:
                         self._news_ns = line.unix_ns
                         yield line
-            case operating.PreviewFrame():
+            case Preview():
                 jpeg = b"".join([chunk async for chunk in channel.payload()])
                 await channel.send(operating.PreviewSeen(camera=message.camera))
-                yield Preview(
-                    camera=message.camera,
-                    leader_ns=message.leader_ns,
-                    width=message.width,
-                    height=message.height,
-                    jpeg=jpeg,
-                )
+                yield replace(message, jpeg=jpeg)
             case _:
                 pass

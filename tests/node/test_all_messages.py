@@ -17,7 +17,7 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating, pairing
 from capture_app.node.wire.messages import FromLeader, ToLeader
-from capture_app.node.wire.status import NodeDetail
+from capture_app.node.wire.status import NodeDetail, Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.trust.known_machines import Role
@@ -61,7 +61,7 @@ def every_message(node: SealedNode) -> list[Any]:
         operating.Vitals(fps=1.0),
         operating.KeepStamp(camera="cam", stamp=EXACT_STAMPS),
         operating.StampKept(camera="cam", kept=True),
-        operating.PreviewFrame(camera="cam", leader_ns=0, width=1, height=1),
+        Preview(camera="cam", leader_ns=0, width=1, height=1),
         operating.DetailAnswer(detail=NodeDetail(camera="cam")),
         pairing.EnrolRequest(certificate=b"none"),
         pairing.PairingWord(certificate=b"none", name="x", share=b""),
@@ -145,7 +145,7 @@ OF_NODES = (
     wire.KeyRequest,
     operating.ViewfinderOpened,
     operating.Vitals,
-    operating.PreviewFrame,
+    Preview,
     operating.DetailAnswer,
     operating.StampKept,
     pairing.SpeaksFor,

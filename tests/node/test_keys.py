@@ -9,7 +9,7 @@ from capture_app.errors import DiskError
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.pairing import Enrolment
 from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
@@ -130,7 +130,7 @@ async def test_a_camera_is_not_taken_for_a_relay(tmp_path: Path, leader: LeaderN
             host="127.0.0.1",
             port=0,
             trust=camera,
-            news=NewsLog(said.append),
+            news=Log(said.append),
         )
     )
     async with relay:

@@ -56,7 +56,7 @@ async def send(trust, leader):
         name = f"mine{n}"
         channels.append(channel := await connect(leader, FromLeader, trust=trust))
         await channel.send(operating.ViewfinderOpened(camera=name, instance=n + 1))
-        frame = operating.PreviewFrame(camera=name, leader_ns=0, width=1, height=1)
+        frame = Preview(camera=name, leader_ns=0, width=1, height=1)
         await channel.send(frame, bytes(24 << 20))
         await channel.send(operating.Vitals(fps=7.0))
     await asyncio.sleep(600)

@@ -23,7 +23,6 @@ from capture_app.node.wire.messages import FromLeader
 from capture_app.node.wire.operating import (
     DetailAnswer,
     DetailRequest,
-    PreviewFrame,
     PreviewSeen,
     PreviewsWanted,
     ViewfinderOpened,
@@ -158,7 +157,7 @@ async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode
         coming = asyncio.ensure_future(anext(showing))
         assert (await receive(node, PreviewsWanted)).fps == 5
         for number in range(3):
-            await node.send(PreviewFrame(camera="a", leader_ns=number, width=1, height=1), b"jpeg")
+            await node.send(Preview(camera="a", leader_ns=number, width=1, height=1), b"jpeg")
             await receive(node, PreviewSeen)
         # The leader takes what comes and keeps the newest.
         async with patience("the updates that follow"):

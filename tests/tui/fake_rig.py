@@ -9,7 +9,7 @@ import msgspec
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.node.requests import A, ControlledCamera
+from capture_app.node.requests import A, CamerasControls
 from capture_app.node.rig_link import LinkLost, RigLink, Update
 from capture_app.node.wire import operating
 from capture_app.node.wire.message import Message
@@ -84,7 +84,7 @@ class FakeRig(RigLink):
         self.details: dict[str, NodeDetail] = {}
         self.detail_failure: SimulshotError | None = None
         self.phones_come = 0
-        self.matched: list[ControlledCamera] = []
+        self.matched: CamerasControls = {}
         """What comes of setting all cameras like one."""
         self.different: dict[str, Any] = {}
         """Fields of the status that are not as usual."""
@@ -217,7 +217,7 @@ class FakeRig(RigLink):
         assert isinstance(answer, kind)
         return answer
 
-    async def match_cameras(self, source: str) -> list[ControlledCamera]:
+    async def match_cameras(self, source: str) -> CamerasControls:
         self._ask("match_cameras", source)
         return self.matched
 

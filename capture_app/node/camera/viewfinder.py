@@ -22,7 +22,6 @@ from capture_app.node.wire.operating import (
     DetailAnswer,
     DetailRequest,
     KeepStamp,
-    PreviewFrame,
     PreviewSeen,
     PreviewsWanted,
     PutOff,
@@ -30,6 +29,7 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
+from capture_app.node.wire.status import Preview
 from capture_app.session.reading.decoding import encode_image
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ class Viewfinder:
             self._may_send.clear()
             leader_ns = self._node.leader_ns(frame.timestamp_ns)
             await channel.send(
-                PreviewFrame(camera=self._name, leader_ns=leader_ns, width=width, height=height), jpeg
+                Preview(camera=self._name, leader_ns=leader_ns, width=width, height=height), jpeg
             )
 
     def _fps(self) -> float | None:

@@ -14,7 +14,7 @@ from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.leader.readiness import RateReview, reasons_until_ready
+from capture_app.node.leader.readiness import reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState
@@ -43,7 +43,6 @@ class LeaderNode:
         """Where other machines do."""
         self.news = options.news
         self._engine, self._clock, self._names = engine, options.clock, names
-        self._rates = RateReview()
         self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
         self.enrolment = Enrolment(options.trust, self.news, sealed)
         self._pump = Pump(sealed or engine, options.clock, self._drain)
@@ -52,7 +51,7 @@ class LeaderNode:
         if options.spool is not None:
             self._local = LocalNodes(self.own_address, options.spool, self.news, self.address.host)
         viewfinders = Viewfinders()
-        self._rig = RigState(self.address, self.bursts, viewfinders, self._local, self._rates)
+        self._rig = RigState(self.address, self.bursts, viewfinders, self._local)
         self.service = LeaderService(self._rig, self.bursts, self._local, viewfinders, self.enrolment)
         self._server = TransferServer(ToLeader, self.service.serve, trust=options.trust)
 
@@ -146,5 +145,5 @@ class LeaderNode:
                 except SimulshotError as error:
                     self.news.say_of_disk(None, str(error))
             self.news.note(event)
-        for news in self._rates.look(self._engine, now_ns):
+        for news in self._rig.look_at_rates(now_ns):
             self.news.note(news)

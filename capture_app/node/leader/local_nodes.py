@@ -16,7 +16,7 @@ from capture_app.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.names import check_name, free_name
 from capture_app.net.address import Address
 from capture_app.node.child import Child
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.wire.operating import PhoneInvited
 
 PHONES_START_TIMEOUT_S = 30.0
@@ -26,7 +26,7 @@ EVENT = "invitation"
 class LocalPhones:
     """Started when the first phone is invited, and again by the next invitation where it has ended."""
 
-    def __init__(self, leader: Address, spool: Path, host: str, news: NewsLog) -> None:
+    def __init__(self, leader: Address, spool: Path, host: str, news: Log) -> None:
         """`host` is where phones reach this machine."""
         self._leader, self._spool, self._host, self._news = leader, spool, host, news
         self._child: Child | None = None
@@ -107,7 +107,7 @@ class LocalNodes:
     """Starts and ends such nodes; one that ends by itself is told in the news."""
 
     def __init__(
-        self, leader: Address, spool: Path, news: NewsLog | None = None, host: str | None = None
+        self, leader: Address, spool: Path, news: Log | None = None, host: str | None = None
     ) -> None:
         """`leader` is the address that they join; `spool` keeps their images until the leader has them.
 
@@ -115,7 +115,7 @@ class LocalNodes:
         """
         self._leader = leader
         self._spool = spool
-        self._news = news or NewsLog()
+        self._news = news or Log()
         self.phones = LocalPhones(leader, spool, host or leader.host, self._news)
         """The server of the phones that are cameras here."""
         self._children: dict[str, Child] = {}

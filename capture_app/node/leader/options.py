@@ -9,7 +9,7 @@ from capture_app.net.address import DEFAULT_PORT
 from capture_app.net.multicast import BeaconSender
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.sync.rig.leader import RigConfig
 from capture_app.sync.tree.succession import Continued
 from capture_app.trust.trust import Trust
@@ -29,7 +29,7 @@ class PortOptions:
     trust: Trust = field(default_factory=Trust.of_user)
     """Whom it lets in, and follows."""
     clock: NodeClock = field(default_factory=HostClock)
-    news: NewsLog = field(default_factory=NewsLog)
+    news: Log = field(default_factory=Log)
     """Takes what happens."""
 
 

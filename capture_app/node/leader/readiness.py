@@ -5,7 +5,7 @@ import math
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
-from capture_app.clock import HostRate, NodeClock
+from capture_app.clock import NodeClock
 from capture_app.errors import DiskFullError, IncompleteError
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.news import off_rate_line
@@ -130,8 +130,6 @@ def check_open_bursts(ahead: Sequence[int], open_bursts: int, *, is_ahead: bool)
         )
 
 
-REVIEW_EVERY_NS = 1_000_000_000
-"""Between two looks at which clocks run oddly."""
 _GONE = (NodeState.FAILED, NodeState.LOST)
 _ON_THE_WAY = (
     NodeState.JOINING,
@@ -141,21 +139,6 @@ _ON_THE_WAY = (
 )
 """Where several nodes are not ready, the one that waits longest for a person is spoken of."""
 _CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.COARSE, NodeState.READY)
-
-
-class RateReview:
-    """Looks now and then at which clocks run oddly, the leader's host among them."""
-
-    def __init__(self) -> None:
-        self._host_rate, self.vote = HostRate(), RateVote()
-        self._due_ns: int | None = None
-
-    def look(self, engine: Leader, now_ns: int) -> list[HostOffRate]:
-        """Look where it is time to; return what is news."""
-        if self._due_ns is not None and now_ns < self._due_ns:
-            return []
-        self._due_ns = now_ns + REVIEW_EVERY_NS
-        return review_rates(self.vote, engine.roster.by_name(), self._host_rate.slewing_ppm(now_ns))
 
 
 def review_rates(

@@ -11,7 +11,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written
@@ -32,7 +32,7 @@ class RepairResult(Struct, frozen=True, kw_only=True):
     what: str = ""
 
 
-async def repair(path: Path, *, wait_s: float, address: Address, news: NewsLog) -> list[RepairResult]:
+async def repair(path: Path, *, wait_s: float, address: Address, news: Log) -> list[RepairResult]:
     """Finish the session at `path`, or all in that folder, and return what became of each.
 
     For `wait_s` a leader listens on the address for nodes that bring what they hold; with 0 it does not.
@@ -52,7 +52,7 @@ async def repair(path: Path, *, wait_s: float, address: Address, news: NewsLog) 
     return [_result(folder, problems[folder], folder in broken) for folder in folders]
 
 
-async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, news: NewsLog) -> None:
+async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, news: Log) -> None:
     options = LeaderOptions(
         sessions=broken[0].parent,
         host=address.host,

@@ -5,6 +5,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from msgspec.structs import replace
+
 from capture_app.errors import IncompleteError, NetworkError
 from capture_app.net.channel import Channel
 from capture_app.node.wire.messages import ToLeader
@@ -14,7 +16,6 @@ from capture_app.node.wire.operating import (
     DetailAnswer,
     DetailRequest,
     KeepStamp,
-    PreviewFrame,
     PreviewSeen,
     PreviewsWanted,
     PutOff,
@@ -23,6 +24,7 @@ from capture_app.node.wire.operating import (
     ViewfinderOpened,
     Vitals,
 )
+from capture_app.node.wire.status import Preview
 
 ANSWER_TIMEOUT_S = 5.0
 NodeRequest = DetailRequest | ControlsRequest | KeepStamp
@@ -33,15 +35,6 @@ UNKNOWN = Vitals()
 MAX_PREVIEW_BYTES = 4 << 20
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A preview as it came from a node; `number` counts those of all cameras."""
-
-    number: int
-    frame: PreviewFrame
-    jpeg: bytes
-
-
 @dataclass(slots=True)
 class _Stream:
     """One node's, as it is open at present."""
@@ -49,7 +42,7 @@ class _Stream:
     channel: Channel[ToLeader]
     vitals: Vitals = UNKNOWN
     wanted: PreviewsWanted = NOTHING
-    picture: Picture | None = None
+    picture: Preview | None = None
     asked: "dict[type[NodeAnswer], asyncio.Future[Any]]" = field(default_factory=dict)
     """What is waited for of each kind."""
     asking: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -66,7 +59,6 @@ class Viewfinders:
 
     _streams: dict[str, _Stream] = field(default_factory=dict)
     _wishes: dict[object, PreviewsWanted] = field(default_factory=dict)
-    _number: int = 0
 
     async def serve(self, channel: Channel[ToLeader], opened: ViewfinderOpened) -> None:
         """Take in what a node sends until it closes its stream."""
@@ -82,10 +74,9 @@ class Viewfinders:
                 match message:
                     case Vitals():
                         stream.vitals = message
-                    case PreviewFrame(camera=camera) if camera == name and stream.wants(channel.unread):
+                    case Preview(camera=camera) if camera == name and stream.wants(channel.unread):
                         jpeg = b"".join([chunk async for chunk in channel.payload()])
-                        self._number += 1
-                        stream.picture = Picture(self._number, message, jpeg)
+                        stream.picture = replace(message, jpeg=jpeg)
                         await channel.send(PreviewSeen(camera=name))
                     case DetailAnswer() | ControlsAnswer() | StampKept():
                         asked = stream.asked.pop(type(message), None)
@@ -115,7 +106,7 @@ class Viewfinders:
         for name in tuple(self._streams):
             await self._ask(name)
 
-    def pictures(self, cameras: Collection[str] | None) -> list[Picture]:
+    def pictures(self, cameras: Collection[str] | None) -> list[Preview]:
         """Return the newest picture of each of these cameras, None for all, that has one."""
         return [
             stream.picture

@@ -5,21 +5,25 @@ from contextlib import suppress
 
 from msgspec.structs import replace
 
+from capture_app.clock import HostRate
 from capture_app.errors import DiskError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.readiness import RateReview, rig_advice
+from capture_app.node.leader.readiness import review_rates, rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import StatusAnswer, ToLeader
 from capture_app.node.wire.operating import NewsAnswer, PreviewSeen, PreviewsWanted
-from capture_app.node.wire.status import RigStatus
+from capture_app.node.wire.status import Preview, RigStatus
 from capture_app.session.files.disk import free_bytes
+from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
 LOOK_EVERY_NS = 10_000_000_000
+REVIEW_EVERY_NS = 1_000_000_000
+"""Between two looks at which clocks run oddly."""
 TICK_S = 0.1
 """A status is sent at most once in so long."""
 KEEPALIVE_S = 3.0
@@ -35,11 +39,12 @@ class RigState:
         bursts: ActiveBursts,
         viewfinders: Viewfinders,
         local: LocalNodes | None,
-        rates: RateReview,
     ) -> None:
         """`address` is where nodes join; `local` are those of this machine, None where it runs none."""
         self._address, self._bursts, self._viewfinders = address, bursts, viewfinders
-        self._local, self._rates = local, rates
+        self._local = local
+        self._host_rate, self._rates = HostRate(), RateVote()
+        self._rates_due_ns: int | None = None
         self._free_bytes: int | None = None
         self._looked_ns = 0
 
@@ -52,7 +57,7 @@ class RigState:
         return RigStatus(
             leader=str(self._address),
             is_open=options.trust.is_open,
-            advice=rig_advice(members, str(self._address), now_ns, self._rates.vote.off),
+            advice=rig_advice(members, str(self._address), now_ns, self._rates.off),
             now_ns=now_ns,
             period_ns=None if grid is None else grid.period_ns,
             message=words,
@@ -73,6 +78,14 @@ class RigState:
             disk_free_bytes=self._room(now_ns),
         )
 
+    def look_at_rates(self, now_ns: int) -> list[HostOffRate]:
+        """Look now and then at which clocks run oddly, this host's among them; return what is news."""
+        if self._rates_due_ns is not None and now_ns < self._rates_due_ns:
+            return []
+        self._rates_due_ns = now_ns + REVIEW_EVERY_NS
+        members = self._bursts.engine.roster.by_name()
+        return review_rates(self._rates, members, self._host_rate.slewing_ppm(now_ns))
+
     def _room(self, now_ns: int) -> int | None:
         """What is free on the sessions' disk, looked up now and then: a status need not follow each byte.
 
@@ -89,7 +102,7 @@ class Watcher:
     """Tells one operator what changes; costs nothing while nobody watches."""
 
     def __init__(
-        self, channel: Channel[ToLeader], rig: RigState, news: NewsLog, viewfinders: Viewfinders
+        self, channel: Channel[ToLeader], rig: RigState, news: Log, viewfinders: Viewfinders
     ) -> None:
         self._wish: PreviewsWanted | None = None
         self._on_their_way: set[str] = set()
@@ -99,7 +112,7 @@ class Watcher:
         self._news = news
         self._viewfinders = viewfinders
         self._due_s: dict[str, float] = {}
-        self._shown: dict[str, int] = {}
+        self._shown: dict[str, Preview] = {}
 
     async def serve(self) -> None:
         """Tell what changes until the operator closes the stream."""
@@ -140,17 +153,17 @@ class Watcher:
         if wish is None or not wish.fps:
             return
         for picture in self._viewfinders.pictures(wish.cameras):
-            camera = picture.frame.camera
+            camera = picture.camera
             if (
                 camera in self._on_their_way
-                or picture.number <= self._shown.get(camera, 0)
+                or picture is self._shown.get(camera)
                 or now_s < self._due_s.get(camera, 0.0)
             ):
                 continue
-            self._shown[camera] = picture.number
+            self._shown[camera] = picture
             self._due_s[camera] = now_s + 0.9 / wish.fps  # a tick is not exact
             self._on_their_way.add(camera)
-            await self._channel.send(picture.frame, picture.jpeg)
+            await self._channel.send(replace(picture, jpeg=b""), picture.jpeg)
 
 
 def without_times(status: RigStatus) -> RigStatus:

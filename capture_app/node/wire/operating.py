@@ -4,10 +4,10 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from capture_app.camera_facts import CameraControls, Control, ControlValue, Count, StampAccuracy
+from capture_app.camera_facts import CameraControls, Control, ControlValue, StampAccuracy
 from capture_app.names import Name
 from capture_app.node.wire.message import Message
-from capture_app.node.wire.status import NewsLine, NodeDetail
+from capture_app.node.wire.status import NewsLine, NodeDetail, Preview
 
 MAX_PREVIEW_PX = 1920
 
@@ -31,15 +31,6 @@ class PreviewsWanted(Message, frozen=True, kw_only=True, tag="previews-wanted"):
     """In pixels, about."""
     fps: Annotated[float, Meta(ge=0, le=30)]
     """At most so many a second of each camera; 0: none."""
-
-
-class PreviewFrame(Message, frozen=True, kw_only=True, tag="preview"):
-    """One preview; the payload is a JPEG. The next of this camera is sent after a `PreviewSeen`."""
-
-    camera: Name
-    leader_ns: int | None
-    width: Count
-    height: Count
 
 
 class PreviewSeen(Message, frozen=True, kw_only=True, tag="preview-seen"):
@@ -181,6 +172,6 @@ Order = (
 FromOperator = (
     WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | Order
 )
-FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept
-ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | ControlsAnswer | StampKept | PhoneInvited | Done
+FromViewfinder = ViewfinderOpened | Vitals | Preview | DetailAnswer | ControlsAnswer | StampKept
+ToOperator = NewsAnswer | Preview | DetailAnswer | ControlsAnswer | StampKept | PhoneInvited | Done
 ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | PutOff

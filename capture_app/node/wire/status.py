@@ -7,7 +7,9 @@ from typing import Literal
 
 from msgspec import Struct
 
-from capture_app.camera_facts import CameraFacts, ControlState
+from capture_app.camera_facts import CameraFacts, ControlState, Count
+from capture_app.names import Name
+from capture_app.node.wire.message import Message
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, Report
 
@@ -146,16 +148,17 @@ class NewsLine(Struct, frozen=True, kw_only=True):
     level: Level = "info"
 
 
-class Preview(Struct, frozen=True, kw_only=True):
-    """A small picture of what a camera sees."""
+class Preview(Message, frozen=True, kw_only=True, tag="preview", omit_defaults=True):
+    """A small picture of what a camera sees; the next of this camera is sent after a `PreviewSeen`."""
 
-    camera: str
+    camera: Name
     leader_ns: int | None
     """Leader time of the frame; None while the node's clock is not known."""
-    width: int
+    width: Count
     """In pixels, as the height."""
-    height: int
-    jpeg: bytes
+    height: Count
+    jpeg: bytes = b""
+    """The payload of the message, and no part of it."""
 
 
 class NodeDetail(Struct, frozen=True, kw_only=True):

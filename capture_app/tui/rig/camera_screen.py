@@ -118,7 +118,9 @@ class CameraScreen(Dialog[None]):
         with telling(self):
             found = await self._source.match_cameras(self._camera)
             problems = [
-                f"{one.camera}: {why}" for one in found for why in dict.fromkeys(one.state.problems.values())
+                f"{name}: {why}"
+                for name, state in found.items()
+                for why in dict.fromkeys(state.problems.values())
             ]
             words = f"{count(len(found), 'camera')} set like {self._camera}"
             if problems:

@@ -15,7 +15,7 @@ from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_fol
 from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.readiness import check_room
 from capture_app.node.leader.repair import repair
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
@@ -106,10 +106,10 @@ async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) 
     session = await begun_session(tmp_path, "a", "b")
     await session.accept_report(report("a", 0, 1), 0)
     await receive_image(session, upload("a", 0), pieces(IMAGE))
-    busy = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog())
+    busy = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=Log())
     assert "being written" in busy[0].what
     await session.suspend()
-    await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog())
+    await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=Log())
     opened = Session.open(session.folder)
     assert lies(opened) == []
     assert len(opened.manifest.images) == 1

@@ -10,7 +10,7 @@ from capture_app.net.address import Address
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import PATIENCE_NS
 from capture_app.node.leader.repair import repair
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport
 from capture_app.session.format.burst_plan import read_plan
 from capture_app.session.format.manifest import MissingImage, SkippedFrame, SkippedInstant
@@ -171,5 +171,5 @@ async def test_an_interrupted_burst_that_told_nothing_is_repaired_without_nodes(
     session = await begun(tmp_path, "a", "b")
     await session.accept_report(dropping("a", 3, 0), 0)
     await session.suspend()
-    (result,) = await repair(session.folder, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog())
+    (result,) = await repair(session.folder, wait_s=0, address=Address("127.0.0.1", 0), news=Log())
     assert (result.ok, result.images, result.missing) == (True, 0, 4)

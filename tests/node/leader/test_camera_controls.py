@@ -68,7 +68,7 @@ async def _answered(leader: Address, name: str) -> None:
 
 
 async def test_all_controls_are_read(rig: Rig) -> None:
-    found = {one.camera: one.state for one in await read_all(rig.leader)}
+    found = await read_all(rig.leader)
     assert set(found) == {"a", "b", "c"}
     assert found["a"].state(Control.EXPOSURE) == EXPOSURE
     assert [state.control for state in found["c"].controls] == [Control.EXPOSURE]
@@ -76,7 +76,7 @@ async def test_all_controls_are_read(rig: Rig) -> None:
 
 async def test_what_one_camera_has_chosen_is_set_on_all_that_can(rig: Rig) -> None:
     rig.cameras["a"].choose(4200.0)
-    found = {one.camera: one.state for one in await match_cameras(rig.leader, "a")}
+    found = await match_cameras(rig.leader, "a")
     exposures = {name: state.state(Control.EXPOSURE) for name, state in found.items()}
     assert {name: state.value for name, state in exposures.items() if state} == {
         "a": 4200.0,
@@ -92,7 +92,7 @@ async def test_what_one_camera_has_chosen_is_set_on_all_that_can(rig: Rig) -> No
 
 
 async def test_only_some_controls_are_matched(rig: Rig) -> None:
-    found = {one.camera: one.state for one in await match_cameras(rig.leader, "a", [Control.GAIN])}
+    found = await match_cameras(rig.leader, "a", [Control.GAIN])
     assert rig.cameras["a"].set == [(Control.GAIN, 7.0)]
     assert rig.cameras["b"].set == []
     assert found["c"].problems == {Control.GAIN: "it has no control of its gain"}

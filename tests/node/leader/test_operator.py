@@ -14,7 +14,7 @@ from capture_app.node import news
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.requests import ask_status, give_order
 from capture_app.node.rig_link import LinkLost, RigLink, Update
 from capture_app.node.wire.operating import (
@@ -26,6 +26,7 @@ from capture_app.node.wire.operating import (
 )
 from capture_app.node.wire.status import BurstStatus, NewsLine, RigStatus
 from capture_app.sync.rig.events import BurstAnswered, NodeChanged
+from capture_app.sync.timekeeping.rates import HostOffRate
 
 PATIENCE_S = 60.0
 
@@ -193,7 +194,7 @@ def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: p
     clock = iter((5, 3, 9, 9))
     monkeypatch.setattr(news, "KEPT", 3)
     monkeypatch.setattr(time, "time_ns", lambda: next(clock))
-    log = NewsLog()
+    log = Log()
     log.note(NodeChanged("a", "joined"))
     log.note(NodeChanged("a", "lost", "it left"))
     log.note(NodeChanged("a", "lost", "it left"))
@@ -207,3 +208,28 @@ def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: p
         (10, None, "info"),
     ]
     assert [line.unix_ns for line in log.after(6)] == [9, 10]
+
+
+def test_what_happens_in_a_rig_is_a_line_of_json_by_a_name_of_its_own() -> None:
+    told: list[dict[str, object]] = []
+    log = Log(record=told.append)
+    log.note(NodeChanged("a", "joined"))
+    log.note(NodeChanged("a", "moved", where="below"))
+    log.note(NodeChanged("a", "moved"))
+    log.note(NodeChanged("a", "lost", "it left"))
+    log.note(NodeChanged("b", "refused", "the rig is full", "at 10.0.0.2"))
+    log.note(BurstAnswered("a", 1))
+    log.note(BurstAnswered("b", 1, "no clock"))
+    log.note(HostOffRate("a", 210.0, ambiguous=True))
+    log.note(HostOffRate("a", 0.0))
+    assert told == [
+        {"event": "node-joined", "name": "a"},
+        {"event": "node-moved", "name": "a", "relay": "below"},
+        {"event": "node-moved", "name": "a", "relay": None},
+        {"event": "node-lost", "name": "a", "reason": "it left"},
+        {"event": "node-refused", "name": "b", "where": "at 10.0.0.2", "reason": "the rig is full"},
+        {"event": "burst-accepted", "name": "a", "burst": 1},
+        {"event": "burst-refused", "name": "b", "burst": 1, "reason": "no clock"},
+        {"event": "host-off-rate", "name": "a", "fast_ppm": 210.0, "certain": False, "ambiguous": True},
+        {"event": "host-at-rate", "name": "a"},
+    ]

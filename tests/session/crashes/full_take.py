@@ -6,7 +6,7 @@ from pathlib import Path
 from capture_app.errors import DiskFullError
 from capture_app.net.address import Address
 from capture_app.node.leader.repair import repair
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
@@ -74,7 +74,7 @@ class Take:
 
     def check_repaired(self) -> Session:
         """Repair, and see that all that was confirmed is there as it was, and that nothing lies."""
-        results = asyncio.run(repair(self.folder, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog()))
+        results = asyncio.run(repair(self.folder, wait_s=0, address=Address("127.0.0.1", 0), news=Log()))
         assert results[0].ok, results
         session = Session.open(self.folder)
         assert verify(session) == []

@@ -30,7 +30,7 @@ from typing import Any
 
 from capture_app.net.address import Address
 from capture_app.node.leader.repair import repair
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.format.manifest import (
     MANIFEST,
@@ -191,7 +191,7 @@ def run(work: Callable[[int], None], kill_after_s: float | None = None) -> tuple
 
 
 def mend(root: Path) -> None:
-    asyncio.run(repair(root / NAME, wait_s=0, address=Address("127.0.0.1", 0), news=NewsLog()))
+    asyncio.run(repair(root / NAME, wait_s=0, address=Address("127.0.0.1", 0), news=Log()))
 
 
 def mending_until(step: int, root: Path) -> Callable[[int], None]:

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, ControlState
 from capture_app.errors import NetworkError
-from capture_app.node.requests import ControlledCamera
 from capture_app.node.wire.status import NewsLine, NodeDetail
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
@@ -58,10 +57,7 @@ async def test_all_cameras_are_set_like_this_one() -> None:
     exposure = ControlState(control=Control.EXPOSURE, value=4000.0, unit=MICROSECONDS, automatic=True)
     rig.details["cam00"] = NodeDetail(camera="cam00", controls=(exposure,))
     cannot = CameraControls(problems={Control.FOCUS: "it has no [b]focus"})
-    rig.matched = [
-        ControlledCamera(camera="cam00", state=CameraControls()),
-        ControlledCamera(camera="cam01", state=cannot),
-    ]
+    rig.matched = {"cam00": CameraControls(), "cam01": cannot}
     app = make_app(rig)
     async with app.run_test(size=(100, 30), notifications=True) as pilot:
         await settle(pilot)

@@ -59,7 +59,7 @@ def burst_leader(rig: VirtualRig) -> int:
 
 def is_complete(rig: VirtualRig, burst: Burst, chosen: tuple[int, ...]) -> bool:
     shares = [shares_of(node, burst) for node in rig.nodes.values()]
-    return all(share is not None and share.there >= set(chosen) for share in shares)
+    return all(share is not None and {*share.instants} >= {*chosen} for share in shares)
 
 
 @pytest.mark.slow
@@ -96,7 +96,7 @@ def test_spare_instants_are_told_one_by_one_in_the_time_of_the_first() -> None:
     assert len({event.time_map for event in told}) == 1
     share = shares_of(node, burst)
     assert share is not None
-    assert share.there | share.missing == set(range(14))
+    assert {*share.instants, *(gap.instant for gap in share.missing)} == set(range(14))
     assert share.missing
 
 

@@ -61,5 +61,5 @@ def test_a_choice_never_changes_by_what_is_heard_later(
         part = [camera(told, *(n for n in gone if n < told)) for gone in missing]
         early = choose_instants(ordered, frames, part)
         assert early in (None, final)
-    complete = [n for n in range(ordered) if all(n in one.there for one in whole)]
+    complete = [n for n in range(ordered) if all(n in one.instants for one in whole)]
     assert final == tuple(complete[:frames]) or len(complete) < frames

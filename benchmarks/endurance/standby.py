@@ -30,7 +30,7 @@ from capture_app.node.child import Child
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.standby import lead_in_turn
-from capture_app.node.news import NewsLog
+from capture_app.node.news import Log
 from capture_app.node.requests import ask_burst, ask_status
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.reading.reader import Session
@@ -87,7 +87,7 @@ async def lead(name: str, options: Namespace) -> None:
             port=at.port,
             sessions=Path(options.sessions),
             clock=seeded_clock(name),
-            news=NewsLog(lambda line: print(line, file=sys.stderr, flush=True)),
+            news=Log(lambda line: print(line, file=sys.stderr, flush=True)),
         )
 
     async def serve(node: LeaderNode) -> None:

@@ -260,20 +260,21 @@ class SimulshotApp(App[None]):
             self.exit()
 
     def _leave(self, answer: str | None) -> None:
-        if answer == STOP:
-            self._stop_rig()
-        elif answer == LEAVE:
-            self.exit()
+        if answer in (STOP, LEAVE):
+            self._end(stop_rig=answer == STOP)
 
     @work(group="leaving", exclusive=True)
-    async def _stop_rig(self) -> None:
-        self.notify("Stopping the rig …", timeout=STOP_TIMEOUT_S)
+    async def _end(self, *, stop_rig: bool) -> None:
+        self.notify("Stopping the rig …" if stop_rig else "Leaving …", timeout=STOP_TIMEOUT_S)
+        message = None
         try:
-            await asyncio.wait_for(self._source.order(StopRig()), STOP_TIMEOUT_S)
+            if stop_rig:
+                await asyncio.wait_for(self._source.order(StopRig()), STOP_TIMEOUT_S)
         except (SimulshotError, TimeoutError) as error:
-            self.exit(message=printable(f"The rig may still run: {error or 'it did not answer'}"))
-        else:
-            self.exit()
+            message = printable(f"The rig may still run: {error or 'it did not answer'}")
+        # While the screen can still say so: a job under way takes seconds to end.
+        await self.runs.close()
+        self.exit(message=message)
 
     # Settings
 

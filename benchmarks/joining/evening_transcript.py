@@ -215,6 +215,7 @@ def main() -> int:
             script.table()
     longest_s = max(unsaid_s for *_, unsaid_s in script.rows)
     print(f"the longest unsaid: {longest_s:.2f} s (asked: {ASKED_S:g})")
+    print(f"load average of the machine: {os.getloadavg()[1]:.1f}")
     return int(longest_s > ASKED_S)
 
 

@@ -77,6 +77,9 @@ class View:
 
     def project(self, points: Array) -> Array:
         """Distorted pixels (n, 2) of points (n, 3) in the camera's frame, z > 0."""
+        if not self.distortion.any():
+            far = np.where(points[:, 2:] == 0, 1.0, points[:, 2:])
+            return np.asarray((points @ self.matrix.T)[:, :2] / far)
         pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(pixels).reshape(-1, 2)
 

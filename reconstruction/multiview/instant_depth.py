@@ -90,11 +90,11 @@ def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Arr
         seen = np.where((seen < 0) | (inverse_depth <= 0), np.nan, seen).astype(np.float32)
         reference = source_view.reference.grey
         differences.append(np.abs(reference - match_brightness(reference, seen)))
-    stack = np.stack(differences)
-    known = np.isfinite(stack).any(0)
-    result = np.full(inverse_depth.shape, np.nan, np.float32)
-    result[known] = np.nanmedian(stack[:, known], axis=0)
-    return result
+    # What is not known comes last.
+    ordered = np.sort(differences, axis=0)
+    count = np.isfinite(ordered).sum(0)
+    middle = np.maximum([(count - 1) // 2, count // 2], 0)
+    return np.asarray(np.take_along_axis(ordered, middle, 0).mean(0))
 
 
 def _fuse_cloud(

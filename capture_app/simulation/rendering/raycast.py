@@ -1,7 +1,9 @@
 """A rigid body of textured triangles that rays are cast at (Embree, through Open3D, on the CPU)."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -10,13 +12,16 @@ from numpy.typing import NDArray
 from capture_app.optional_packages import RECONSTRUCTION, load_optional
 from capture_app.simulation.scenes.definition import Floats, Mesh
 
+_SRGB = np.arange(256, dtype=np.float32) / 255.0
+LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4).astype(np.float32)
+"""Linear light of each grey level of sRGB."""
+
 
 class Texture:
     """A picture in linear light with its smaller versions, sampled by bilinear lookups in two of them."""
 
     def __init__(self, picture: NDArray[np.uint8]) -> None:
-        srgb = picture.astype(np.float32) / 255.0
-        level = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
+        level = LINEAR[picture]
         self.levels = [np.ascontiguousarray(level)]
         while min(level.shape[:2]) > 4:
             size = (max(level.shape[1] // 2, 1), max(level.shape[0] // 2, 1))
@@ -69,12 +74,19 @@ class Hits:
         return Hits(self.distance[chosen], self.triangle[chosen], self.barycentric[chosen])
 
 
+_PLOTS = "open3d.visualization.draw_plotly", "draw_plotly", "draw_plotly_server", "get_plotly_fig"
+
+
 class Body:
     """Meshes that move as one, by the textures' names; `things` gives each mesh's number."""
 
     def __init__(
         self, meshes: Sequence[Mesh], textures: Mapping[str, Texture], things: Sequence[int] | None = None
     ) -> None:
+        # Half of what Open3D takes to load are plots that a web server shows.
+        plots = ModuleType(_PLOTS[0])
+        vars(plots).update(dict.fromkeys(_PLOTS[1:]))
+        sys.modules.setdefault(plots.__name__, plots)
         o3d = load_optional("open3d", RECONSTRUCTION, "a rendered scene", hint="use scene=bars")
         counts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         triangles = np.concatenate([m.triangles + start for m, start in zip(meshes, counts, strict=False)])

@@ -17,7 +17,7 @@ from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.simulation.camera import SimulatedPicture, SimulatedTruth, stable_seed
+from capture_app.simulation.camera import SimulatedPicture, encode_truth, stable_seed
 from capture_app.simulation.profiles import find_profile
 from capture_app.simulation.rendering.picture_source import PictureSource, open_picture_source
 from capture_app.simulation.sensor import SensorFrame
@@ -120,7 +120,7 @@ def _render_frame(
     seed = stable_seed(f"{recipe.seed}/{taken.camera}/{taken.true_ns}")
     writer.add_image(
         SimulatedPicture(source, frame, seed, recipe.jpeg_quality).encode(),
-        truth=SimulatedTruth(source, frame).encode() if recipe.depth else b"",
+        truth=encode_truth(source, frame) if recipe.depth else b"",
         **msgspec.structs.asdict(taken),
         residual_ns=taken.leader_ns - take.burst.instants_ns[taken.instant],
         gain=1.0,

@@ -34,15 +34,14 @@ class FramePicture(Protocol):
         """
 
 
-class GroundTruth(Protocol):
-    """The ground truth of a simulated frame."""
+@dataclass(frozen=True, slots=True)
+class GroundTruth:
+    """What the simulator knows of a frame."""
 
-    @property
-    def true_ns(self) -> int:
-        """True start of the first row's exposure, in the host's monotonic clock."""
-
-    def encode(self) -> bytes:
-        """Return the bytes of an .npz with `depth_m` (float32 HxW), `objects` (uint8), `movers` (bool)."""
+    true_ns: int
+    """True start of the first row's exposure, in the host's monotonic clock."""
+    encode: Callable[[], bytes]
+    """Renders the bytes of an .npz with `depth_m` (float32 HxW), `objects` (uint8), `movers` (bool)."""
 
 
 @dataclass(frozen=True, slots=True)

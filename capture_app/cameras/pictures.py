@@ -2,10 +2,11 @@
 
 import os
 import threading
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 from capture_app.cameras.v4l2.kernel import PixelFormat
 from capture_app.session.reading.decoding import decode_image, encode_image
@@ -45,20 +46,14 @@ class JpegPicture:
         return picture
 
 
-class PixelPicture(ABC):
+@dataclass(frozen=True, slots=True)
+class PixelPicture:
     """A picture that is no JPEG yet."""
 
-    data: Any
-    """What it is made of, in memory."""
-
-    @property
-    def held_bytes(self) -> int:
-        """How much memory it takes."""
-        return memoryview(self.data).nbytes
-
-    @abstractmethod
-    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
-        """Return it, BGR (H, W, 3) or grey (H, W): whole, or of every so-manieth pixel, about that wide."""
+    held_bytes: int
+    """How much memory it takes."""
+    pixels: "Callable[[int | None], NDArray[np.uint8]]"
+    """Makes it, BGR (H, W, 3) or grey (H, W): whole for None, or of every so-manieth, about that wide."""
 
     def encode(self) -> bytes:
         """Return a JPEG of quality 95."""
@@ -80,38 +75,34 @@ def step_to(full: int, width: int | None) -> int:
     return 1 if width is None else max(1, full // max(width, 1))
 
 
-@dataclass(frozen=True, slots=True)
-class RawPicture(PixelPicture):
+def raw_picture(data: bytes, layout: PixelFormat) -> PixelPicture:
     """An uncompressed picture as it lay in the driver's buffer."""
-
-    data: bytes
-    layout: PixelFormat
-
-    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
-        """See `PixelPicture.pixels`."""
-        import cv2
-        import numpy as np
-
-        step = step_to(self.layout.width, width)
-        width, height, stride = self.layout.width, self.layout.height, self.layout.bytes_per_line
-        rows = _rows(self.layout)
-        plane = np.frombuffer(self.data, np.uint8, rows * stride).reshape(rows, stride)
-        if self.layout.fourcc == "YUYV":
-            # Two pixels share their colour: pairs are kept or left out together.
-            pairs = plane[:, : 2 * width].reshape(height, width // 2, 4)[::step, ::step]
-            packed = np.ascontiguousarray(pairs).reshape(pairs.shape[0], pairs.shape[1] * 2, 2)
-            return np.asarray(cv2.cvtColor(packed, cv2.COLOR_YUV2BGR_YUYV), np.uint8)
-        if self.layout.fourcc == "NV12":
-            picture = cv2.cvtColor(np.ascontiguousarray(plane[:, :width]), cv2.COLOR_YUV2BGR_NV12)
-            return np.asarray(picture[::step, ::step], np.uint8)
-        return plane[::step, :width:step]
+    return PixelPicture(len(data), partial(_raw_pixels, data, layout))
 
 
-def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | RawPicture | None:
+def _raw_pixels(data: bytes, layout: PixelFormat, wanted: int | None) -> "NDArray[np.uint8]":
+    import cv2
+    import numpy as np
+
+    step = step_to(layout.width, wanted)
+    width, height, stride, rows = layout.width, layout.height, layout.bytes_per_line, _rows(layout)
+    plane = np.frombuffer(data, np.uint8, rows * stride).reshape(rows, stride)
+    if layout.fourcc == "YUYV":
+        # Two pixels share their colour: pairs are kept or left out together.
+        pairs = plane[:, : 2 * width].reshape(height, width // 2, 4)[::step, ::step]
+        packed = np.ascontiguousarray(pairs).reshape(pairs.shape[0], pairs.shape[1] * 2, 2)
+        return np.asarray(cv2.cvtColor(packed, cv2.COLOR_YUV2BGR_YUYV), np.uint8)
+    if layout.fourcc == "NV12":
+        picture = cv2.cvtColor(np.ascontiguousarray(plane[:, :width]), cv2.COLOR_YUV2BGR_NV12)
+        return np.asarray(picture[::step, ::step], np.uint8)
+    return plane[::step, :width:step]
+
+
+def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | PixelPicture | None:
     """The picture of a buffer's bytes; None where they cannot be a picture of that format."""
     if layout.fourcc in ("MJPG", "JPEG"):
         return JpegPicture(data) if data.startswith(_JPEG_START) else None
-    return RawPicture(data, layout) if len(data) >= layout.bytes_per_line * _rows(layout) else None
+    return raw_picture(data, layout) if len(data) >= layout.bytes_per_line * _rows(layout) else None
 
 
 def _rows(layout: PixelFormat) -> int:

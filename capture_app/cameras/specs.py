@@ -15,30 +15,22 @@ from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
 from capture_app.names import name_like
 
-
-@dataclass(frozen=True, slots=True)
-class DriverEntry:
-    """Where a driver is, and how its specs are written; the driver is imported when it is asked for."""
-
-    module: str
-    """Its functions are those of `CameraDriver`."""
-    spec_form: str
-
-    def load(self) -> CameraDriver:
-        """Import the driver."""
-        return cast(CameraDriver, importlib.import_module(self.module))
-
-
 DRIVERS = {
-    "sim": DriverEntry("capture_app.simulation.driver", "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]"),
-    "v4l2": DriverEntry("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
-    "aravis": DriverEntry("capture_app.cameras.aravis.driver", "aravis:ADDRESS[,key=value…]"),
-    "webcam": DriverEntry("capture_app.cameras.webcam", "webcam:NUMBER[,key=value…]"),
-    "replay": DriverEntry("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
-    "rtsp": DriverEntry("capture_app.cameras.rtsp.camera", "rtsp://USER@HOST/PATH[,key=value…]"),
-    "libcamera": DriverEntry("capture_app.cameras.libcamera.driver", "libcamera:ID[,key=value…]"),
+    "sim": ("capture_app.simulation.driver", "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]"),
+    "v4l2": ("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
+    "aravis": ("capture_app.cameras.aravis.driver", "aravis:ADDRESS[,key=value…]"),
+    "webcam": ("capture_app.cameras.webcam", "webcam:NUMBER[,key=value…]"),
+    "replay": ("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
+    "rtsp": ("capture_app.cameras.rtsp.camera", "rtsp://USER@HOST/PATH[,key=value…]"),
+    "libcamera": ("capture_app.cameras.libcamera.driver", "libcamera:ID[,key=value…]"),
 }
-"""By the kind that a spec begins with. By name, so that what drives simulated cameras may lie above."""
+"""By the kind that a spec begins with: the driver's module, by name, so that what drives simulated cameras
+may lie above; and how its specs are written."""
+
+
+def load_driver(kind: str) -> CameraDriver:
+    """Import the driver of a kind."""
+    return cast(CameraDriver, importlib.import_module(DRIVERS[kind][0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +54,9 @@ def parse_spec(spec: str) -> CameraSpec:
     spec = hide_password(spec)
     kind, _, rest = spec.strip().partition(":")
     if kind not in DRIVERS:
-        forms = " or ".join(driver.spec_form for driver in DRIVERS.values())
+        forms = " or ".join(form for _, form in DRIVERS.values())
         raise BadInputError(f"unknown camera {spec!r}", hint=f"write {forms}")
-    hint = f"write {DRIVERS[kind].spec_form}"
+    hint = f"write {DRIVERS[kind][1]}"
     device, *parts = (part.strip() for part in rest.split(","))
     if not device:
         raise BadInputError(f"camera {spec!r} names no device", hint=hint)
@@ -87,20 +79,20 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
     NotAvailableError for what this machine does not have.
     """
     parsed = parse_spec(spec)
-    return DRIVERS[parsed.kind].load().open_camera(parsed.device, parsed.options, clock=clock, name=name)
+    return load_driver(parsed.kind).open_camera(parsed.device, parsed.options, clock=clock, name=name)
 
 
 def modes_of(spec: str) -> str:
     """What the camera of a spec offers, in its driver's words; empty where it is not listed."""
     parsed = parse_spec(spec)
-    listed = DRIVERS[parsed.kind].load().list_cameras()
+    listed = load_driver(parsed.kind).list_cameras()
     return next((one.detail for one in listed if one.spec == f"{parsed.kind}:{parsed.device}"), "")
 
 
 def list_cameras() -> list[CameraListing]:
     """The cameras of this machine, its real devices first, then the simulated models."""
-    drivers = sorted(DRIVERS, key=lambda kind: kind == "sim")
-    return [listing for kind in drivers for listing in DRIVERS[kind].load().list_cameras()]
+    kinds = sorted(DRIVERS, key=lambda kind: kind == "sim")
+    return [listing for kind in kinds for listing in load_driver(kind).list_cameras()]
 
 
 def refuse_unknown(options: Mapping[str, str], known: Iterable[str], camera: str) -> None:

@@ -6,7 +6,6 @@ import platform
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
@@ -35,16 +34,10 @@ MOST_MISSES = 10
 MISS_PAUSE_S = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class WebcamPicture(PixelPicture):
-    """A picture in memory, BGR uint8 (H, W, 3)."""
-
-    data: "NDArray[np.uint8]"
-
-    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
-        """See `PixelPicture.pixels`."""
-        step = step_to(self.data.shape[1], width)
-        return self.data[::step, ::step]
+def _pixels(image: "NDArray[np.uint8]", width: int | None) -> "NDArray[np.uint8]":
+    """See `PixelPicture.pixels`."""
+    step = step_to(image.shape[1], width)
+    return image[::step, ::step]
 
 
 class Webcam:
@@ -150,8 +143,9 @@ class WebcamCamera(ThreadedCamera):
                     stream, sequence = stream + 1, -1
                 arrived_ns, pixels = self._next(webcam)
                 sequence += 1
+                picture = PixelPicture(pixels.nbytes, functools.partial(_pixels, pixels))
                 frame = CapturedFrame(
-                    sequence=sequence, stream=stream, timestamp_ns=arrived_ns, picture=WebcamPicture(pixels)
+                    sequence=sequence, stream=stream, timestamp_ns=arrived_ns, picture=picture
                 )
                 self._tell(self._deliver, frame)
         except CameraError as error:

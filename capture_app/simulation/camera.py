@@ -9,12 +9,13 @@ import io
 import math
 import random
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from capture_app.camera_facts import KELVIN, MICROSECONDS, TIMES, Control, ControlState
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, CapturedFrame, GroundTruth, OnFailure, OnFrame
 from capture_app.cameras.pictures import JpegPicture
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
@@ -130,30 +131,18 @@ class SimulatedPicture:
         return self.source.reduced(self.frame, width, seed=self.seed)
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatedTruth:
-    """What the simulator knows of a frame."""
+def encode_truth(source: PictureSource, frame: SensorFrame) -> bytes:
+    """Return an .npz with `depth_m` (float32 HxW, 0 = none), `objects` (uint8), `movers` (bool) of a frame.
 
-    source: PictureSource
-    frame: SensorFrame
+    Depth is in whole steps of 1/2048 m: a quarter of a millimetre of error for a fifth of the bytes.
+    """
+    import numpy as np
 
-    @property
-    def true_ns(self) -> int:
-        """True start of the first row's exposure, in the host's monotonic clock."""
-        return self.frame.start_true_ns
-
-    def encode(self) -> bytes:
-        """Return an .npz with `depth_m` (float32 HxW, 0 = none), `objects` (uint8), `movers` (bool).
-
-        Depth is in whole steps of 1/2048 m: a quarter of a millimetre of error for a fifth of the bytes.
-        """
-        import numpy as np
-
-        exact_m, objects, movers = self.source.ground_truth(self.frame)
-        depth_m = np.rint(exact_m * DEPTH_STEPS_PER_M) / np.float32(DEPTH_STEPS_PER_M)
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, depth_m=depth_m, objects=objects, movers=movers)
-        return buffer.getvalue()
+    exact_m, objects, movers = source.ground_truth(frame)
+    depth_m = np.rint(exact_m * DEPTH_STEPS_PER_M) / np.float32(DEPTH_STEPS_PER_M)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, depth_m=depth_m, objects=objects, movers=movers)
+    return buffer.getvalue()
 
 
 def stable_seed(text: str) -> int:
@@ -297,7 +286,7 @@ class SimulatedCamera(Camera):
             exposure_ns=frame.exposure_ns,
             gain=self._controls.gain,
             white_balance=(1.0, 1.0),
-            truth=SimulatedTruth(self._source, frame),
+            truth=GroundTruth(frame.start_true_ns, partial(encode_truth, self._source, frame)),
         )
 
     def _true_now_ns(self) -> int:

@@ -88,7 +88,7 @@ def test_a_driver_is_added_by_the_name_of_its_module(monkeypatch: pytest.MonkeyP
     driver: Any = types.ModuleType("a_new_driver")
     driver.list_cameras, driver.open_camera = list_cameras_of_a_driver, open_camera_of_a_driver
     monkeypatch.setitem(sys.modules, "a_new_driver", driver)
-    monkeypatch.setitem(specs.DRIVERS, "new", specs.DriverEntry("a_new_driver", "new:NUMBER"))
+    monkeypatch.setitem(specs.DRIVERS, "new", ("a_new_driver", "new:NUMBER"))
     assert list_cameras_of_a_driver()[0] in specs.list_cameras()
     with pytest.raises(CameraError, match=r"^1 \{'fps': '30'\} for a$"):
         specs.open_camera("new:1,fps=30", clock=HostClock(), name="a")

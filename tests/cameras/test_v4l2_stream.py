@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.camera_facts import PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.pictures import JpegPicture, RawPicture
+from capture_app.cameras.pictures import JpegPicture, PixelPicture, raw_picture
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.errors import CameraError
@@ -218,16 +218,16 @@ async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back() -> None
 def test_raw_frames_become_jpegs_without_the_padding_of_their_lines() -> None:
     red = np.array([[76, 85, 76, 255] * 8] * 16, np.uint8)
     padded = np.pad(red, ((0, 0), (0, 6)), constant_values=200)
-    picture = decoded(RawPicture(padded.tobytes(), v4l2.PixelFormat("YUYV", 16, 16, 38)))
+    picture = decoded(raw_picture(padded.tobytes(), v4l2.PixelFormat("YUYV", 16, 16, 38)))
     assert picture.shape == (16, 16, 3)
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
     grey = np.tile(np.arange(0, 64, 4, dtype=np.uint8), (16, 1))
-    picture = decoded(RawPicture(grey.tobytes(), v4l2.PixelFormat("GREY", 16, 16, 16)))
+    picture = decoded(raw_picture(grey.tobytes(), v4l2.PixelFormat("GREY", 16, 16, 16)))
     assert np.abs(picture.astype(int) - grey).max() < 8
 
     nv12 = np.concatenate([np.full((16, 16), 76), np.tile([85, 255], (8, 8))]).astype(np.uint8)
-    picture = decoded(RawPicture(nv12.tobytes(), v4l2.PixelFormat("NV12", 16, 16, 16)))
+    picture = decoded(raw_picture(nv12.tobytes(), v4l2.PixelFormat("NV12", 16, 16, 16)))
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
 
@@ -259,10 +259,10 @@ def test_a_preview_of_a_large_picture_is_decoded_small() -> None:
 def test_a_preview_of_a_raw_picture_leaves_pixels_out(
     fourcc: str, plane: np.ndarray, colour: tuple[int, int, int]
 ) -> None:
-    picture = RawPicture(plane.tobytes(), v4l2.PixelFormat(fourcc, 16, 16, plane.shape[1])).reduced(8)
+    picture = raw_picture(plane.tobytes(), v4l2.PixelFormat(fourcc, 16, 16, plane.shape[1])).reduced(8)
     assert picture.shape == (8, 8, 3)
     assert np.abs(picture.astype(int) - colour).max() < 12
 
 
-def decoded(picture: RawPicture) -> np.ndarray:
+def decoded(picture: PixelPicture) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(picture.encode(), np.uint8), cv2.IMREAD_UNCHANGED)

@@ -21,7 +21,7 @@ from capture_app.camera_facts import (
     TimestampSource,
 )
 from capture_app.cameras.aravis.device import KIND, AravisDevice
-from capture_app.cameras.aravis.machine_device import DeviceFrame, MachinePicture
+from capture_app.cameras.aravis.machine_device import DeviceFrame, machine_picture
 from capture_app.cameras.arrival_clock import ArrivalClock
 from capture_app.cameras.base import CapturedFrame, DeviceClock, OnFailure, OnFrame
 from capture_app.cameras.threaded import ThreadedCamera
@@ -236,7 +236,7 @@ class AravisCamera(ThreadedCamera):
             _log.debug("frame %d has a stamp of another time", frame.number)
             return
         facts = self.facts
-        picture = MachinePicture(frame.data, facts.width, facts.height, facts.pixel_format)
+        picture = machine_picture(frame.data, (facts.width, facts.height), facts.pixel_format)
         captured = CapturedFrame(
             sequence=sequence,
             stream=0,

@@ -1,6 +1,7 @@
 """Frames as a machine-vision camera sends them, grey, Bayer or colour."""
 
 from dataclasses import dataclass
+from functools import partial
 from math import prod
 from typing import TYPE_CHECKING
 
@@ -40,32 +41,27 @@ USABLE_FORMATS = (
 """The pixel formats that can be saved, the best first; more than 8 bits lie in 16 each."""
 
 
-@dataclass(frozen=True, slots=True)
-class MachinePicture(PixelPicture):
-    """A picture as the camera sent it; `pixel_format` is GenICam's name."""
+def machine_picture(data: bytes, size: tuple[int, int], pixel_format: str) -> PixelPicture:
+    """A picture as the camera sent it; `size` is its width and height, `pixel_format` GenICam's name."""
+    return PixelPicture(len(data), partial(_pixels, data, size, pixel_format))
 
-    data: bytes
-    width: int
-    height: int
-    pixel_format: str
 
-    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
-        """See `PixelPicture.pixels`; of 8 bits."""
-        import cv2
-        import numpy as np
+def _pixels(data: bytes, size: tuple[int, int], pixel_format: str, wanted: int | None) -> "NDArray[np.uint8]":
+    """See `PixelPicture.pixels`; of 8 bits."""
+    import cv2
+    import numpy as np
 
-        layout, bits = split_format(self.pixel_format)
-        sides = (self.height, self.width)
-        shape = (*sides, 3) if layout in ("RGB", "BGR") else sides
-        kind = np.dtype("u1" if bits == 8 else "<u2")
-        pixels = np.frombuffer(self.data, kind, prod(shape)).reshape(shape)
-        picture = pixels if bits == 8 else (pixels >> (bits - 8)).astype(np.uint8)
-        if layout == "RGB":
-            picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-        elif layout in _CONVERSIONS:
-            picture = cv2.cvtColor(picture, getattr(cv2, _CONVERSIONS[layout]))
-        step = step_to(self.width, width)
-        return np.asarray(picture, np.uint8)[::step, ::step]
+    (width, height), (layout, bits) = size, split_format(pixel_format)
+    shape = (height, width, 3) if layout in ("RGB", "BGR") else (height, width)
+    kind = np.dtype("u1" if bits == 8 else "<u2")
+    pixels = np.frombuffer(data, kind, prod(shape)).reshape(shape)
+    picture = pixels if bits == 8 else (pixels >> (bits - 8)).astype(np.uint8)
+    if layout == "RGB":
+        picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    elif layout in _CONVERSIONS:
+        picture = cv2.cvtColor(picture, getattr(cv2, _CONVERSIONS[layout]))
+    step = step_to(width, wanted)
+    return np.asarray(picture, np.uint8)[::step, ::step]
 
 
 def split_format(pixel_format: str) -> tuple[str, int]:

@@ -15,7 +15,7 @@ from typing import Any
 from capture_app.cameras.base import wait_for_start
 from capture_app.cameras.libcamera.controls import KnownControls
 from capture_app.cameras.libcamera.library import Library
-from capture_app.cameras.pictures import JpegPicture, RawPicture, picture_from_buffer
+from capture_app.cameras.pictures import JpegPicture, PixelPicture, picture_from_buffer
 from capture_app.cameras.v4l2.kernel import PixelFormat
 
 _NOISE_NS = 1_000_000
@@ -68,7 +68,7 @@ class FinishedFrame:
     """In the monotonic clock; None for a stamp of no clock of this machine."""
     told: dict[str, Any]
     """What the library tells of it, by the names of its controls; durations and exposures in us."""
-    picture: JpegPicture | RawPicture | None
+    picture: JpegPicture | PixelPicture | None
     """None where it came damaged."""
 
 
@@ -187,7 +187,7 @@ class RequestStream:
             return
         self._on_news(frame)
 
-    def _picture(self, buffer: Any) -> JpegPicture | RawPicture | None:
+    def _picture(self, buffer: Any) -> JpegPicture | PixelPicture | None:
         """The picture in a finished buffer; None where it is damaged."""
         filled = zip(buffer.planes, buffer.metadata.planes, strict=True)
         data = b"".join(

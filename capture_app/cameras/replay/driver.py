@@ -141,8 +141,9 @@ class ReplayCamera(Camera):
         readout_ns = (self.facts.row_time_ns or 0) * (self.facts.height - 1)
         while True:
             frame = self._playback.next_frame()
-            settings = recording.settings(frame.index)
-            due_ns = frame.start_ns + (settings.exposure_ns or 0) + readout_ns + DELIVERY_NS
+            record = recording.record(frame.index)
+            exposure_ns = None if record is None else record.exposure_ns
+            due_ns = frame.start_ns + (exposure_ns or 0) + readout_ns + DELIVERY_NS
             if time.monotonic_ns() - due_ns > STALL_NS:
                 await asyncio.sleep(0)
                 continue
@@ -158,10 +159,10 @@ class ReplayCamera(Camera):
                 CapturedFrame(
                     sequence=frame.sequence,
                     stream=frame.stream,
-                    timestamp_ns=frame.start_ns + settings.stamp_error_ns,
+                    timestamp_ns=frame.start_ns + (0 if record is None else record.outlier_ns),
                     picture=picture,
-                    exposure_ns=settings.exposure_ns,
-                    gain=settings.gain,
-                    white_balance=settings.white_balance,
+                    exposure_ns=exposure_ns,
+                    gain=None if record is None else record.gain,
+                    white_balance=None if record is None else record.white_balance,
                 )
             )

@@ -115,16 +115,6 @@ SPARSE = 1.5
 """Instants that lie further apart than so many periods of a camera were picked out of its stream."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameSettings:
-    """What was recorded of one frame besides its start; `stamp_error_ns` is what its stamp was off by."""
-
-    exposure_ns: int | None = None
-    gain: float | None = None
-    white_balance: tuple[float, float] | None = None
-    stamp_error_ns: int = 0
-
-
 class Recording(ABC):
     """One camera's recorded frames."""
 
@@ -136,9 +126,9 @@ class Recording(ABC):
     def picture(self, index: int) -> JpegPicture | None:
         """The picture of a frame, None where it is broken. May block; raises OSError, BadInputError."""
 
-    def settings(self, index: int) -> FrameSettings:
-        """What was recorded of a frame besides its start."""
-        return FrameSettings()
+    def record(self, index: int) -> ImageRecord | None:
+        """What is known of a frame besides its start, such as its exposure; None where nothing is."""
+        return None
 
 
 class SessionRecording(Recording):
@@ -186,10 +176,9 @@ class SessionRecording(Recording):
         """See `Recording.picture`."""
         return _jpeg(self._session.image_bytes(self._images[index]))
 
-    def settings(self, index: int) -> FrameSettings:
-        """See `Recording.settings`."""
-        image = self._images[index]
-        return FrameSettings(image.exposure_ns, image.gain, image.white_balance, image.outlier_ns)
+    def record(self, index: int) -> ImageRecord:
+        """See `Recording.record`."""
+        return self._images[index]
 
     @staticmethod
     def _at_ns(image: ImageRecord, instants_ns: Sequence[int], period_ns: int | None) -> int:

@@ -4,7 +4,7 @@ import asyncio
 import itertools
 import time
 from collections.abc import Coroutine, Mapping
-from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -41,28 +41,15 @@ MOST_WAITING = 30
 """Frames that wait to be decoded."""
 
 
-@dataclass(frozen=True, slots=True)
-class VideoPicture(PixelPicture):
-    """A decoded picture in the format of its video."""
+def _pixels(frame: Any, width: int | None) -> "NDArray[np.uint8]":
+    """The pixels of a decoded frame, in the format of its video; see `PixelPicture.pixels`."""
+    import numpy as np
+    from av.video.reformatter import VideoReformatter
 
-    data: Any
-
-    @property
-    def held_bytes(self) -> int:
-        """How much memory it takes."""
-        return sum(plane.buffer_size for plane in self.data.planes)
-
-    def pixels(self, width: int | None) -> "NDArray[np.uint8]":
-        """See `PixelPicture.pixels`."""
-        import numpy as np
-        from av.video.reformatter import VideoReformatter
-
-        step = step_to(self.data.width, width)
-        # Its own reformatter: two threads may look at one picture.
-        smaller = VideoReformatter().reformat(
-            self.data, self.data.width // step, self.data.height // step, "bgr24"
-        )
-        return np.asarray(smaller.to_ndarray(), np.uint8)
+    step = step_to(frame.width, width)
+    # Its own reformatter: two threads may look at one picture.
+    smaller = VideoReformatter().reformat(frame, frame.width // step, frame.height // step, "bgr24")
+    return np.asarray(smaller.to_ndarray(), np.uint8)
 
 
 class RtspCamera(ThreadedCamera):
@@ -164,7 +151,7 @@ class RtspCamera(ThreadedCamera):
                 else:
                     self._hand_on(picture_ns, picture)
 
-    def _begin(self, media_ns: int, picture: VideoPicture) -> None:
+    def _begin(self, media_ns: int, picture: Any) -> None:
         """Begin once the rate is known and sender reports have come or were waited for."""
         self._begun_with.append(media_ns)
         waited_s = time.monotonic() - self._begun_s
@@ -182,8 +169,8 @@ class RtspCamera(ThreadedCamera):
         self._facts = CameraFacts(
             kind=KIND,
             model=f"{self._connection.server or 'IP camera'}, timed by {way}"[:200],
-            width=picture.data.width,
-            height=picture.data.height,
+            width=picture.width,
+            height=picture.height,
             pixel_format=codec,
             period_ns=period_ns,
             timestamp_source=TimestampSource.UNKNOWN,
@@ -204,7 +191,7 @@ class RtspCamera(ThreadedCamera):
             return told
         return round(seen) if abs(seen / max(1, round(seen)) - 1) <= RATE_SHARE else seen
 
-    def _hand_on(self, media_ns: int, picture: VideoPicture) -> None:
+    def _hand_on(self, media_ns: int, picture: Any) -> None:
         self._sequence += max(1, round((media_ns - self._last_ns) / self.facts.period_ns))
         self._last_ns = media_ns
         self._on_frame(
@@ -212,7 +199,9 @@ class RtspCamera(ThreadedCamera):
                 sequence=self._sequence,
                 stream=0,
                 timestamp_ns=self._clock.host_ns(media_ns),
-                picture=picture,
+                picture=PixelPicture(
+                    sum(plane.buffer_size for plane in picture.planes), partial(_pixels, picture)
+                ),
                 clock_uncertainty_ns=self._clock.uncertainty_ns(media_ns),
             )
         )
@@ -227,8 +216,8 @@ class _Decoder:
         self._codec = av.CodecContext.create(stream.codec, "r")
         self._codec.extradata = stream.parameter_sets or None
 
-    def decode(self, media_ns: int, unit: AccessUnit) -> list[tuple[int, VideoPicture]]:
-        """The pictures that a unit completes, each with its media time."""
+    def decode(self, media_ns: int, unit: AccessUnit) -> list[tuple[int, Any]]:
+        """The pictures, as PyAV has them, that a unit completes, each with its media time."""
         self._is_damaged |= not unit.whole
         packet = self._av.Packet(unit.data)
         packet.pts = media_ns
@@ -241,7 +230,7 @@ class _Decoder:
         for frame in frames:
             self._is_damaged &= not frame.key_frame
             if not self._is_damaged and frame.pts is not None:
-                found.append((frame.pts, VideoPicture(frame)))
+                found.append((frame.pts, frame))
         return found
 
 

@@ -16,7 +16,7 @@ from textual.widgets.option_list import Option
 
 from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
-from capture_app.cameras.specs import DRIVERS
+from capture_app.cameras.specs import DRIVERS, load_driver
 from capture_app.net.address import DEFAULT_PORT
 from capture_app.node.leader.local_nodes import VIEWS
 from capture_app.node.rig_link import RigLink
@@ -41,8 +41,7 @@ TITLE_WIDTH = 26
 
 def find_cameras() -> list[CameraListing]:
     """The cameras of this machine; opens devices, so it may take a second."""
-    drivers = [driver for kind, driver in DRIVERS.items() if kind != SIMULATED]
-    return [camera for driver in drivers for camera in driver.load().list_cameras()]
+    return [camera for kind in DRIVERS if kind != SIMULATED for camera in load_driver(kind).list_cameras()]
 
 
 class _Choice(NamedTuple):

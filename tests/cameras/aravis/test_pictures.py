@@ -4,13 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, MachinePicture, split_format
+from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, machine_picture, split_format
+from capture_app.cameras.pictures import PixelPicture
 
 WIDTH, HEIGHT = 64, 48
 BGR = (40, 120, 220)
 
 
-def picture_of(pixel_format: str) -> MachinePicture:
+def picture_of(pixel_format: str) -> PixelPicture:
     """A plain picture of one colour, as a camera of that format would send it."""
     layout, bits = split_format(pixel_format)
     by_letter = dict(zip("BGR", BGR, strict=True))
@@ -23,7 +24,7 @@ def picture_of(pixel_format: str) -> MachinePicture:
     else:
         pixels = np.full((HEIGHT, WIDTH, 3), [by_letter[letter] for letter in layout])
     data = pixels.astype(np.uint8) if bits == 8 else (pixels << (bits - 8)).astype("<u2")
-    return MachinePicture(data.tobytes(), WIDTH, HEIGHT, pixel_format)
+    return machine_picture(data.tobytes(), (WIDTH, HEIGHT), pixel_format)
 
 
 @pytest.mark.parametrize("pixel_format", USABLE_FORMATS)
@@ -35,4 +36,5 @@ def test_every_usable_format_has_its_colours(pixel_format: str) -> None:
     for seen in (decoded, picture.reduced(32)):
         assert np.abs(seen[8:-8, 8:-8].mean((0, 1)) - expected).max() < 4
     assert picture.reduced(32).shape == (HEIGHT // 2, WIDTH // 2, 3)
-    assert picture.held_bytes == len(picture.data)
+    channels, bits = (3 if pixel_format[:3] in ("RGB", "BGR") else 1), split_format(pixel_format)[1]
+    assert picture.held_bytes == WIDTH * HEIGHT * channels * (1 if bits == 8 else 2)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.panel.finder import Floats
-from capture_app.panel.pattern import Scan, nearest_ns
+from capture_app.panel.pattern import nearest_ns
 from capture_app.panel.simulated import CYCLE_NS, Image, Photograph
 from capture_app.panel.time_reading import read_panel
 
@@ -49,7 +49,7 @@ class HandheldPhotograph(Photograph):
     def _late(self, x: float, y: float) -> float:
         """Refreshes by which a screen shows a place of the panel later than the middle of it."""
         across, down = x / self.panel.width, y / self.panel.height
-        way = {Scan.DOWN: down, Scan.UP: 1 - down, Scan.RIGHT: across, Scan.LEFT: 1 - across}
+        way = {"down": down, "up": 1 - down, "right": across, "left": 1 - across}
         return self.scan_share * (way.get(self.panel.scan, 0.5) - 0.5)
 
     def _blur(self, scene: Floats) -> Floats:

@@ -81,7 +81,6 @@ def show(session: Path, as_json: bool) -> None:
 @json_option
 def verify(paths: tuple[Path, ...], as_json: bool) -> None:
     """Verify the integrity and internal consistency of sessions; fails if one has problems."""
-    from capture_app.session.reading.verify import ProblemKind
     from capture_app.session.reading.verify import verify as verify_session
 
     results: list[dict[str, Any]] = []
@@ -98,7 +97,7 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
         if problems and failure is None:
             more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
             what = f"{path} is damaged: {problems[0]}{more}"
-            lost = all(problem.kind is ProblemKind.MISSING for problem in problems)
+            lost = all(problem.kind == "missing" for problem in problems)
             failure = IncompleteError(what) if lost else BadInputError(what)
         if not as_json:
             for problem in problems:

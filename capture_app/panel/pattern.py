@@ -8,9 +8,8 @@ frame's corner.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import product
-from typing import Any
+from typing import Any, Literal
 
 from capture_app.errors import BadInputError
 
@@ -34,14 +33,8 @@ SCAN_SHARE = 0.9
 """Share of a refresh in which a screen draws from one edge of the panel to the other."""
 
 
-class Scan(StrEnum):
-    """The way in which a screen draws a refresh over the panel; a panel of LEDs has none."""
-
-    NONE = "none"
-    DOWN = "down"
-    RIGHT = "right"
-    UP = "up"
-    LEFT = "left"
+Scan = Literal["none", "down", "right", "up", "left"]
+"""The way in which a screen draws a refresh over the panel; a panel of LEDs has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +85,12 @@ class Panel:
     first_marker: int
     ticks: tuple[int, ...] = (1,)
     rows: int = 1
-    scan: Scan = Scan.NONE
+    scan: Scan = "none"
 
     @property
     def is_screen(self) -> bool:
         """Whether it is shown on a screen, whose tick is a refresh."""
-        return self.scan is not Scan.NONE
+        return self.scan != "none"
 
     @property
     def lamp_size(self) -> float:
@@ -163,11 +156,11 @@ class Panel:
     def _lamp(self, x: float, y: float, group: int, turn: int, lit: int) -> Lamp:
         across, down = x / self.width, y / self.height
         share = {
-            Scan.NONE: 0.5,
-            Scan.DOWN: down,
-            Scan.UP: 1 - down,
-            Scan.RIGHT: across,
-            Scan.LEFT: 1 - across,
+            "none": 0.5,
+            "down": down,
+            "up": 1 - down,
+            "right": across,
+            "left": 1 - across,
         }
         delay = SCAN_SHARE * (share[self.scan] - 0.5)
         return Lamp(x, y, group, turn * lit, lit, COUNT * lit, delay)
@@ -180,7 +173,7 @@ class Panel:
             "cycle_ticks": self.cycle_ticks,
             "width": self.width,
             "height": self.height,
-            "scan": self.scan.value,
+            "scan": self.scan,
             "marker_size": MARKER_SIZE,
             "markers": [
                 {
@@ -238,7 +231,7 @@ def _led_panels() -> Iterator[Panel]:
 
 
 def _screen_panels() -> Iterator[Panel]:
-    scans = (Scan.DOWN, Scan.RIGHT, Scan.UP, Scan.LEFT)
+    scans: tuple[Scan, ...] = ("down", "right", "up", "left")
     for kind, (rate_hz, scan) in enumerate(product(RATES_HZ, scans), _LED_KINDS):
         name = f"screen-{rate_hz}hz-{scan}"
         yield Panel(name, 1e9 / rate_hz, _FIRST_MARKER + _MARKERS * kind, (1,), 2, scan)

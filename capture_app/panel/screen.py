@@ -75,7 +75,7 @@ def _panels() -> dict[str, Any]:
             {
                 "name": panel.name,
                 "rate_hz": round(1e9 / panel.tick_ns),
-                "scan": panel.scan.value,
+                "scan": panel.scan,
                 "markers": [
                     "".join(str(white) for row in marker_squares(marker.number) for white in row)
                     for marker in panel.markers

@@ -34,11 +34,7 @@ Words = Annotated[str, Meta(max_length=300)]
 Pixels = Annotated[int, Meta(gt=0, le=16384)]
 
 
-class FromPage(Struct, frozen=True, kw_only=True, tag_field="type"):
-    """What a page says in JSON."""
-
-
-class Hello(FromPage, frozen=True, kw_only=True, tag="hello"):
+class Hello(Struct, frozen=True, kw_only=True, tag_field="type", tag="hello"):
     """The first words of a link."""
 
     page: Words
@@ -53,7 +49,7 @@ class Hello(FromPage, frozen=True, kw_only=True, tag="hello"):
     isolated: bool = False
 
 
-class Opened(FromPage, frozen=True, kw_only=True, tag="opened"):
+class Opened(Struct, frozen=True, kw_only=True, tag_field="type", tag="opened"):
     """The phone's camera streams."""
 
     width: Pixels
@@ -63,7 +59,7 @@ class Opened(FromPage, frozen=True, kw_only=True, tag="opened"):
     label: Words = ""
 
 
-class Controls(FromPage, frozen=True, kw_only=True, tag="controls"):
+class Controls(Struct, frozen=True, kw_only=True, tag_field="type", tag="controls"):
     """The camera's controls as they stand, in units that mean the same with all cameras."""
 
     controls: Annotated[tuple[ControlState, ...], Meta(max_length=len(Control))]
@@ -73,7 +69,7 @@ class Controls(FromPage, frozen=True, kw_only=True, tag="controls"):
     """Why it could not be carried out."""
 
 
-class Away(FromPage, frozen=True, kw_only=True, tag="away"):
+class Away(Struct, frozen=True, kw_only=True, tag_field="type", tag="away"):
     """The camera stands still until it is opened again."""
 
     why: Words

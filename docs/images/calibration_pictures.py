@@ -17,7 +17,7 @@ from rich.text import Text
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage, CoverageCount, coverage_table
 from capture_app.board.detector import BoardDetector, Corners
-from capture_app.board.printing import PrintedPage, to_svg
+from capture_app.board.printing import board_page, to_svg
 from capture_app.simulation.rendering.scene import load
 
 OUT = Path(__file__).parent
@@ -32,7 +32,7 @@ TILE_PX = 300
 
 def main() -> None:
     """Write all pictures."""
-    (OUT / "calibration-board.svg").write_bytes(to_svg(PrintedPage(DEFAULT_BOARD)))
+    (OUT / "calibration-board.svg").write_bytes(to_svg(board_page(DEFAULT_BOARD)))
     scene = load("board").draft(1.0)
     detector = BoardDetector(DEFAULT_BOARD)
     count = CoverageCount(DEFAULT_BOARD, dict.fromkeys(CAMERAS, (640, 480)))

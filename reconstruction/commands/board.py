@@ -27,7 +27,7 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     By default it is the board that `reconstruct calibrate` and `capture-app coverage` expect. A bar on the
     page shows whether the printer kept the size. The whole way is in docs/calibration.md.
     """
-    from capture_app.board.printing import PrintedPage, calibrate_options, to_pdf, to_svg
+    from capture_app.board.printing import board_page, calibrate_options, to_pdf, to_svg
 
     if not isinstance(board, CharucoBoard):
         raise click.BadParameter("it prints boards with markers only", param_hint="--dictionary")
@@ -35,7 +35,7 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     write = formats.get(file.suffix.lower())
     if write is None:
         raise click.BadParameter(f"{file} ends neither in .pdf nor in .svg", param_hint="FILE")
-    printed = PrintedPage(board, page)
+    printed = board_page(board, page)
     try:
         file.write_bytes(write(printed))
     except OSError as error:

@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD, CharucoBoard
 from capture_app.board.detector import BoardDetector
-from capture_app.board.printing import PrintedPage, to_pdf, to_svg
+from capture_app.board.printing import board_page, to_pdf, to_svg
 from reconstruction import cli
 from tests.board.pages import PX_PER_MM, read_pdf, read_svg
 
@@ -22,7 +22,7 @@ BOARDS = [
 
 @pytest.mark.parametrize(("board", "page"), BOARDS)
 def test_the_board_is_found_on_the_page_at_its_true_size(board: CharucoBoard, page: str) -> None:
-    printed = PrintedPage(board, page)
+    printed = board_page(board, page)
     for size, picture in (read_svg(to_svg(printed)), read_pdf(to_pdf(printed))):
         assert sorted(size) == pytest.approx(sorted(PAGE_SIZES[page]), abs=0.01)
         found = BoardDetector(board).detect(picture)

@@ -129,20 +129,20 @@ def late_stamps(uncertainty_ns: int) -> Callable[[dict[str, Any]], None]:
 TRUTH = "ground_truth/left/000000.npz"
 AGAIN = {"camera": "left", "instant": 0, "reason": "?"}
 LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
-    ProblemKind.MISSING: {
+    "missing": {
         "image gone": (remove(FIRST), FIRST),
         "renamed": (rename_first, FIRST),
         "no journal": (remove(JOURNAL), "journal"),
         "no ground truth": (remove(TRUTH), "ground truth"),
     },
-    ProblemKind.CHANGED: {
+    "changed": {
         "image cut": (put(FIRST, b"x"), "1 bytes long"),
         "bit flipped": (flip, "sha256"),
         "swapped": (lambda s: put(FIRST, (s.folder / FIRST.replace("00.", "01.")).read_bytes())(s), FIRST),
         "no checksums": (remove(CHECKSUMS), "missing"),
         "other ground truth": (put(TRUTH, b"npy"), "000000.npz"),
     },
-    ProblemKind.UNREADABLE: {
+    "unreadable": {
         "no image": (replace_first(b"not an image"), "decoded"),
         "folder for image": (lambda s: (remove(FIRST)(s), (s.folder / FIRST).mkdir()), FIRST),
         "torn journal": (
@@ -151,12 +151,12 @@ LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
         "calibration broken": (put(CALIBRATION, b"{"), "calibration.json"),
         "ground truth broken": (put("ground_truth/times.json", b"[]"), "times.json"),
     },
-    ProblemKind.UNEXPECTED: {
+    "unexpected": {
         "renamed to": (rename_first, "000007"),
         "stray image": (put("images/rig1/left/000009.jpg", b"x"), "000009"),
         "left over": (put(f"{FIRST}.part", b"x"), "interrupted write"),
     },
-    ProblemKind.CONTRADICTORY: {
+    "contradictory": {
         "other size": (replace_first(jpeg(0, 20, 12)), "20x12 pixels"),
         "surer than its stamps": (claim(late_stamps(21_000_000)), "its camera's stamps alone have 21000000"),
         "bound without one": (claim(late_stamps(10_000)), "its camera's stamps have none"),

@@ -184,23 +184,14 @@ STAMP_REACH_S = 2.0
 """How far from its payload the first fix of it may have arrived."""
 
 
-class Receiver(NamedTuple):
-    """How far the UTC of one kind of GPS stream is to be trusted, s.
+LATE_S = {"GPS9": 0.2 / math.sqrt(2), "GPS5": 1.0 / math.sqrt(2)}
+"""By kind of stream, the better first: how much later than the fix its UTC may have been noted (95 %).
 
-    `late_s` (95 %): how much later than the fix it may have been noted, the same for the whole recording: two
-    receivers together are as far apart as was published of GPS5 (1 s), and two periods of GPS9 (0.2 s).
-    `wander_s` (sd): how much that may change from the beginning of a recording to its end.
-    """
-
-    late_s: float
-    wander_s: float
-
-
-RECEIVERS = {
-    "GPS9": Receiver(late_s=0.2 / math.sqrt(2), wander_s=0.05),
-    "GPS5": Receiver(late_s=1.0 / math.sqrt(2), wander_s=0.25),
-}
-"""The better first."""
+The same for the whole recording: two receivers together are as far apart as was published of GPS5 (1 s), and
+two periods of GPS9 (0.2 s).
+"""
+WANDER_S = {"GPS9": 0.05, "GPS5": 0.25}
+"""How much that may change from the beginning of a recording to its end (sd)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +217,7 @@ def read_gps_clock(path: Path) -> GpsClock | str:
     timed = read_container(path, lambda _, container: list(islice(_payloads(container), PAYLOADS)))
     if isinstance(timed, str):
         return timed
-    clocks = [_clock(key, timed) for key in RECEIVERS]
+    clocks = [_clock(key, timed) for key in LATE_S]
     good = next((clock for clock in clocks if isinstance(clock, GpsClock)), None)
     return good or next((why for why in clocks if isinstance(why, str) and why), "no GPS metadata of a GoPro")
 
@@ -251,7 +242,7 @@ def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
     """The camera's times against the reference's, each by UTC; without an offset, why there is none."""
     later_s = camera.began_utc_s - reference.began_utc_s
     apart_s = max(later_s - reference.end_s, -later_s - camera.end_s)
-    if apart_s > RECEIVERS[reference.key].late_s + RECEIVERS[camera.key].late_s:
+    if apart_s > LATE_S[reference.key] + LATE_S[camera.key]:
         return CameraTimes(reason=f"by their GPS, {apart_s:.1f} s lie between them")
     zero_s = math.floor(reference.utc_s[0])
     back = _line(reference, zero_s, of_utc=True)
@@ -260,12 +251,11 @@ def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
 
 def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
     """A camera's times against UTC since `zero_s`; or UTC's against the camera's."""
-    receiver = RECEIVERS[clock.key]
     utc_s = clock.utc_s - zero_s
     # What wanders slowly is no less for many fixes; so wide, evenly spread ones tell no better rate.
-    sd_s = np.full(len(utc_s), receiver.wander_s * math.sqrt(len(utc_s) / 12))
+    sd_s = np.full(len(utc_s), WANDER_S[clock.key] * math.sqrt(len(utc_s) / 12))
     pair = (utc_s, clock.video_s) if of_utc else (clock.video_s, utc_s)
-    return fit_clock_line(*pair, sd_s, "gopro", systematic_s=receiver.late_s)
+    return fit_clock_line(*pair, sd_s, "gopro", systematic_s=LATE_S[clock.key])
 
 
 def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsClock | str:

@@ -20,12 +20,6 @@ MOST_INTEGER, MOST_REAL = 2**63, 1e15
 """Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
 
 
-class _Version(msgspec.Struct):
-    """The one field that is read before all others."""
-
-    schema_version: int = 1
-
-
 def inside(folder: Path, path: str) -> Path:
     """The file of a path that a manifest gives, which need not be there.
 
@@ -67,7 +61,8 @@ def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = 
     """Decode JSON as `read_struct` does; `path` is where it is from."""
     try:
         if newest is not None:
-            version = msgspec.json.decode(data, type=_Version).schema_version
+            fields = msgspec.json.decode(data, type=dict[str, msgspec.Raw])
+            version = msgspec.json.decode(fields.get("schema_version", b"1"), type=int)
             if version > newest:
                 raise BadInputError(
                     f"{path} is of schema version {version}; this simulshot reads up to {newest}",

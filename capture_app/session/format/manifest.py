@@ -29,11 +29,7 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 
 
-class _Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all parts of the manifest."""
-
-
-class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
+class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """A camera's clock against the leader's when the burst was taken."""
 
     epoch_local_ns: int
@@ -57,7 +53,7 @@ class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
         return local_ns + self.offset_ns + round(self.skew_ppm * 1e-6 * (local_ns - self.epoch_local_ns))
 
 
-class PhaseRecord(_Record, frozen=True, kw_only=True):
+class PhaseRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a camera's stream was moved onto the rig's grid of instants."""
 
     residual_ns: int
@@ -69,7 +65,7 @@ class PhaseRecord(_Record, frozen=True, kw_only=True):
     """Largest phase error that is left uncorrected; an image further from its instant is `late`."""
 
 
-class CameraRecord(_Record, frozen=True, kw_only=True):
+class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One camera of the rig: what it is, and how its clock and phase stood when the burst was taken."""
 
     name: Name
@@ -90,7 +86,7 @@ class CameraRecord(_Record, frozen=True, kw_only=True):
         return tolerance_ns is not None and abs(residual_ns) > tolerance_ns
 
 
-class SkippedFrame(_Record, frozen=True, kw_only=True):
+class SkippedFrame(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A camera's frame that kept an instant from being complete, and why it was not there."""
 
     camera: Name
@@ -99,14 +95,14 @@ class SkippedFrame(_Record, frozen=True, kw_only=True):
     """The camera dropped the frame."""
 
 
-class SkippedInstant(_Record, frozen=True, kw_only=True):
+class SkippedInstant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A moment that was left out of the burst, as not every camera had its frame."""
 
     leader_ns: int
     missing: tuple[SkippedFrame, ...]
 
 
-class BurstRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
+class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """The instants of the burst, in ns of the leader's clock, and what was asked for."""
 
     instants_ns: tuple[int, ...]
@@ -119,7 +115,7 @@ class BurstRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     """Whether an imported recording's times are of one clock; None where they always were."""
 
 
-class ImageRecord(_Record, frozen=True, kw_only=True):
+class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One image: its camera and instant, its times by both clocks with their errors, and its checksum."""
 
     camera: Name
@@ -156,7 +152,7 @@ class FrameRecord(ImageRecord, frozen=True, kw_only=True):
     """Where its first byte is in the video."""
 
 
-class VideoRecord(_Record, frozen=True, kw_only=True):
+class VideoRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One camera's recording: every frame is a JPEG file of its own, one behind the other (MJPEG).
 
     Where each begins, and when it was taken, is in the file beside it (`video_frames.VideoFrame`).
@@ -168,7 +164,7 @@ class VideoRecord(_Record, frozen=True, kw_only=True):
     bytes: Count
 
 
-class MissingImage(_Record, frozen=True, kw_only=True):
+class MissingImage(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """An image of the burst that is missing, and why."""
 
     camera: Name
@@ -178,7 +174,7 @@ class MissingImage(_Record, frozen=True, kw_only=True):
     """The camera dropped the frame, rather than that it was lost on its way."""
 
 
-class SyncRecord(_Record, frozen=True, kw_only=True):
+class SyncRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How well the burst is synchronized over its cameras, computed from its images' records; times in ns."""
 
     spread_ns: tuple[Count, ...]
@@ -199,7 +195,7 @@ class SyncRecord(_Record, frozen=True, kw_only=True):
     late: Count = 0
 
 
-class Manifest(_Record, frozen=True, kw_only=True):
+class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`session.json`: written last, so that its presence means that the session is complete."""
 
     name: Name

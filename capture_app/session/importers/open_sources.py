@@ -21,10 +21,10 @@ from capture_app.session.files.strangers import read_text
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.frame_matching import TimedFrame, check_order
 from capture_app.session.importers.sources import (
-    ImageFolder,
     Images,
     Source,
     Video,
+    image_folder,
     images_in,
     upright,
     videos_in,
@@ -40,25 +40,21 @@ _Shot = tuple[Path, int, int | None]
 """An image, and when it was taken by the leader's clock and by the phone's, ns."""
 
 
-class PhoneShots(Images):
+def _shots_of(name: str, path: Path) -> Images:
     """The shots of one phone with libsoftwaresync, by the leader's time; JPEG bytes are kept as they are."""
+    shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
+    if not shots:
+        raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
+    shots.sort(key=lambda shot: shot[1])
+    times = [TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(shots)]
+    files = [image for image, _, _ in shots]
+    source = Images(name, path, files, "libsoftwaresync", read=_read_shot, times=times)
+    source.suffix = ".jpg"
+    return source
 
-    def __init__(self, name: str, path: Path) -> None:
-        shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
-        if not shots:
-            raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
-        self._shots = sorted(shots, key=lambda shot: shot[1])
-        super().__init__(name, path, [image for image, _, _ in self._shots], "libsoftwaresync")
-        # Shots have times; their numbers are just the order.
-        self.suffix, self.numbered = ".jpg", False
 
-    def embedded_times(self) -> Sequence[TimedFrame]:
-        """When each shot was taken, by the leader's clock and by the phone's."""
-        return [TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(self._shots)]
-
-    def read(self, file: Path) -> bytes:
-        """See `Images.read`."""
-        return upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file)
+def _read_shot(file: Path) -> bytes:
+    return upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file)
 
 
 class PhoneVideo(Video):
@@ -96,7 +92,7 @@ def phone(name: str, folder: Path, *, png: bool, recording: str | None = None) -
     """The source of a phone's folder. Raises BadInputError where `recording` does not tell one of several."""
     pairs = _pairs_in(folder)
     if not pairs:
-        return PhoneShots(name, folder)
+        return _shots_of(name, folder)
     chosen = [path for path in pairs if recording is None or recording in path.stem]
     if len(chosen) == 1:
         return PhoneVideo(name, chosen[0], png=png)
@@ -224,7 +220,7 @@ def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
     if is_phone(path):
         return phone(name, path, png=png, recording=recording)
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
-        return ImageFolder(name, path)
+        return image_folder(name, path)
     return PhoneVideo(name, path, png=png) if table_of(path) else Video(name, path, png=png)
 
 

@@ -2,7 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,25 +53,38 @@ class Source(ABC):
         """
 
 
+FOLDER = "images"
+"""The kind of a plain folder of images."""
+
+
 class Images(Source):
-    """Image files, one a frame, whose bytes are kept as they are."""
+    """Image files, one a frame, in the order that they are given in."""
 
-    numbered = True
-
-    def __init__(self, name: str, path: Path, files: Sequence[Path], kind: str) -> None:
+    def __init__(
+        self,
+        name: str,
+        path: Path,
+        files: Sequence[Path],
+        kind: str,
+        *,
+        read: Callable[[Path], bytes] = Path.read_bytes,
+        times: Sequence[TimedFrame] | None = None,
+    ) -> None:
+        """`read` gives the bytes of the image that a file has; `times` are by the rig's clock."""
         self.name, self.path, self.files, self.kind = name, path, files, kind
-        self.numbers = range(len(files))
+        self.numbers, self.numbered = range(len(files)), times is None
         self.suffix = files[0].suffix.lower()
+        self._read, self._times = read, times
 
-    def read(self, file: Path) -> bytes:
-        """The bytes of the image that a file has. Raises OSError, BadInputError."""
-        return file.read_bytes()
+    def embedded_times(self) -> Sequence[TimedFrame] | None:
+        """See `Source.embedded_times`."""
+        return self._times
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`; raises BadInputError for a file that cannot be read or decoded too."""
         for index in sorted(indices):
             try:
-                data = self.read(self.files[index])
+                data = self._read(self.files[index])
             except OSError as error:
                 raise BadInputError(f"cannot read {self.files[index]}: {error.strerror}") from error
             size = image_size(data)
@@ -80,30 +93,26 @@ class Images(Source):
             yield index, data, size
 
 
-class ImageFolder(Images):
-    """A folder of image files, in natural order, or one image; those that EXIF says to turn are turned."""
+def image_folder(name: str, path: Path) -> Images:
+    """A folder of image files, in natural order, or one image; those that EXIF says to turn are turned.
 
-    def __init__(self, name: str, path: Path) -> None:
-        found = [path] if path.is_file() else images_in(path)
-        files = sorted(found, key=lambda file: natural_order(file.name))
-        if not files:
-            raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
-        super().__init__(name, path, files, "images")
-        suffixes = {file.suffix.lower() for file in files}
-        if len(suffixes) > 1:
-            raise BadInputError(
-                f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image"
-            )
-        in_names = [re.findall(r"\d+", file.stem) for file in files]
-        # The number of a single image is its camera's as often as its time's.
-        last = [int(digits[-1]) for digits in in_names if digits and path.is_dir()]
-        self.numbered = len(set(last)) == len(files)
-        if self.numbered:
-            self.numbers = last
-
-    def read(self, file: Path) -> bytes:
-        """See `Images.read`."""
-        return upright(file.read_bytes())
+    Raises BadInputError where there are none, or several kinds of them.
+    """
+    found = [path] if path.is_file() else images_in(path)
+    files = sorted(found, key=lambda file: natural_order(file.name))
+    if not files:
+        raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
+    suffixes = {file.suffix.lower() for file in files}
+    if len(suffixes) > 1:
+        raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
+    source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes()))
+    in_names = [re.findall(r"\d+", file.stem) for file in files]
+    # The number of a single image is its camera's as often as its time's.
+    last = [int(digits[-1]) for digits in in_names if digits and path.is_dir()]
+    source.numbered = len(set(last)) == len(files)
+    if source.numbered:
+        source.numbers = last
+    return source
 
 
 def upright(data: bytes) -> bytes:

@@ -14,7 +14,7 @@ from capture_app.session.importers.embedded_times import (
 )
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.rate_or_table import timeline_by_rate, timeline_by_table, times_by_rate
-from capture_app.session.importers.sources import ImageFolder, Source, Video
+from capture_app.session.importers.sources import FOLDER, Images, Source, Video
 
 ASSUMED_FPS = 30.0
 """Of images that belong together by their numbers."""
@@ -86,7 +86,7 @@ def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
     if options.offsets_ms or all(isinstance(source, Video) for source in sources):
         frames = {source.name: _own(source, TimeSource.VIDEO) for source in sources}
         return _by_times("the recording", frames, options)
-    if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
+    if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
         alone = {source.name: [TimedFrame(0, 0)] for source in sources}
         return timeline_by_times("the recording", alone)
     raise BadInputError(
@@ -106,7 +106,7 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
         lack = "it has no times of its own" if has_video_times() else "for want of PyAV"
         source.remark = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
         return times_by_rate([source], source.fps)[source.name]
-    if not isinstance(source, ImageFolder):
+    if not isinstance(source, Images) or source.kind != FOLDER:
         raise BadInputError(f"{source.path} is not a folder of images", hint=f"--times {times} is for images")
     read = name_time_ns if times is TimeSource.NAME else exif_time_ns
     return [TimedFrame(number, read(file)) for number, file in enumerate(source.files)]

@@ -52,7 +52,7 @@ def contact_sheet(
             if image is not None:
                 scaled = fit(image, width, height)
                 whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
-            remark = sheet.place(camera, y).remark or ("" if image is not None else "cannot be read")
+            remark = sheet.remark(camera, y) or ("" if image is not None else "cannot be read")
             if remark:
                 cv2.rectangle(whole, (left, top), (left + width - 1, top + height - 1), WARNING, 1)
                 _write(whole, remark, (left + 4, top + height - 6), WARNING, room=width - 8)
@@ -67,7 +67,7 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> Iterator["Pictu
     """
     import numpy as np
 
-    there = [camera for camera in sheet.cameras if sheet.place(camera, instant).image is not None]
+    there = [camera for camera in sheet.cameras if sheet.image(camera, instant) is not None]
     if len(there) < 2:
         raise BadInputError(
             f"{sheet.session.folder} has {count(len(there), 'picture')} of instant {instant}; "

@@ -1,6 +1,5 @@
 """A take as a sheet: cameras across in the order of their arc, instants down, and what each picture is."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -63,16 +62,6 @@ def _angles(centres: "NDArray[np.float64]", directions: "NDArray[np.float64]") -
     return np.asarray(np.arctan2(from_target @ axes[1], from_target @ axes[0]), np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class SheetPlace:
-    """One place of the sheet: its image, or why there is none; `remark` is short, empty where all is well."""
-
-    camera: str
-    instant: int
-    image: ImageRecord | None
-    remark: str = ""
-
-
 class TakeSheet:
     """A session's images by camera and instant."""
 
@@ -80,18 +69,8 @@ class TakeSheet:
         """Raises BadInputError where the session's calibration is broken."""
         self.session, self.verdict = session, judge(session.manifest)
         self.cameras = arc_order(session)
-        images = {(image.camera, image.instant): image for image in session.manifest.images}
-        missing = {(gone.camera, gone.instant): gone.reason for gone in session.manifest.missing}
-        self._places = {
-            (camera, instant): SheetPlace(
-                camera,
-                instant,
-                image := images.get((camera, instant)),
-                missing.get((camera, instant), "missing") if image is None else _remark(image),
-            )
-            for camera in self.cameras
-            for instant in range(len(session.manifest.burst.instants_ns))
-        }
+        self._images = {(image.camera, image.instant): image for image in session.manifest.images}
+        self._missing = {(gone.camera, gone.instant): gone.reason for gone in session.manifest.missing}
 
     @classmethod
     def open(cls, folder: Path) -> Self:
@@ -108,15 +87,23 @@ class TakeSheet:
         """Height over width of the tallest camera's images."""
         return max(one.facts.height / one.facts.width for one in self.session.manifest.cameras)
 
-    def place(self, camera: str, instant: int) -> SheetPlace:
-        """What is at a place. Raises BadInputError where the take has no such place."""
-        try:
-            return self._places[camera, instant]
-        except KeyError:
+    def image(self, camera: str, instant: int) -> ImageRecord | None:
+        """The image at a place, if there is one. Raises BadInputError where the take has no such place."""
+        if camera not in self.cameras or not 0 <= instant < self.instants:
             raise BadInputError(
                 f"{self.session.folder} has no camera {camera!r} at instant {instant}",
                 hint=f"it has {', '.join(self.cameras)} at 0 to {self.instants - 1}",
-            ) from None
+            )
+        return self._images.get((camera, instant))
+
+    def remark(self, camera: str, instant: int) -> str:
+        """A few words on the image at a place, or why there is none; empty where all is well."""
+        image = self.image(camera, instant)
+        if image is None:
+            return self._missing.get((camera, instant), "missing")
+        if image.late:
+            return f"{duration(image.residual_ns, signed=True)} off"
+        return "frame beside it" if image.substitute else ""
 
     def since_start_ns(self, instant: int) -> int:
         """Time of an instant after the first one, in ns."""
@@ -125,7 +112,7 @@ class TakeSheet:
 
     def spread_ns(self, instant: int) -> int | None:
         """From the first to the last image of an instant; None for fewer than two."""
-        images = (self._places[camera, instant].image for camera in self.cameras)
+        images = (self.image(camera, instant) for camera in self.cameras)
         times = [image.leader_ns for image in images if image is not None]
         return max(times) - min(times) if len(times) > 1 else None
 
@@ -134,7 +121,7 @@ class TakeSheet:
 
         None where it is missing or cannot be read. Blocks on the disk.
         """
-        image = self._places[camera, instant].image
+        image = self.image(camera, instant)
         if image is None:
             return None
         try:
@@ -142,9 +129,3 @@ class TakeSheet:
         except OSError:
             return None
         return decode_image(data, colour=True, at_least=width)
-
-
-def _remark(image: ImageRecord) -> str:
-    if image.late:
-        return f"{duration(image.residual_ns, signed=True)} off"
-    return "frame beside it" if image.substitute else ""

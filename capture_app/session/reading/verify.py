@@ -3,9 +3,9 @@
 import hashlib
 from collections import Counter
 from collections.abc import Iterator
-from enum import StrEnum
 from functools import partial
 from itertools import pairwise
+from typing import Literal
 
 import msgspec
 
@@ -37,14 +37,7 @@ DECODED_EACH = 30
 """Every so many instants a frame of a video is decoded in full; of all others the head is read."""
 
 
-class ProblemKind(StrEnum):
-    """The kind of a problem."""
-
-    MISSING = "missing"
-    CHANGED = "changed"
-    UNREADABLE = "unreadable"
-    CONTRADICTORY = "contradictory"
-    UNEXPECTED = "unexpected"
+ProblemKind = Literal["missing", "changed", "unreadable", "contradictory", "unexpected"]
 
 
 class Problem(msgspec.Struct, frozen=True):
@@ -58,7 +51,7 @@ class Problem(msgspec.Struct, frozen=True):
         return f"{self.where}: {self.what}"
 
 
-_contradiction = partial(Problem, ProblemKind.CONTRADICTORY)
+_contradiction = partial(Problem, "contradictory")
 
 
 def verify(session: Session) -> list[Problem]:
@@ -70,7 +63,7 @@ def verify(session: Session) -> list[Problem]:
         *(problem for record in session.manifest.images for problem in _image(session, record)),
         *_videos(session),
         *_journal(session),
-        *(Problem(ProblemKind.CHANGED, where, what) for where, what in changed_files(session.folder)),
+        *(Problem("changed", where, what) for where, what in changed_files(session.folder)),
         *_calibration(session),
         *_ground_truth(session),
         *_unexpected(session),
@@ -126,15 +119,15 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
     try:
         data = session.image_bytes(record)
     except FileNotFoundError:
-        yield Problem(ProblemKind.MISSING, record.path, "the image is missing")
+        yield Problem("missing", record.path, "the image is missing")
         return
     except OSError as error:
-        yield Problem(ProblemKind.UNREADABLE, record.path, f"cannot be read: {error.strerror}")
+        yield Problem("unreadable", record.path, f"cannot be read: {error.strerror}")
         return
     if len(data) != record.bytes:
-        yield Problem(ProblemKind.CHANGED, record.path, f"{len(data)} bytes long, not {record.bytes}")
+        yield Problem("changed", record.path, f"{len(data)} bytes long, not {record.bytes}")
     elif hashlib.sha256(data).hexdigest() != record.sha256:
-        yield Problem(ProblemKind.CHANGED, record.path, "its bytes have changed: the sha256 differs")
+        yield Problem("changed", record.path, "its bytes have changed: the sha256 differs")
     # Ten minutes of a video are 18,000 pictures: decoding one in 30 finds an encoder that went wrong.
     in_full = not isinstance(record, FrameRecord) or record.instant % DECODED_EACH == 0
     yield from _picture(record.path, data, session.camera(record.camera), in_full=in_full)
@@ -145,7 +138,7 @@ def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> 
     # What is of another size need not be decoded, and might not fit into memory.
     size = told if told is not None and (told != own or not in_full) else image_size(data)
     if size is None:
-        yield Problem(ProblemKind.UNREADABLE, path, "not an image that can be decoded")
+        yield Problem("unreadable", path, "not an image that can be decoded")
     elif size != own:
         yield _contradiction(path, f"{size[0]}x{size[1]} pixels; {camera.name} takes {own[0]}x{own[1]}")
 
@@ -212,13 +205,13 @@ def _journal(session: Session) -> Iterator[Problem]:
     try:
         lines = lines_of_file(read_regular(session.folder / JOURNAL))
     except OSError:
-        yield Problem(ProblemKind.MISSING, JOURNAL, "the journal is missing")
+        yield Problem("missing", JOURNAL, "the journal is missing")
         return
     saved: dict[tuple[str, int], ImageRecord] = {}
     for number, line in enumerate(lines, 1):
         record = record_of_line(line, ImageRecord)
         if record is None:
-            yield Problem(ProblemKind.UNREADABLE, JOURNAL, f"line {number} cannot be read as an image record")
+            yield Problem("unreadable", JOURNAL, f"line {number} cannot be read as an image record")
             continue
         if (record.camera, record.instant) in saved:
             yield _contradiction(
@@ -239,7 +232,7 @@ def _calibration(session: Session) -> Iterator[Problem]:
     try:
         calibration = session.calibration()
     except BadInputError as error:
-        yield Problem(ProblemKind.UNREADABLE, CALIBRATION, str(error))
+        yield Problem("unreadable", CALIBRATION, str(error))
         return
     sizes = {one.name: (one.facts.width, one.facts.height) for one in session.manifest.cameras}
     for name, of in (calibration.cameras if calibration else {}).items():
@@ -255,15 +248,15 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
     try:
         times = session.true_times()
     except BadInputError as error:
-        yield Problem(ProblemKind.UNREADABLE, "ground_truth/times.json", str(error))
+        yield Problem("unreadable", "ground_truth/times.json", str(error))
         return
     for true in (one for one in (times.images if times else ()) if one.sha256 is not None):
         where = ground_truth_path(true.camera, true.instant)
         path = session.ground_truth(true.camera, true.instant)
         if path is None:
-            yield Problem(ProblemKind.MISSING, where, "the ground truth is missing")
+            yield Problem("missing", where, "the ground truth is missing")
         elif hashlib.sha256(path.read_bytes()).hexdigest() != true.sha256:
-            yield Problem(ProblemKind.CHANGED, where, "its bytes have changed: the sha256 differs")
+            yield Problem("changed", where, "its bytes have changed: the sha256 differs")
 
 
 def _videos(session: Session) -> Iterator[Problem]:
@@ -273,7 +266,7 @@ def _videos(session: Session) -> Iterator[Problem]:
         size = session.folder.joinpath(video.path).stat().st_size if frames else video.bytes
         if (len(frames), size) != (video.frames, video.bytes):
             yield Problem(
-                ProblemKind.CHANGED,
+                "changed",
                 video.path,
                 f"{len(frames)} frames in {size} bytes, not {video.frames} in {video.bytes}",
             )
@@ -293,4 +286,4 @@ def _unexpected(session: Session) -> Iterator[Problem]:
         if name not in expected and not (path.is_dir() and not path.is_symlink()):
             part = path.name.endswith(PART)
             what = "left over from an interrupted write" if part else "an image that is not in the manifest"
-            yield Problem(ProblemKind.UNEXPECTED, name, what)
+            yield Problem("unexpected", name, what)

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 from pathlib import Path
+from typing import Literal, get_args
 
 from textual import work
 from textual.content import Content
@@ -15,7 +15,7 @@ from textual.strip import Strip
 import capture_app
 from capture_app.names import natural_order
 from capture_app.session.library.listing import SessionCard, SessionState, best_synchronized
-from capture_app.session.library.thumbnails import ThumbnailCache
+from capture_app.session.library.thumbnails import load_thumbnail
 from capture_app.session.reading.verdict import Grade, grade_of
 from capture_app.text import count, duration, printable
 from capture_app.tui.jobs.run import run_tag
@@ -29,12 +29,9 @@ from capture_app.tui.widgets.row_list import RowList
 SAMPLES = "sample_sessions"
 
 
-class Order(StrEnum):
-    """How sessions are sorted."""
-
-    NEWEST = "newest first"
-    SYNCHRONIZED = "best synchronized first"
-    NAME = "by name"
+Order = Literal["newest first", "best synchronized first", "by name"]
+"""How sessions are sorted."""
+ORDERS: tuple[Order, ...] = get_args(Order)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +72,9 @@ def find_samples(sessions: Path) -> Path | None:
 
 def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
     by_name = sorted(cards, key=lambda card: natural_order(card.name))
-    if order is Order.NAME:
+    if order == "by name":
         return by_name
-    if order is Order.SYNCHRONIZED:
+    if order == "best synchronized first":
         return sorted(by_name, key=lambda card: (card.worst_ns is None, card.worst_ns or 0))
     # What is being saved has no date yet and is the newest of all.
     return sorted(by_name, key=lambda card: (card.state is SessionState.WRITING, card.created), reverse=True)
@@ -101,7 +98,8 @@ STATES = {
 class SessionRows(RowList[Entry]):
     """The sessions, three lines each."""
 
-    def __init__(self, thumbnails: ThumbnailCache, runs: Runs) -> None:
+    def __init__(self, thumbnails: Path, runs: Runs) -> None:
+        """`thumbnails`: the folder where small pictures are kept."""
         super().__init__(ROWS, id="sessions")
         self._cache = thumbnails
         self._runs = runs
@@ -205,8 +203,8 @@ def spread_of(card: SessionCard) -> Content:
     )
 
 
-def _draw(cache: ThumbnailCache, image: Path, palette: Palette, light: bool) -> CellPicture | None:
-    small = cache.load(image)
+def _draw(cache: Path, image: Path, palette: Palette, light: bool) -> CellPicture | None:
+    small = load_thumbnail(cache, image)
     return None if small is None else draw_fitted(small, THUMB, ROWS, palette, light=light)
 
 

@@ -16,7 +16,6 @@ from textual.widgets import Input
 from capture_app.errors import SimulshotError
 from capture_app.session.library.changes import rename_session, set_note
 from capture_app.session.library.listing import SessionCard, SessionListing, SessionState
-from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.session.library.trash import restore_session, trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
@@ -31,7 +30,7 @@ from capture_app.tui.library.forms import (
     note_question,
     typed_path,
 )
-from capture_app.tui.library.session_rows import Entry, Order, SessionRows, arrange
+from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, arrange
 from capture_app.tui.library.take import TakePane
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_record import Mishap, Told, telling
@@ -74,7 +73,7 @@ class SessionsView(ModeView):
         self._runs, self._settings = runs, settings
         self._listing = SessionListing(root)
         self._sample_listing = None if samples is None else SessionListing(samples)
-        cache = ThumbnailCache(user_cache_path("simulshot", appauthor=False) / "thumbnails")
+        cache = user_cache_path("simulshot", appauthor=False) / "thumbnails"
         self._rows = SessionRows(cache, runs)
         self._pane = TakePane()
         self._find = Input(placeholder="name, note, camera, date", id="sessions-find", select_on_focus=False)
@@ -145,7 +144,7 @@ class SessionsView(ModeView):
 
     def _name_frame(self, title: str) -> None:
         importing = [f"◔ {run}" for run in self._runs.unfinished if run.kind == IMPORT.name]
-        subtitle = " · ".join([*importing, str(self._order), "s sorts · / finds · i imports"])
+        subtitle = " · ".join([*importing, self._order, "s sorts · / finds · i imports"])
         if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
             self._frame.border_title, self._frame.border_subtitle = title, subtitle
 
@@ -161,8 +160,8 @@ class SessionsView(ModeView):
 
     @property
     def _order(self) -> Order:
-        order = self._settings.recall("sessions.order", str(Order.NEWEST))
-        return Order(order) if order in set(Order) else Order.NEWEST
+        order = self._settings.recall("sessions.order", "")
+        return next((one for one in ORDERS if one == order), ORDERS[0])
 
     def _show(self) -> None:
         words = self._find.value if self._find.display else ""
@@ -283,8 +282,7 @@ class SessionsView(ModeView):
 
     def action_sort(self) -> None:
         """Sort by the next thing, and go to the first."""
-        orders = [*Order, Order.NEWEST]
-        self._settings.remember("sessions.order", str(orders[orders.index(self._order) + 1]))
+        self._settings.remember("sessions.order", ORDERS[(ORDERS.index(self._order) + 1) % len(ORDERS)])
         self._show()
         self._rows.action_move(-len(self._rows.keys))
 

@@ -14,6 +14,7 @@ from capture_app.tui.library.session_rows import STATES, Entry
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.look import Motion
 
 LOW = 30
 """Below this height pictures need the room more than words."""
@@ -23,8 +24,8 @@ class TakePane(Vertical):
     """Shows a session; the sheet is loaded by whoever shows it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "look('CAMERAS')", "Blink cameras", id="take.blink", tooltip="one after the other"),
-        Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
+        Binding("b", "look('cameras')", "Blink cameras", id="take.blink", tooltip="one after the other"),
+        Binding("w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
     ]
 
     def __init__(self) -> None:
@@ -43,7 +44,7 @@ class TakePane(Vertical):
             self.sheet.show(sheet)
         self._show_words()
 
-    def action_look(self, motion: str) -> None:
+    def action_look(self, motion: Motion) -> None:
         """Look at the picture under the cursor, in motion."""
         self.sheet.action_look(motion)
 

@@ -188,7 +188,7 @@ class ShootView(ModeView):
 
     def action_wiggle(self) -> None:
         """Wiggle through the cameras at the chosen instant of the last take."""
-        self.stage.sheet.action_look("WIGGLE")
+        self.stage.sheet.action_look("wiggle")
 
     def action_turn(self) -> None:
         """Open the page on which the depth of the newest take is turned by hand."""

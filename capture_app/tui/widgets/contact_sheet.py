@@ -94,10 +94,10 @@ class ContactSheet(ScrollView, can_focus=True):
         """Move the cursor."""
         self._put_cursor(self.cursor.x + cameras, self.cursor.y + instants)
 
-    def action_look(self, motion: str = "STILL") -> None:
+    def action_look(self, motion: Motion = "still") -> None:
         """Look at the picture under the cursor, in motion or still; the cursor goes to what was seen last."""
         if self.sheet is not None and self.sheet.cameras and self.sheet.instants:
-            look = LookScreen(self.sheet, self.sheet.cameras[self.cursor.x], self.cursor.y, Motion[motion])
+            look = LookScreen(self.sheet, self.sheet.cameras[self.cursor.x], self.cursor.y, motion)
             self.app.push_screen(look, lambda seen: None if seen is None else self.go_to(*seen))
 
     def action_zoom(self, factor: float) -> None:
@@ -181,7 +181,7 @@ class ContactSheet(ScrollView, can_focus=True):
             if line < size.height:
                 parts.append(self._thumb_line(at, instant, line))
             else:
-                remark = sheet.place(sheet.cameras[at], instant).remark
+                remark = sheet.remark(sheet.cameras[at], instant)
                 style = "sheet--remark" if remark else "sheet--frame" if here else "sheet--label"
                 mark = "! " if remark else ""
                 text = mark + printable(remark) if remark else "▀" * size.width if here else ""

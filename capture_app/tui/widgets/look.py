@@ -1,15 +1,14 @@
 """One picture of a take on the whole screen: blinked with its neighbours, or a wiggle through all cameras."""
 
 from collections.abc import Iterator, Sequence
-from enum import Enum
 from functools import lru_cache, partial
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.timer import Timer
 
-from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
+from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import duration, printable
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.picture import Picture, Source, sharp_terminal_of
@@ -21,17 +20,15 @@ KEPT = 80
 """Decoded pictures, each as large as the screen shows it."""
 
 
-class Motion(Enum):
-    """What changes by itself."""
-
-    STILL = "still"
-    CAMERAS = "blinking two cameras"
-    INSTANTS = "blinking two instants"
-    WIGGLE = "wiggle through the cameras"
-    PLAY = "all instants"
-
-
-_RATES = {Motion.CAMERAS: 2.0, Motion.INSTANTS: 2.0, Motion.WIGGLE: 6.0, Motion.PLAY: 6.0}
+Motion = Literal["still", "cameras", "instants", "wiggle", "play"]
+"""What changes by itself."""
+_MOVING: dict[Motion, tuple[str, float]] = {
+    "cameras": ("blinking two cameras", 2.0),
+    "instants": ("blinking two instants", 2.0),
+    "wiggle": ("wiggle through the cameras", 6.0),
+    "play": ("all instants", 6.0),
+}
+"""What is said of each motion, and how many pictures a second it begins with."""
 
 
 def ping_pong(things: Sequence[int]) -> list[int]:
@@ -50,31 +47,31 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         Binding("down", "move(0,1)", "Instant after", id="look.down", show=False),
         Binding(
             "b",
-            "motion('CAMERAS')",
+            "motion('cameras')",
             "Blink cameras",
             id="look.blink-cameras",
             tooltip="one camera after the other",
         ),
         Binding(
             "i",
-            "motion('INSTANTS')",
+            "motion('instants')",
             "Blink instants",
             id="look.blink-instants",
             tooltip="one instant after the other",
         ),
-        Binding("w", "motion('WIGGLE')", "Wiggle", id="look.wiggle", tooltip="to and fro between cameras"),
-        Binding("p", "motion('PLAY')", "Play", id="look.play"),
+        Binding("w", "motion('wiggle')", "Wiggle", id="look.wiggle", tooltip="to and fro between cameras"),
+        Binding("p", "motion('play')", "Play", id="look.play"),
         Binding("plus,equals_sign", "pace(1.5)", "Faster", id="look.faster", show=False, key_display="+"),
         Binding("minus", "pace(0.67)", "Slower", id="look.slower", show=False, key_display="-"),
     ]
 
-    def __init__(self, sheet: TakeSheet, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
+    def __init__(self, sheet: TakeSheet, camera: str, instant: int, motion: Motion = "still") -> None:
         self._picture = Picture(words="no picture")
         super().__init__(self._picture)
         self._sheet = sheet
         self._camera, self._instant = sheet.cameras.index(camera), instant
         self.motion = motion
-        self._rate = _RATES.get(motion, 0.0)
+        self._rate = _MOVING[motion][1] if motion in _MOVING else 0.0
         self._step = 0
         self._timer: Timer | None = None
         self._sources: dict[tuple[str, int], tuple[Source, Source]] = {}
@@ -98,19 +95,19 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._step = 0
         self._show()
 
-    def action_motion(self, motion: str) -> None:
+    def action_motion(self, motion: Motion) -> None:
         """Begin to blink, to wiggle or to play; the same key again stops it where it is."""
-        wanted = Motion[motion]
-        if wanted is self.motion:
+        if motion == self.motion:
             frames = self._frames()
             self._camera, self._instant = frames[self._step % len(frames)]
-            wanted = Motion.STILL
-        self.motion, self._rate, self._step = wanted, _RATES.get(wanted, 0.0), 0
+            motion = "still"
+        self.motion, self._step = motion, 0
+        self._rate = _MOVING[motion][1] if motion in _MOVING else 0.0
         self._start()
 
     def action_pace(self, factor: float) -> None:
         """Move faster or slower."""
-        if self.motion is not Motion.STILL:
+        if self.motion != "still":
             self._rate = min(max(self._rate * factor, SLOWEST), FASTEST)
             self._start()
 
@@ -118,7 +115,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         if self._timer is not None:
             self._timer.stop()
             self._timer = None
-        if self.motion is not Motion.STILL and len(self._frames()) > 1:
+        if self.motion != "still" and len(self._frames()) > 1:
             self._timer = self.set_interval(1 / self._rate, self._advance)
         self._show()
 
@@ -133,44 +130,43 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         cameras, instants = len(self._sheet.cameras), self._sheet.instants
         at, when = self._camera, self._instant
         match self.motion:
-            case Motion.STILL:
+            case "still":
                 return [(at, when)]
-            case Motion.CAMERAS:
+            case "cameras":
                 return [(at, when), (at + 1 if at + 1 < cameras else max(at - 1, 0), when)]
-            case Motion.INSTANTS:
+            case "instants":
                 return [(at, when), (at, when + 1 if when + 1 < instants else max(when - 1, 0))]
-            case Motion.WIGGLE:
+            case "wiggle":
                 return [(camera, when) for camera in ping_pong(range(cameras))]
-            case Motion.PLAY:
+            case "play":
                 return [(at, instant) for instant in range(instants)]
 
     def _show(self) -> None:
-        camera, instant = self.shown
-        place = self._sheet.place(camera, instant)
-        here = camera, instant
+        here = self.shown
         found = self._sources.setdefault(here, (partial(self._load, *here), partial(self._load_sharp, *here)))
-        words = printable(place.remark) if place.image is None else "no picture"
-        self._picture.show(found[0], words, sharp=found[1] if self.motion is Motion.STILL else None)
-        self.title_line.show([Content(" · ").join(self._describe(place))])
+        words = printable(self._sheet.remark(*here)) if self._sheet.image(*here) is None else "no picture"
+        self._picture.show(found[0], words, sharp=found[1] if self.motion == "still" else None)
+        self.title_line.show([Content(" · ").join(self._describe(*here))])
 
-    def _describe(self, place: SheetPlace) -> Iterator[Content]:
-        yield Content.styled(printable(place.camera), "bold $primary")
-        yield Content(f"instant {place.instant + 1} of {self._sheet.instants}")
-        yield Content(duration(self._sheet.since_start_ns(place.instant), signed=True))
-        if place.image is not None:
-            error = place.image.uncertainty_ns
+    def _describe(self, camera: str, instant: int) -> Iterator[Content]:
+        image, remark = self._sheet.image(camera, instant), self._sheet.remark(camera, instant)
+        yield Content.styled(printable(camera), "bold $primary")
+        yield Content(f"instant {instant + 1} of {self._sheet.instants}")
+        yield Content(duration(self._sheet.since_start_ns(instant), signed=True))
+        if image is not None:
+            error = image.uncertainty_ns
             bar = "" if error is None else f" ±{duration(error)}"
-            yield Content(f"{duration(place.image.residual_ns, signed=True)}{bar} from it")
-        if place.remark:
-            yield Content.styled(f"! {printable(place.remark)}", "$warning")
-        if self.motion is Motion.CAMERAS and (apart := self._apart_ns()) is not None:
+            yield Content(f"{duration(image.residual_ns, signed=True)}{bar} from it")
+        if remark:
+            yield Content.styled(f"! {printable(remark)}", "$warning")
+        if self.motion == "cameras" and (apart := self._apart_ns()) is not None:
             yield Content.styled(f"{duration(apart)} apart", "bold")
-        if self.motion is not Motion.STILL:
-            yield Content.styled(f"{self.motion.value}, {self._rate:.1f}/s", "$foreground-muted")
+        if self.motion != "still":
+            yield Content.styled(f"{_MOVING[self.motion][0]}, {self._rate:.1f}/s", "$foreground-muted")
 
     def _apart_ns(self) -> int | None:
         """Time between the two pictures that are blinked."""
-        images = [self._sheet.place(self._sheet.cameras[at], when).image for at, when in self._frames()]
+        images = [self._sheet.image(self._sheet.cameras[at], when) for at, when in self._frames()]
         times = [image.leader_ns for image in images if image is not None]
         return max(times) - min(times) if len(times) == 2 else None
 

@@ -40,7 +40,7 @@ from capture_app.session.format.manifest import (
     image_path,
 )
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verify import Problem, ProblemKind, verify
+from capture_app.session.reading.verify import Problem, verify
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
@@ -233,7 +233,7 @@ def judge(root: Path, status: int, told: bytes) -> dict[str, Any]:
 
 def no_picture(lie: Problem) -> bool:
     """The images of this test are no pictures, which is the one thing that verify may say of them."""
-    return lie.kind is ProblemKind.UNREADABLE and "decoded" in lie.what
+    return lie.kind == "unreadable" and "decoded" in lie.what
 
 
 def tell(step: object, result: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ import pytest
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.listing import SessionListing, SessionState, best_synchronized
-from capture_app.session.library.thumbnails import WIDTH_PX, ThumbnailCache
+from capture_app.session.library.thumbnails import WIDTH_PX, load_thumbnail
 from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -70,29 +70,29 @@ def test_the_best_synchronized_is_the_one_with_the_least_surely(session: Session
 
 
 def test_thumbnails_are_kept_until_the_image_changes(tmp_path: Path) -> None:
-    image, cache = tmp_path / "image.jpg", ThumbnailCache(tmp_path / "cache")
+    image, cache = tmp_path / "image.jpg", tmp_path / "cache"
     image.write_bytes(jpeg(1, width=640, height=480))
-    first = cache.load(image)
+    first = load_thumbnail(cache, image)
     assert first is not None
     assert first.shape == (120, WIDTH_PX, 3)
-    assert len(list(cache.folder.iterdir())) == 1
+    assert len(list(cache.iterdir())) == 1
     # JPEG keeps them to within a few grey levels.
-    again = cache.load(image)
+    again = load_thumbnail(cache, image)
     assert again is not None
     assert abs(again.astype(int) - first).mean() < 12
     image.write_bytes(jpeg(2, width=320, height=320))
-    second = cache.load(image)
+    second = load_thumbnail(cache, image)
     assert second is not None
     assert second.shape == (160, WIDTH_PX, 3)
     image.write_bytes(b"no image")
-    assert cache.load(image) is None
-    assert cache.load(tmp_path / "nowhere.jpg") is None
+    assert load_thumbnail(cache, image) is None
+    assert load_thumbnail(cache, tmp_path / "nowhere.jpg") is None
 
 
 def test_thumbnails_are_made_where_none_can_be_kept(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "image.jpg").write_bytes(jpeg(1))
-    assert ThumbnailCache(tmp_path / "file" / "cache").load(tmp_path / "image.jpg") is not None
+    assert load_thumbnail(tmp_path / "file" / "cache", tmp_path / "image.jpg") is not None
 
 
 @pytest.mark.parametrize("name", ["burst-001", ".hidden", "notes"])

@@ -12,7 +12,7 @@ from capture_app.session.library.listing import list_sessions
 from capture_app.session.library.trash import trashed_sessions
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
-from capture_app.tui.widgets.look import LookScreen, Motion
+from capture_app.tui.widgets.look import LookScreen
 from tests.tui.driving import screen_of
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 from tests.tui.takes import picture_of
@@ -175,7 +175,7 @@ async def test_enter_opens_a_picture_and_w_wiggles(tmp_path: Path) -> None:
         assert studio.view.stage.sheet.cursor == (2, 4)
         await pilot.press("w")
         await pilot.pause()
-        assert screen_of(studio.app, LookScreen).motion is Motion.WIGGLE
+        assert screen_of(studio.app, LookScreen).motion == "wiggle"
 
 
 async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ that both formats hold the same.
 
 import html
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -25,16 +24,6 @@ POINTS_PER_MM = 72 / 25.4
 TEXT_MM = 3.2
 Rectangle = tuple[float, float, float, float]
 """Left, top, width and height."""
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line of text: its left end and its baseline, and its height."""
-
-    left: float
-    baseline: float
-    height: float
-    text: str
 
 
 class Page:
@@ -58,7 +47,8 @@ class Page:
         self.top = (self.height - FOOT_MM + MARGIN_MM - size[1]) / 2
         self.black: list[Rectangle] = []
         self.white: list[Rectangle] = []
-        self.lines: list[Line] = []
+        self.lines: list[tuple[float, float, str]] = []
+        """The left end and the baseline of each line of text, which is TEXT_MM high."""
         self._foot = self.top + size[1] + 5.0
 
     def add_foot(self, *texts: str) -> None:
@@ -70,9 +60,9 @@ class Page:
             at = min(max(self.left + 10 * number - 0.1, self.left), self.left + BAR_MM - 0.2)
             self.black.append((at, top, 0.2, 4.0))
         bar = f"this bar is {BAR_MM:g} mm long: measure it"
-        self.lines.append(Line(self.left + BAR_MM + 3, top + 4.0, TEXT_MM, bar))
+        self.lines.append((self.left + BAR_MM + 3, top + 4.0, bar))
         for number, text in enumerate(texts):
-            self.lines.append(Line(self.left, top + 9.0 + 4.5 * number, TEXT_MM, text))
+            self.lines.append((self.left, top + 9.0 + 4.5 * number, text))
 
 
 def to_svg(page: Page) -> bytes:
@@ -82,9 +72,8 @@ def to_svg(page: Page) -> bytes:
         for colour, rectangles in (("#000", page.black), ("#fff", page.white))
     ]
     words = [
-        f'<text x="{line.left:g}" y="{line.baseline:g}" font-size="{line.height:g}">'
-        f"{html.escape(line.text, quote=False)}</text>"
-        for line in page.lines
+        f'<text x="{left:g}" y="{baseline:g}" font-size="{TEXT_MM:g}">{html.escape(text, quote=False)}</text>'
+        for left, baseline, text in page.lines
     ]
     width, height = f"{page.width:g}", f"{page.height:g}"
     head = (
@@ -92,8 +81,8 @@ def to_svg(page: Page) -> bytes:
         f'viewBox="0 0 {width} {height}">'
     )
     ground = f'<rect width="{width}" height="{height}" fill="#fff"/>'
-    text = [head, ground, *paths, '<g font-family="Helvetica, Arial, sans-serif">', *words, "</g>", "</svg>"]
-    return ("\n".join(text) + "\n").encode()
+    parts = [head, ground, *paths, '<g font-family="Helvetica, Arial, sans-serif">', *words, "</g>", "</svg>"]
+    return ("\n".join(parts) + "\n").encode()
 
 
 def _svg_path(rectangles: list[Rectangle]) -> Iterator[str]:
@@ -110,11 +99,11 @@ def to_pdf(page: Page) -> bytes:
         drawn += [f"{x:.4f} {y:.4f} {width:.4f} {height:.4f} re" for x, y, width, height in rectangles]
         drawn.append("f")
     drawn.append("0 g")
-    for line in page.lines:
-        text = line.text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
+    for left, baseline, text in page.lines:
+        escaped = text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
         # The page's y runs down; the text's own runs up.
-        at = f"1 0 0 -1 {line.left:.4f} {line.baseline:.4f} Tm"
-        drawn.append(f"BT /F {line.height:g} Tf {at} ({text}) Tj ET")
+        at = f"1 0 0 -1 {left:.4f} {baseline:.4f} Tm"
+        drawn.append(f"BT /F {TEXT_MM:g} Tf {at} ({escaped}) Tj ET")
     stream = "\n".join(drawn).encode("latin-1", "replace")
     box = f"[0 0 {page.width * scale:.4f} {page.height * scale:.4f}]"
     objects = [

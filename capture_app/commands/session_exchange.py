@@ -123,9 +123,6 @@ def import_command(
     sources: tuple[str, ...],
     name: str | None,
     out: Path,
-    fit: str,
-    times: str,
-    align: str,
     shifts: tuple[str, ...],
     as_json: bool,
     **options: Any,
@@ -139,23 +136,15 @@ def import_command(
     recognized, with their times and calibration. So are .mcap files, bags of ROS, and what `sessions export`
     made for COLMAP, nerfstudio, Pose2Sim and others, which becomes the session again that it was made of.
     """
-    from capture_app.session.importers.aligning import AlignBy
-    from capture_app.session.importers.calibrations.reading import Fit
-    from capture_app.session.importers.embedded_times import TimeSource
+    from capture_app.session.importers.import_options import ImportOptions
     from capture_app.session.importers.open_sources import split_name
-    from capture_app.session.importers.recording import ImportOptions, import_found
+    from capture_app.session.importers.recording import import_found
 
     keep_from_strangers()
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
-    chosen = ImportOptions(
-        fit=Fit(fit),
-        times=TimeSource(times),
-        align=AlignBy(align),
-        offsets_ms=_parse_time_shifts(shifts),
-        **options,
-    )
+    chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), **options)
     written = import_found(sources, out, name, chosen, show_count("images"), talk)
     made = [_aligned_by_motion(session) for session in written]
     told = [

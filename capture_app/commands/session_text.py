@@ -7,7 +7,7 @@ from typing import Any
 
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.format.manifest import CameraRecord, Manifest
-from capture_app.session.library.listing import SessionCard, SessionState
+from capture_app.session.library.listing import SessionCard
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels, skipped_text
@@ -20,7 +20,7 @@ def list_entry(card: SessionCard) -> dict[str, Any]:
     return {
         "path": str(card.folder),
         "name": card.name,
-        "complete": card.state in (SessionState.COMPLETE, SessionState.UNREADABLE),
+        "complete": card.state in ("complete", "unreadable"),
         "created": card.created,
         "origin": card.origin,
         "cameras": len(card.cameras),

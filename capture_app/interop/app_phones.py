@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError, NetworkError
@@ -15,21 +15,13 @@ from capture_app.node.leader.followers import FollowedRig, RigFollower
 from capture_app.node.news import FollowerNews
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
-from capture_app.sync.rig.frame_selection import MAX_FRAMES, Burst
+from capture_app.sync.rig.frame_selection import MAX_FRAMES
 from capture_app.text import count
 
 LOOK_EVERY_S = 0.1
 LEAD_NS = 500_000_000
 """Phones are told so long before: their own leader does so, too."""
 RECORD = "record, if they have RecSync"
-
-
-class _Alone:
-    """A recording of phones only, between two times of the leader's clock in ns."""
-
-    def __init__(self, first_ns: int, last_ns: int) -> None:
-        self.burst = Burst(0, (first_ns, last_ns), PERIOD_NS, first_ns, (), streamed=True, video=True)
-        self.finished = asyncio.Event()
 
 
 class AppPhones(RigFollower):
@@ -78,7 +70,7 @@ class AppPhones(RigFollower):
             return
         burst = take.burst
         if burst.video:
-            self._begin_recording(take)
+            self._begin_recording(lambda: take.burst.instants_ns[-1], take.finished)
             self._tell(phones, RECORD)
         else:
             self._tell(phones, self._order(burst.instants_ns, burst.period_ns))
@@ -104,7 +96,8 @@ class AppPhones(RigFollower):
             raise BadInputError(
                 "phones alone record for a given time", hint="capture-app record --seconds 10"
             )
-        self._begin_recording(_Alone(first_ns, first_ns + round(request.seconds * 1e9)))
+        last_ns = first_ns + round(request.seconds * 1e9)
+        self._begin_recording(lambda: last_ns, asyncio.Event())
         return self._tell(phones, RECORD)
 
     def _order(self, instants_ns: Sequence[int], period_ns: int) -> str:
@@ -112,8 +105,9 @@ class AppPhones(RigFollower):
         which = f"{len(taken)} of {count(len(instants_ns), 'instant')}"
         return f"take {which}: one each half a second at most"
 
-    def _begin_recording(self, take: "BurstSession | _Alone") -> None:
-        task = asyncio.create_task(self._record(take))
+    def _begin_recording(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
+        """Have phones record until that leader time, which may change, or until it is finished."""
+        task = asyncio.create_task(self._record(ends_ns, finished))
         self._recordings.add(task)
         task.add_done_callback(self._recordings.discard)
 
@@ -129,14 +123,14 @@ class AppPhones(RigFollower):
         self._engine.set_exposure(exposure_ns, iso)
         self._turn()
 
-    async def _record(self, take: "BurstSession | _Alone") -> None:
+    async def _record(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
         self._engine.start_recording()
         self._turn()
         try:
-            while not take.finished.is_set() and self._clock.now_ns() <= take.burst.instants_ns[-1]:
+            while not finished.is_set() and self._clock.now_ns() <= ends_ns():
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(LOOK_EVERY_S):
-                        await take.finished.wait()
+                        await finished.wait()
         finally:
             self._engine.stop_recording()
             self._turn()

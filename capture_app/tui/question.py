@@ -14,7 +14,9 @@ from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 from textual.widgets import Button, Input, Static
 
+from capture_app.node.wire.status import RigStatus
 from capture_app.text import printable
+from capture_app.tui.rig_record import Told
 
 Result = TypeVar("Result")
 
@@ -91,16 +93,22 @@ class Question(BoxDialog[str | None]):
     Question Button { margin-right: 1; min-width: 0; padding: 0 1; }
     """
 
-    def __init__(self, text: str, answers: Sequence[Answer], *, title: str = "") -> None:
-        """The first answer has the focus."""
-        self._answers = tuple(answers)
+    def __init__(self, text: str | Callable[[], str], answers: Sequence[Answer], *, title: str = "") -> None:
+        """The first answer has the focus; a text that is a function is told anew as the rig changes."""
+        self._answers, self._text = tuple(answers), text if callable(text) else lambda: text
+        self._words = Static(Content(printable(self._text())), classes="question")
         fits = sum(len(answer.label) + BUTTON_EXTRA for answer in answers) <= BESIDE
         buttons = [
             Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}", compact=True)
             for answer in answers
         ]
         row = (Horizontal if fits else Vertical)(*buttons, id="answers")
-        super().__init__(title, Static(Content(printable(text)), classes="question"), row)
+        super().__init__(title, self._words, row)
+
+    def on_told(self, message: Told) -> None:
+        """Say it anew."""
+        if isinstance(message.what, RigStatus):
+            self._words.update(Content(printable(self._text())))
 
     def on_key(self, event: events.Key) -> None:
         """Give the answer of a key."""

@@ -2,9 +2,8 @@
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
-from enum import StrEnum
 from functools import cache, partial
-from typing import Any
+from typing import Any, Literal
 
 from msgspec.structs import replace
 
@@ -17,20 +16,12 @@ from capture_app.session.format.common_times import REFERENCE, CameraTimes, Comm
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.sources import Source, Video
 
-
-class AlignBy(StrEnum):
-    """What a recording without common times is aligned by."""
-
-    AUTO = "auto"
-    """All of the others; of each pair of cameras the one with the least error."""
-    NONE = "none"
-    FLASH = "flash"
-    GOPRO = "gopro"
-    SOUND = "sound"
-    TIMECODE = "timecode"
+AlignBy = Literal["auto", "none", "flash", "gopro", "sound", "timecode"]
+"""What a recording without common times is aligned by; auto: of each pair of cameras, by the one with the
+least error."""
 
 
-_OF_VIDEO_TIMES = (AlignBy.SOUND, AlignBy.FLASH, AlignBy.GOPRO)
+_OF_VIDEO_TIMES = ("sound", "flash", "gopro")
 
 
 def align_recording(
@@ -51,8 +42,8 @@ def align_recording(
     BadInputError where a method was asked for that these sources cannot have.
     """
     videos = [source for source in sources if isinstance(source, Video)]
-    if by is AlignBy.NONE or len(videos) < len(sources):
-        if by not in (AlignBy.AUTO, AlignBy.NONE):
+    if by == "none" or len(videos) < len(sources):
+        if by not in ("auto", "none"):
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
     if by in _OF_VIDEO_TIMES and rate_given:
@@ -63,15 +54,15 @@ def align_recording(
     starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
     # The most trustworthy first: a GoPro's timecode is its own clock's, hardly ever set to the second.
     methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
-        AlignBy.SOUND: (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
-        AlignBy.FLASH: (lambda of: read_lights(of.path), match_flashes),
-        AlignBy.GOPRO: (lambda of: read_gps_clock(of.path), match_gps_clocks),
-        AlignBy.TIMECODE: (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
+        "sound": (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
+        "flash": (lambda of: read_lights(of.path), match_flashes),
+        "gopro": (lambda of: read_gps_clock(of.path), match_gps_clocks),
+        "timecode": (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
     }
     measured = {
         method: cache(partial(_against, match, {one.name: read(one) for one in videos}))
         for method, (read, match) in methods.items()
-        if by in (AlignBy.AUTO, method) and not (method in _OF_VIDEO_TIMES and rate_given)
+        if by in ("auto", method) and not (method in _OF_VIDEO_TIMES and rate_given)
     }
     cameras = chain_cameras(names, lambda first, second: _least(first, second, measured.values()))
     said = {method: _describe(against, cameras) for method, against in measured.items()}

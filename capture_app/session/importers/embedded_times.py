@@ -3,11 +3,10 @@
 import re
 from collections.abc import Container, Iterator
 from datetime import UTC, datetime
-from enum import StrEnum
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,17 +22,14 @@ _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Digits of a time since 1970, and the power of ten that makes ns of it."""
 
 
-class TimeSource(StrEnum):
-    """Where a recording's times come from."""
+TimeSource = Literal["auto", "video", "name", "exif"]
+"""Where a recording's times come from.
 
-    AUTO = "auto"
-    """Chosen by what the recording has: a table, a phone's metadata."""
-    VIDEO = "video"
-    """From the videos' own timestamps, which may be irregular."""
-    NAME = "name"
-    """From the images' file names."""
-    EXIF = "exif"
-    """From the images' EXIF: when they were taken, with the part of the second."""
+auto    chosen by what the recording has: a table, a phone's metadata
+video   from the videos' own timestamps, which may be irregular
+name    from the images' file names
+exif    from the images' EXIF: when they were taken, with the part of the second
+"""
 
 
 def has_video_times() -> bool:

@@ -4,7 +4,7 @@ An export of one of our sessions keeps that session's records.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from msgspec import structs
@@ -16,15 +16,16 @@ from capture_app.session.alignment.tracks import SOUND_M_PER_S
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest, MissingImage
-from capture_app.session.importers.aligning import AlignBy, align_recording, with_common_times
-from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
+from capture_app.session.importers.aligning import align_recording, with_common_times
+from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
 from capture_app.session.importers.clips import find_calibration, find_shoots
 from capture_app.session.importers.frame_matching import Instant, Timeline, with_own_times
+from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.layouts import recognize_layout, recordings_in
 from capture_app.session.importers.open_sources import is_phone, open_sources, split_name
 from capture_app.session.importers.own_exports import calibration_of_record
 from capture_app.session.importers.sources import Layout, Source
-from capture_app.session.importers.time_source import TimeOptions, clock_state, make_timeline
+from capture_app.session.importers.time_source import clock_state, make_timeline
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.text import count
@@ -118,37 +119,6 @@ Progress = Callable[[int, int], None]
 
 Talk = Callable[[str], None]
 """Called with a line for each assumption."""
-
-SOUND_DISTANCE_M = 1.0
-SOUND_DELAY_MS = 20.0
-"""Assumed: nobody has measured how late cameras' sound is."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportOptions(TimeOptions):
-    """How a recording is read: its rate or its table of times, which instants, and its calibration."""
-
-    start: int = 0
-    """The first instant that is taken, counted from 0."""
-    count: int | None = None
-    every: int = 1
-    png: bool = False
-    """Keep a video's frames as PNG instead of JPEG (quality 95)."""
-    align: AlignBy = AlignBy.AUTO
-    """What a recording without common times is aligned by."""
-    sound_distance_m: float = SOUND_DISTANCE_M
-    """How much farther one camera may be from what sounds than another."""
-    sound_delay_ms: float = SOUND_DELAY_MS
-    """How much later one camera's sound may be than its pictures, against another's (95 %)."""
-    calibration: Sequence[str] = field(default_factory=tuple)
-    """PATH or NAME=PATH, see `read_views`."""
-    beside: Path | None = None
-    """A calibration that lies beside the recording: taken where it fits."""
-    unit: str | None = None
-    fit: Fit = Fit.EXACT
-    note: str = ""
-    recording: str | None = None
-    """Which of several recordings in a program's folder."""
 
 
 def import_recording(

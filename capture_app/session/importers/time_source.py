@@ -1,8 +1,7 @@
 """Chooses where a recording's times come from, and says whether they are of one clock."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.common_times import CommonTimes, TimesState
@@ -13,6 +12,7 @@ from capture_app.session.importers.embedded_times import (
     name_time_ns,
 )
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.rate_or_table import timeline_by_rate, timeline_by_table, times_by_rate
 from capture_app.session.importers.sources import FOLDER, Images, Source, Video
 
@@ -20,29 +20,7 @@ ASSUMED_FPS = 30.0
 """Of images that belong together by their numbers."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TimeOptions:
-    """The user's options for times: a rate in frames a second, a table, or another source."""
-
-    fps: float | None = None
-    timestamps: Path | None = None
-    times: TimeSource = TimeSource.AUTO
-    offsets_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to a camera's own times to get the rig's, by the camera's name."""
-    synchronized: bool = False
-    """Frames of the same number are of one instant; of videos without a rate given, at their own."""
-    uncertainty_ms: float | None = None
-    """The 95 % error of the times, as the user says."""
-    known: Timeline | None = None
-    """The times that the recording's program wrote."""
-
-    @property
-    def tell_times(self) -> bool:
-        """Whether the user says where the times come from."""
-        return self.fps is not None or self.timestamps is not None or self.times is not TimeSource.AUTO
-
-
-def make_timeline(sources: Sequence[Source], options: TimeOptions) -> Timeline:
+def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     """Find when every frame was taken and which are of one instant; assumptions are remarks of the sources.
 
     Raises BadInputError where nothing tells, or more than one thing does.
@@ -54,7 +32,7 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions) -> Timeline:
         return timeline_by_rate(sources, options.fps)
     if options.fps is not None:
         return _by_times("the recording", times_by_rate(sources, options.fps), options)
-    if options.times is not TimeSource.AUTO:
+    if options.times != "auto":
         frames = {source.name: _own(source, options.times) for source in sources}
         return _by_times("the recording", frames, options)
     if options.known is not None:
@@ -65,18 +43,18 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions) -> Timeline:
     return _by_videos(sources, options)
 
 
-def _check_options(names: Sequence[str], options: TimeOptions) -> None:
+def _check_options(names: Sequence[str], options: ImportOptions) -> None:
     for name in options.offsets_ms:
         if name not in names:
             raise BadInputError(
                 f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
             )
-    given = (options.fps is not None, options.timestamps is not None, options.times is not TimeSource.AUTO)
+    given = (options.fps is not None, options.timestamps is not None, options.times != "auto")
     if sum(given) > 1:
         raise BadInputError("give either the rate, --fps, or a table of times, --timestamps, or --times")
 
 
-def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
+def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     """Times where the files tell no common ones: the videos' own, by what the user says of them."""
     rates = {source.fps for source in sources if isinstance(source, Video)}
     if options.synchronized:
@@ -84,7 +62,7 @@ def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
             sources[0].remark = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
         return timeline_by_rate(sources, max(rates, default=ASSUMED_FPS))
     if options.offsets_ms or all(isinstance(source, Video) for source in sources):
-        frames = {source.name: _own(source, TimeSource.VIDEO) for source in sources}
+        frames = {source.name: _own(source, "video") for source in sources}
         return _by_times("the recording", frames, options)
     if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
         alone = {source.name: [TimedFrame(0, 0)] for source in sources}
@@ -97,7 +75,7 @@ def _by_videos(sources: Sequence[Source], options: TimeOptions) -> Timeline:
 
 def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
     """The frames of one source by the times in its own files."""
-    if times is TimeSource.VIDEO:
+    if times == "video":
         if not isinstance(source, Video):
             raise BadInputError(f"{source.path} is not a video", hint="--times video is for videos")
         of_video = source.use_embedded_times() if has_video_times() else ()
@@ -108,11 +86,11 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, Images) or source.kind != FOLDER:
         raise BadInputError(f"{source.path} is not a folder of images", hint=f"--times {times} is for images")
-    read = name_time_ns if times is TimeSource.NAME else exif_time_ns
+    read = name_time_ns if times == "name" else exif_time_ns
     return [TimedFrame(number, read(file)) for number, file in enumerate(source.files)]
 
 
-def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: TimeOptions) -> Timeline:
+def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: ImportOptions) -> Timeline:
     """Match frames by their times, those of each camera shifted as the user says."""
     offsets_ns = {name: round(options.offsets_ms.get(name, 0.0) * 1e6) for name in cameras}
     shifted = {
@@ -122,7 +100,7 @@ def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: 
     return timeline_by_times(where, shifted)
 
 
-def _shifted(timeline: Timeline, options: TimeOptions, where: str) -> Timeline:
+def _shifted(timeline: Timeline, options: ImportOptions, where: str) -> Timeline:
     """The frames, matched anew where a camera's times are moved."""
     return _by_times(where, timeline.cameras(), options) if options.offsets_ms else timeline
 
@@ -130,7 +108,7 @@ def _shifted(timeline: Timeline, options: TimeOptions, where: str) -> Timeline:
 EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
 
 
-def clock_state(sources: Sequence[Source], options: TimeOptions) -> CommonTimes | None:
+def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTimes | None:
     """The state of the times that `make_timeline` gives these sources; None of one camera alone.
 
     The rate of videos says nothing of when each began; that of numbered images says which belong together.
@@ -149,12 +127,12 @@ def clock_state(sources: Sequence[Source], options: TimeOptions) -> CommonTimes 
         (options.uncertainty_ms is not None, TimesState.GIVEN, "--uncertainty-ms"),
         (options.fps is not None and not videos, TimesState.GIVEN, EQUAL_NUMBERS),
         (
-            options.times is TimeSource.NAME,
+            options.times == "name",
             TimesState.GIVEN,
             "the times in file names are taken as of one clock",
         ),
         (by_table, TimesState.RECORDED, "the recording's own table of times"),
-        (options.times is TimeSource.EXIF, TimesState.UNKNOWN, "EXIF tells each camera's own clock"),
+        (options.times == "exif", TimesState.UNKNOWN, "EXIF tells each camera's own clock"),
         (not videos, TimesState.UNKNOWN, "nothing tells when these images were taken"),
         (True, TimesState.UNKNOWN, "each video counts from its own beginning"),
     )

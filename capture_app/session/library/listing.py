@@ -3,9 +3,9 @@
 import os
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from stat import S_ISDIR
+from typing import Literal
 
 from msgspec import Struct
 
@@ -15,21 +15,15 @@ from capture_app.session.format.checks import inside, read_struct
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION, Manifest
 from capture_app.session.reading.reader import is_being_written
 
-
-class SessionState(StrEnum):
-    """Whether a session can be used."""
-
-    COMPLETE = "complete"
-    WRITING = "being saved"
-    INTERRUPTED = "interrupted"
-    UNREADABLE = "unreadable"
+SessionState = Literal["complete", "being saved", "interrupted", "unreadable"]
+"""Whether a session can be used."""
 
 
 class SessionCard(Struct, frozen=True, kw_only=True):
     """What a list shows of a session; times in ns, None where they are not known."""
 
     folder: Path
-    state: SessionState = SessionState.COMPLETE
+    state: SessionState = "complete"
     created: str = ""
     """RFC 3339, UTC; of one that is not complete, when it was last changed."""
     origin: str = ""
@@ -108,7 +102,7 @@ class SessionListing:
 
 def best_synchronized(cards: list[SessionCard]) -> SessionCard | None:
     """The session whose images of an instant are surely the least apart; None of fewer than two known."""
-    known = [card for card in cards if card.worst_ns is not None and card.state is SessionState.COMPLETE]
+    known = [card for card in cards if card.worst_ns is not None and card.state == "complete"]
     return min(known, key=lambda card: card.worst_ns or 0) if len(known) > 1 else None
 
 
@@ -123,7 +117,7 @@ def read_card(folder: Path) -> SessionCard:
     except BadInputError as error:
         return SessionCard(
             folder=folder,
-            state=SessionState.UNREADABLE,
+            state="unreadable",
             problem=error.what,
             remedy=error.hint or f"capture-app sessions repair {folder}",
         )
@@ -153,14 +147,13 @@ def _card_without_manifest(folder: Path) -> SessionCard:
         writing = is_being_written(folder)
         changed_s = folder.stat().st_mtime
     except OSError as error:
-        return SessionCard(
-            folder=folder, state=SessionState.UNREADABLE, problem=f"{folder}: {error.strerror}"
-        )
+        return SessionCard(folder=folder, state="unreadable", problem=f"{folder}: {error.strerror}")
+    state: SessionState
     if writing:
-        state, remedy = SessionState.WRITING, "wait until the burst is saved"
+        state, remedy = "being saved", "wait until the burst is saved"
         problem = "its images are still coming in"
     else:
-        state, remedy = SessionState.INTERRUPTED, f"capture-app sessions repair {folder}"
+        state, remedy = "interrupted", f"capture-app sessions repair {folder}"
         problem = "it is incomplete: its capture ended before it was saved; the images that came are safe"
     created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
     return SessionCard(folder=folder, created=created, state=state, problem=problem, remedy=remedy)

@@ -29,33 +29,30 @@ EMPTY = (
 _WORD, _INDENT = 9, 4
 
 
-class RunRows(RowList[Run]):
-    """The runs, the newest first."""
-
-    def draw_row(self, run: Run, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
-        """State, what, of which session; how far it is, or what came of it."""
-        sign = SIGNS[run.state]
-        when = "" if run.ended is None else run.ended.astimezone().strftime("%d %b %H:%M")
-        left = Content.assemble(
-            (f" {sign.glyph} {sign.word:<{_WORD}} ", f"bold {sign.style}"),
-            (f"{run.command.title}  ", "bold"),
-            (printable(run.session.name), "$foreground"),
+def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
+    """A run in two lines: state, what, of which session; how far it is, or what came of it."""
+    sign = SIGNS[run.state]
+    when = "" if run.ended is None else run.ended.astimezone().strftime("%d %b %H:%M")
+    left = Content.assemble(
+        (f" {sign.glyph} {sign.word:<{_WORD}} ", f"bold {sign.style}"),
+        (f"{run.command.title}  ", "bold"),
+        (printable(run.session.name), "$foreground"),
+    )
+    first = justified(left, Content.styled(f"{when} ", "$foreground-muted"), width)
+    if run.state.is_over:
+        style = "$error" if run.state is RunState.FAILED else "$foreground-muted"
+        second = Content.styled(f"{'':<{_INDENT}}{printable(run.message)}", style)
+    else:
+        bar = min(24, max(8, width // 5))
+        full = filled_cells(run.share or 0.0, bar)
+        second = Content.assemble(
+            " " * _INDENT,
+            (full, "$primary"),
+            ("─" * (bar - len(full)), "$border"),
+            (f" {progress_words(run)}", "$foreground-muted"),
         )
-        first = justified(left, Content.styled(f"{when} ", "$foreground-muted"), width)
-        if run.state.is_over:
-            style = "$error" if run.state is RunState.FAILED else "$foreground-muted"
-            second = Content.styled(f"{'':<{_INDENT}}{printable(run.message)}", style)
-        else:
-            bar = min(24, max(8, width // 5))
-            full = filled_cells(run.share or 0.0, bar)
-            second = Content.assemble(
-                " " * _INDENT,
-                (full, "$primary"),
-                ("─" * (bar - len(full)), "$border"),
-                (f" {progress_words(run)}", "$foreground-muted"),
-            )
-        lines = [first, second.truncate(width, ellipsis=True)]
-        return [chosen_line(line, width) if chosen else line for line in lines]
+    lines = [first, second.truncate(width, ellipsis=True)]
+    return [chosen_line(line, width) if chosen else line for line in lines]
 
 
 class JobsView(ModeView):
@@ -71,7 +68,7 @@ class JobsView(ModeView):
 
     def __init__(self, runs: Runs) -> None:
         self._runs = runs
-        self._rows = RunRows(2, id="jobs")
+        self._rows = RowList(2, draw_run, id="jobs")
         self._empty = Lines(id="jobs-empty")
         self._lines = Lines(id="job-lines")
         self._log = VerticalScroll(self._lines, id="job-log")

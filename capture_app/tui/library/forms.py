@@ -9,7 +9,7 @@ from textual.widgets import Input, OptionList, Static
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.names import check_name
 from capture_app.session.library.changes import MAX_NOTE
-from capture_app.session.library.listing import SessionCard, SessionState
+from capture_app.session.library.listing import SessionCard
 from capture_app.text import printable
 from capture_app.tui.jobs.run import EXPORTS, REPAIR, STUDIES, VERIFY, Command
 from capture_app.tui.jobs.runs import Runs
@@ -143,7 +143,7 @@ def note_question(card: SessionCard) -> TextQuestion:
 
 def command_form(card: SessionCard, runs: Runs) -> CommandForm:
     """Ask what is to be made of a session, and with which options."""
-    commands = (*STUDIES, VERIFY) if card.state is SessionState.COMPLETE else (REPAIR,)
+    commands = (*STUDIES, VERIFY) if card.state == "complete" else (REPAIR,)
 
     def typed(command: Command, options: str) -> str:
         return command.line(card.folder, runs.out(command, card.folder), options)

@@ -14,7 +14,7 @@ from textual.strip import Strip
 
 import capture_app
 from capture_app.names import natural_order
-from capture_app.session.library.listing import SessionCard, SessionState, best_synchronized
+from capture_app.session.library.listing import SessionCard, best_synchronized
 from capture_app.session.library.thumbnails import load_thumbnail
 from capture_app.session.reading.verdict import Grade, grade_of
 from capture_app.text import count, duration, printable
@@ -77,7 +77,7 @@ def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
     if order == "best synchronized first":
         return sorted(by_name, key=lambda card: (card.worst_ns is None, card.worst_ns or 0))
     # What is being saved has no date yet and is the newest of all.
-    return sorted(by_name, key=lambda card: (card.state is SessionState.WRITING, card.created), reverse=True)
+    return sorted(by_name, key=lambda card: (card.state == "being saved", card.created), reverse=True)
 
 
 def _matches(card: SessionCard, words: str) -> bool:
@@ -89,9 +89,9 @@ ROWS = 3
 THUMB = 8
 """Columns of the small picture."""
 STATES = {
-    SessionState.WRITING: Sign("◔", "being saved", "$warning"),
-    SessionState.INTERRUPTED: Sign("✖", "interrupted", "$error"),
-    SessionState.UNREADABLE: Sign("✖", "unreadable", "$error"),
+    "being saved": Sign("◔", "being saved", "$warning"),
+    "interrupted": Sign("✖", "interrupted", "$error"),
+    "unreadable": Sign("✖", "unreadable", "$error"),
 }
 
 
@@ -100,13 +100,13 @@ class SessionRows(RowList[Entry]):
 
     def __init__(self, thumbnails: Path, runs: Runs) -> None:
         """`thumbnails`: the folder where small pictures are kept."""
-        super().__init__(ROWS, id="sessions")
+        super().__init__(ROWS, self._draw_entry, id="sessions")
         self._cache = thumbnails
         self._runs = runs
         self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
         self._wanted: list[str] = []
 
-    def draw_row(self, entry: Entry, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
+    def _draw_entry(self, entry: Entry, width: int, chosen: bool) -> Sequence[Content | Strip]:
         """The picture beside three lines."""
         room = width - THUMB - 3
         remarks = Content.styled(" · ", "$foreground-muted").join(_remarks(entry.card))
@@ -138,7 +138,7 @@ class SessionRows(RowList[Entry]):
         return justified(left, Content.styled(_when(card.created), "$foreground-muted"), room)
 
     def _facts(self, card: SessionCard, room: int) -> Content:
-        if card.state is not SessionState.COMPLETE:
+        if card.state != "complete":
             sign = STATES[card.state]
             return Content.styled(f"{sign}: {printable(card.problem)}", sign.style)
         spread = spread_of(card)
@@ -171,7 +171,7 @@ class SessionRows(RowList[Entry]):
 
 
 def _remarks(card: SessionCard) -> Iterator[Content]:
-    if card.state is not SessionState.COMPLETE:
+    if card.state != "complete":
         yield Content.styled(f"→ {printable(card.remedy)}", "$foreground")
         return
     what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"

@@ -15,7 +15,7 @@ from textual.widgets import Input
 
 from capture_app.errors import SimulshotError
 from capture_app.session.library.changes import rename_session, set_note
-from capture_app.session.library.listing import SessionCard, SessionListing, SessionState
+from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.library.trash import restore_session, trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
@@ -188,7 +188,7 @@ class SessionsView(ModeView):
 
     def _choose_saved(self, entries: list[Entry]) -> bool:
         """Put the cursor on the first session that is saved, else on the first; whether there is any."""
-        saved = (entry for entry in entries if entry.card.state is SessionState.COMPLETE)
+        saved = (entry for entry in entries if entry.card.state == "complete")
         for entry in (*saved, *entries)[:1]:
             self._rows.choose(entry.key)
         return bool(entries)
@@ -215,7 +215,7 @@ class SessionsView(ModeView):
         title = "" if entry is None else printable(entry.card.name)
         if str(self._pane.border_title or "") != title:
             self._pane.border_title = Content(title)
-        if entry is None or entry.card.state is not SessionState.COMPLETE:
+        if entry is None or entry.card.state != "complete":
             self._pane.show(entry, None)
         elif entry != self._pane.entry:
             self._pane.show(entry, await self._try(TakeSheet.open, entry.card.folder))
@@ -241,17 +241,17 @@ class SessionsView(ModeView):
             return False
         if action == "results":
             return self._latest_result(entry) is not None
-        if entry.card.state is SessionState.WRITING:
+        if entry.card.state == "being saved":
             # Soon it can be done: the key says so, where a key that is gone says nothing.
             return True
-        whole = entry.card.state is SessionState.COMPLETE or action in ("analyse", "trash")
+        whole = entry.card.state == "complete" or action in ("analyse", "trash")
         kept = entry.is_sample and action in ("rename", "note", "trash")
         return whole and not kept and (action != "compare" or len(entry.card.cameras) > 1)
 
     def _saved_entry(self) -> Entry | None:
         """The session under the cursor; None, and a sentence on the screen, while it is being saved."""
         entry = self.entry
-        if entry is not None and entry.card.state is SessionState.WRITING:
+        if entry is not None and entry.card.state == "being saved":
             self.app.notify(f"{printable(entry.card.name)} is being saved: press it after that", markup=False)
             return None
         return entry
@@ -259,7 +259,7 @@ class SessionsView(ModeView):
     def action_look(self) -> None:
         """Show the session in all of the mode."""
         entry = self._saved_entry()
-        if entry is not None and entry.card.state is SessionState.COMPLETE:
+        if entry is not None and entry.card.state == "complete":
             self._show_pane()
             self._look_whole(True)
 

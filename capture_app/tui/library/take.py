@@ -7,7 +7,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 
-from capture_app.session.library.listing import SessionCard, SessionState
+from capture_app.session.library.listing import SessionCard
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
 from capture_app.tui.library.session_rows import STATES, Entry
@@ -53,7 +53,7 @@ class TakePane(Vertical):
 
     def _lines(self, card: SessionCard, sheet: TakeSheet | None) -> Iterator[Content]:
         width, low = max(20, self.size.width - 2), self.size.height < LOW
-        if card.state is not SessionState.COMPLETE:
+        if card.state != "complete":
             sign = STATES[card.state]
             yield from Content.styled(f"{sign}: {printable(card.problem)}", sign.style).wrap(width)
             yield from Content(f"→ {printable(card.remedy)}").wrap(width)

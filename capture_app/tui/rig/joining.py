@@ -3,10 +3,11 @@
 import asyncio
 import textwrap
 from collections import deque
+from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import ClassVar
 
 import segno
-from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
@@ -62,13 +63,26 @@ MOST_NEWS = 2
 class GuideScreen(BoxDialog[None]):
     """What to do in words, a QR code beside them, and what has happened since: who came, who was refused."""
 
-    def __init__(self, name: str, title: str, width: int) -> None:
-        """`width` is that of the words, in cells."""
-        self._width = width
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        width: int,
+        guide: "Callable[[GuideScreen], Coroutine[None, None, None]]",
+    ) -> None:
+        """`width` is that of the words, in cells; `guide` shows them, and runs until the screen is closed."""
+        self._width, self._guide = width, guide
+        self.url = ""
+        """What the code says."""
         self._words = Lines(id=f"{name}-words", classes="words")
         self._code = Lines(id=f"{name}-code", classes="code")
         self._news, self._came = deque[NewsLine](maxlen=MOST_NEWS), Lines(id=f"{name}-news")
         super().__init__(title, Horizontal(self._words, self._code), self._came, subtitle="esc closes")
+        self.id = f"{name}-guide"
+
+    def on_mount(self) -> None:
+        """Begin to guide."""
+        self.run_worker(self._guide(self), exclusive=True, group="guide")
 
     def on_told(self, message: Told) -> None:
         """Say what is new."""
@@ -78,6 +92,7 @@ class GuideScreen(BoxDialog[None]):
 
     def show(self, url: str, *paragraphs: tuple[str, str]) -> None:
         """Show a code, empty for none, and words with their styles; what is numbered is indented."""
+        self.url = url
         self._code.show(qr_lines(url) if url else [])
         self._words.show(
             [
@@ -99,72 +114,65 @@ class InviteScreen(GuideScreen):
     ]
 
     def __init__(self, source: RigLink, leader: str) -> None:
-        super().__init__("invite", "Another machine", 36)
-        self._source, self._line = source, joining_line(printable(leader))
+        super().__init__("invite", "Another machine", 36, partial(_invite, source, leader))
 
-    def on_mount(self) -> None:
-        """Ask for the first code."""
-        self.action_another()
-
-    @work(exclusive=True, group="invite")
-    async def action_another(self) -> None:
+    def action_another(self) -> None:
         """Show a further code."""
-        line = ("To join from another machine, type there:", ""), (self._line, "bold $secondary"), ("", "")
-        try:
-            invited = await self._source.ask(Invite(), Invited)
-        except SimulshotError as error:
-            self.show(self._line, *line, (str(error).capitalize(), "$warning"))
-            return
-        code = show_code(invited.code)
-        words = (
-            f"A machine that is not known here yet asks for a number, once: {code}. It is for one machine "
-            f"and {invited.good_for_s // 60} minutes; i shows another; both are good."
-        )
-        number = [(line, "bold $success") for line in large(code)]
-        self.show(self._line, *line, *number, (words, "$foreground-muted"))
+        self.on_mount()
 
 
-class PhonesScreen(GuideScreen):
+async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
+    command = joining_line(printable(leader))
+    line = ("To join from another machine, type there:", ""), (command, "bold $secondary"), ("", "")
+    try:
+        invited = await source.ask(Invite(), Invited)
+    except SimulshotError as error:
+        screen.show(command, *line, (str(error).capitalize(), "$warning"))
+        return
+    code = show_code(invited.code)
+    words = (
+        f"A machine that is not known here yet asks for a number, once: {code}. It is for one machine "
+        f"and {invited.good_for_s // 60} minutes; i shows another; both are good."
+    )
+    number = [(row, "bold $success") for row in large(code)]
+    screen.show(command, *line, *number, (words, "$foreground-muted"))
+
+
+def phones_screen(source: RigLink) -> GuideScreen:
     """Shows the code of the next phone, another one when a phone has come; their server goes on."""
+    return GuideScreen("phones", "Phones as cameras", 36, partial(_invite_phones, source))
 
-    def __init__(self, source: RigLink) -> None:
-        super().__init__("phones", "Phones as cameras", 36)
-        self._source = source
 
-    def on_mount(self) -> None:
-        """Ask for the first code, and look whether it has been used."""
-        self.show("", ("One moment: the page is being prepared …", ""))
-        self._keep_looking()
+async def _invite_phones(source: RigLink, screen: GuideScreen) -> None:
+    screen.show("", ("One moment: the page is being prepared …", ""))
+    shown = ""
+    while True:
+        try:
+            invited = await source.ask(InvitePhone(), PhoneInvited)
+            if invited.url != shown:
+                _show_steps(screen, invited, came=bool(shown))
+                shown = invited.url
+        except SimulshotError as error:
+            shown = ""
+            screen.show("", (str(error), "$warning"))
+        await asyncio.sleep(LOOK_EVERY_S)
 
-    @work(exclusive=True, group="phones")
-    async def _keep_looking(self) -> None:
-        shown = ""
-        while True:
-            try:
-                invited = await self._source.ask(InvitePhone(), PhoneInvited)
-                if invited.url != shown:
-                    self._show_steps(invited, came=bool(shown))
-                    shown = invited.url
-            except SimulshotError as error:
-                shown = ""
-                self.show("", (str(error), "$warning"))
-            await asyncio.sleep(LOOK_EVERY_S)
 
-    def _show_steps(self, invited: PhoneInvited, *, came: bool) -> None:
-        begin = ("That code was used, or its time was over. For the next phone:", "$success")
-        self.show(
-            invited.url,
-            *([begin] if came else []),
-            ("1  Scan the code with the phone, and open the page.", ""),
-            ("2  Its browser warns, once: it does not know this machine. Go on (Advanced).", ""),
-            ("3  Start the camera, allow it; put the phone in its place, and plug it in.", ""),
-            ("", ""),
-            (invited.url, "bold $secondary"),
-            ("", ""),
-            (
-                "Each code is for one phone and ten minutes. If you doubt this network, compare the SHA-256 "
-                "of the certificate in the phone's browser:",
-                "$foreground-muted",
-            ),
-            (invited.fingerprint, "$foreground-muted"),
-        )
+def _show_steps(screen: GuideScreen, invited: PhoneInvited, *, came: bool) -> None:
+    begin = ("That code was used, or its time was over. For the next phone:", "$success")
+    screen.show(
+        invited.url,
+        *([begin] if came else []),
+        ("1  Scan the code with the phone, and open the page.", ""),
+        ("2  Its browser warns, once: it does not know this machine. Go on (Advanced).", ""),
+        ("3  Start the camera, allow it; put the phone in its place, and plug it in.", ""),
+        ("", ""),
+        (invited.url, "bold $secondary"),
+        ("", ""),
+        (
+            "Each code is for one phone and ten minutes. If you doubt this network, compare the SHA-256 "
+            "of the certificate in the phone's browser:",
+            "$foreground-muted",
+        ),
+        (invited.fingerprint, "$foreground-muted"),
+    )

@@ -1,5 +1,6 @@
 """How to check a rig with a panel: its page, served while one looks here, and what to do then."""
 
+import asyncio
 from contextlib import AsyncExitStack
 
 from capture_app.errors import SimulshotError
@@ -14,35 +15,30 @@ _LIMITS = (
 )
 
 
-class PanelScreen(GuideScreen):
+def panel_screen() -> GuideScreen:
     """Serves the panel's page to this machine and the network until it is closed; the page itself goes on."""
+    return GuideScreen("panel", "Check the rig with a panel", 40, _serve)
 
-    def __init__(self) -> None:
-        super().__init__("panel", "Check the rig with a panel", 40)
-        self._serving = AsyncExitStack()
-        self.url = ""
 
-    async def on_mount(self) -> None:
-        """Serve the page."""
-        where = "Open this on ONE screen that all cameras see, and go full screen; on a phone by the code:"
+async def _serve(screen: GuideScreen) -> None:
+    where = "Open this on ONE screen that all cameras see, and go full screen; on a phone by the code:"
+    url = ""
+    async with AsyncExitStack() as serving:
         try:
-            listening = self._serving.enter_context(listen_tcp(ALL, DEFAULT_PORT, 0))
+            listening = serving.enter_context(listen_tcp(ALL, DEFAULT_PORT, 0))
         except SimulshotError as error:
             where = f"{error}. Type in a terminal: capture-app panel show"
         else:
-            await self._serving.enter_async_context(served_page(listening))
-            self.url = f"http://{Address(reachable_host(ALL, listening.family), listening.getsockname()[1])}/"
-        self.show(
-            self.url,
+            await serving.enter_async_context(served_page(listening))
+            url = f"http://{Address(reachable_host(ALL, listening.family), listening.getsockname()[1])}/"
+        screen.show(
+            url,
             (f"1  {where}", ""),
-            (f"   {self.url}", "bold $secondary"),
+            (f"   {url}", "bold $secondary"),
             ("2  Take a burst of it: 2, then Space.", ""),
             ("3  Read it: 3, then a, and choose Panel.", ""),
             ("", ""),
             (_LIMITS, "$foreground-muted"),
             ("capture-app panel sketch --out panel", "$foreground-muted"),
         )
-
-    async def on_unmount(self) -> None:
-        """Stop serving."""
-        await self._serving.aclose()
+        await asyncio.Event().wait()

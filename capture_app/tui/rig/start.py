@@ -24,8 +24,8 @@ from capture_app.node.wire.operating import AddCamera, AddSimulated, Order
 from capture_app.text import count, printable
 from capture_app.tui.rig.joining import (
     InviteScreen,
-    PhonesScreen,
     joining_line,
+    phones_screen,
 )
 from capture_app.tui.rig_record import SessionsRequested, telling
 from capture_app.tui.settings import Settings
@@ -218,7 +218,7 @@ class StartPanel(Vertical):
     def action_phones(self) -> None:
         """Show how phones become cameras."""
         self._choose("phones")
-        self.app.push_screen(PhonesScreen(self._source))
+        self.app.push_screen(phones_screen(self._source))
 
     def action_simulate(self) -> None:
         """Start simulated cameras."""

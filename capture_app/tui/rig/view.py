@@ -22,7 +22,7 @@ from capture_app.text import printable
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.panel_screen import PanelScreen
+from capture_app.tui.rig.panel_screen import panel_screen
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
@@ -245,7 +245,7 @@ class RigView(ModeView):
 
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""
-        self.app.push_screen(PanelScreen())
+        self.app.push_screen(panel_screen())
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""

@@ -4,9 +4,8 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from itertools import count
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import msgspec
 from textual import events, work
@@ -41,19 +40,16 @@ REGIONS: dict[str, Region] = {
 }
 
 
-class TakeMode(StrEnum):
-    """What one press of the key begins."""
+TakeMode = Literal["single", "interval", "sequence", "motion", "recording"]
+"""What one press of the key begins.
 
-    SINGLE = "single"
-    """One take."""
-    INTERVAL = "interval"
-    """A take every so many seconds, until it is stopped or all are there."""
-    SEQUENCE = "sequence"
-    """Take after take, each as soon as the one before is saved."""
-    MOTION = "motion"
-    """A take whenever something moves, until it is stopped or all are there."""
-    RECORDING = "recording"
-    """A video with every camera, until it is ended."""
+single      one take
+interval    a take every so many seconds, until it is stopped or all are there
+sequence    take after take, each as soon as the one before is saved
+motion      a take whenever something moves, until it is stopped or all are there
+recording   a video with every camera, until it is ended
+"""
+MODES: tuple[TakeMode, ...] = get_args(TakeMode)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +59,7 @@ class TakePlan:
     frames: int = 8
     """Frames of each camera, those before the key included."""
     before: int = 3
-    mode: TakeMode = TakeMode.SINGLE
+    mode: TakeMode = "single"
     countdown_s: float = 0.0
     every_s: float = 5.0
     """Between takes of an interval; of motion at least."""
@@ -86,7 +82,7 @@ class TakePlan:
     def recall(cls, settings: Settings) -> Self:
         """The plan as it was left."""
         kept = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._kept().items()}
-        kept["mode"] = TakeMode(kept["mode"]) if kept["mode"] in set(TakeMode) else TakeMode.SINGLE
+        kept["mode"] = kept["mode"] if kept["mode"] in MODES else "single"
         kept["region"] = kept["region"] if kept["region"] in REGIONS else cls().region
         kept["name"] = kept["name"] if is_name(kept["name"]) else ""
         return cls(**kept)
@@ -97,9 +93,7 @@ class TakePlan:
             settings.remember(f"shoot.{name}", value)
 
     def _kept(self) -> dict[str, Any]:
-        return {name: value for name, value in asdict(self).items() if name != "note"} | {
-            "mode": str(self.mode)
-        }
+        return {name: value for name, value in asdict(self).items() if name != "note"}
 
     @property
     def after(self) -> int:
@@ -117,7 +111,7 @@ class TakePlan:
 
     def request(self) -> BurstRequest:
         """What a leader is asked for."""
-        if self.mode is TakeMode.RECORDING:
+        if self.mode == "recording":
             request = BurstRequest(seconds=self.seconds or None, spare=0, video=True)
         else:
             request = BurstRequest(frames=self.frames, before=self.before)
@@ -148,7 +142,7 @@ async def moments_of(plan: TakePlan, saved: asyncio.Event) -> AsyncIterator[Mome
 
     `saved` is set by them when a take is saved or has failed. An interval does not wait for that.
     """
-    total, watches = plan.takes if plan.mode in _LATER else 1, plan.mode is TakeMode.MOTION
+    total, watches = plan.takes if plan.mode in _LATER else 1, plan.mode == "motion"
     now = asyncio.get_running_loop().time
     due = now() + plan.countdown_s
     for number in count(1):
@@ -162,7 +156,7 @@ async def moments_of(plan: TakePlan, saved: asyncio.Event) -> AsyncIterator[Mome
         if number == total:
             return
         begun = now()
-        if plan.mode is TakeMode.INTERVAL:
+        if plan.mode == "interval":
             due += plan.every_s
         else:
             await saved.wait()
@@ -184,7 +178,7 @@ class _Row:
     text: Callable[[TakePlan, int | None], str]
     change: Callable[[TakePlan, int], TakePlan] | None = None
     """Null for a line of text."""
-    modes: tuple[TakeMode, ...] = tuple(TakeMode)
+    modes: tuple[TakeMode, ...] = MODES
 
 
 def _frames(number: int, period_ns: int | None, sign: str) -> str:
@@ -196,8 +190,8 @@ def _next(values: Sequence[V], value: V, steps: int) -> V:
     return values[(values.index(value) + steps) % len(values)]
 
 
-_LATER = (TakeMode.INTERVAL, TakeMode.SEQUENCE, TakeMode.MOTION)
-_PICTURES = (TakeMode.SINGLE, *_LATER)
+_LATER: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
+_PICTURES: tuple[TakeMode, ...] = ("single", *_LATER)
 ROWS = (
     _Row(
         "before",
@@ -215,25 +209,25 @@ ROWS = (
         "length",
         lambda p, _: f"{p.seconds:g} s" if p.seconds else "until Space",
         lambda p, by: replace(p, seconds=stepped(LENGTHS_S, p.seconds, by)),
-        (TakeMode.RECORDING,),
+        ("recording",),
     ),
     _Row(
         "countdown",
         lambda p, _: f"{p.countdown_s:g} s" if p.countdown_s else "none",
         lambda p, by: replace(p, countdown_s=stepped(COUNTDOWNS_S, p.countdown_s, by)),
     ),
-    _Row("mode", lambda p, _: str(p.mode), lambda p, by: replace(p, mode=_next(list(TakeMode), p.mode, by))),
+    _Row("mode", lambda p, _: p.mode, lambda p, by: replace(p, mode=_next(MODES, p.mode, by))),
     _Row(
         "every",
         lambda p, _: f"{p.every_s:g} s",
         lambda p, by: replace(p, every_s=stepped(INTERVALS_S, p.every_s, by)),
-        (TakeMode.INTERVAL, TakeMode.MOTION),
+        ("interval", "motion"),
     ),
     _Row(
         "where",
         lambda p, _: p.region,
         lambda p, by: replace(p, region=_next(list(REGIONS), p.region, by)),
-        (TakeMode.MOTION,),
+        ("motion",),
     ),
     _Row(
         "takes",
@@ -241,7 +235,7 @@ ROWS = (
         lambda p, by: replace(p, takes=int(stepped(TAKES, p.takes, by))),
         _LATER,
     ),
-    _Row("name", lambda p, _: p.name or ("recording" if p.mode is TakeMode.RECORDING else "burst")),
+    _Row("name", lambda p, _: p.name or ("recording" if p.mode == "recording" else "burst")),
     _Row("notes", lambda p, _: p.note or "–"),
 )
 

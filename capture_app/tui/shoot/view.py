@@ -9,7 +9,6 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
-from textual.widgets import Static
 from textual.worker import Worker, get_current_worker
 
 from capture_app.errors import SimulshotError
@@ -225,14 +224,18 @@ class ShootView(ModeView):
     async def _begin(self, request: BurstRequest, *, retake_of: str = "") -> None:
         """Take, but ask before a take that cannot be good."""
         status = self._record.status
-        doubts = "" if status is None else doubts_about(status)
-        if status is not None and doubts:
-            answer = await self.app.push_screen_wait(NotReadyQuestion(doubts, ANYWAY, title="Not ready"))
+        if status is not None and doubts_about(status):
+            answer = await self.app.push_screen_wait(Question(self._doubts, ANYWAY, title="Not ready"))
             if answer is None:
                 return
             if answer == "wait":
                 request = replace(request, wait_ready_s=WAIT_READY_S, nodes=len(cameras_of(status)))
         self._shoot(request, retake_of)
+
+    def _doubts(self) -> str:
+        """What keeps the cameras from being ready, as it is now."""
+        status = self._record.status
+        return ("" if status is None else doubts_about(status)) or "All cameras are ready now."
 
     @property
     def _under_way(self) -> list[Worker[Any]]:
@@ -381,16 +384,6 @@ class ShootView(ModeView):
 
 ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
-
-
-class NotReadyQuestion(Question):
-    """Says what keeps the cameras from being ready, as it is now."""
-
-    def on_told(self, message: Told) -> None:
-        """Say it anew."""
-        if isinstance(message.what, RigStatus):
-            text = doubts_about(message.what) or "All cameras are ready now."
-            self.query_one(".question", Static).update(Content(printable(text)))
 
 
 def doubts_about(status: RigStatus) -> str:

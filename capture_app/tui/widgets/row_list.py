@@ -1,6 +1,6 @@
 """A list of rows, one of them chosen; a row is drawn when it comes into sight, and again when it changes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Generic, TypeVar
 
@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 
 
 class RowList(ScrollView, Generic[Item], can_focus=True):
-    """Shows items in rows; subclasses say in `draw_row` how one looks, all of the same height."""
+    """Shows items in rows, all of the same height."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "move(-1)", "Row above", show=False, id="list.up"),
@@ -36,21 +36,22 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         opens: bool = False
         """It was clicked twice; what keys open it is the view's to say."""
 
-    def __init__(self, row_height: int, *, id: str | None = None) -> None:
+    def __init__(
+        self,
+        row_height: int,
+        draw_row: Callable[[Item, int, bool], Sequence[Content | Strip]],
+        *,
+        id: str | None = None,
+    ) -> None:
+        """`draw_row` gives the `row_height` lines of an item, so wide; and whether it is the chosen one."""
         super().__init__(id=id)
-        self.row_height = row_height
+        self.row_height, self._draw_row = row_height, draw_row
         self.items: dict[str, Item] = {}
         """What is shown, by key."""
         self.keys: tuple[str, ...] = ()
         """Their keys in their order."""
         self._at = 0
         self._drawn: dict[str, list[Strip]] = {}
-
-    # What subclasses give
-
-    def draw_row(self, item: Item, width: int, *, chosen: bool) -> Sequence[Content | Strip]:
-        """The lines of an item, `row_height` of them."""
-        raise NotImplementedError
 
     # What the view does
 
@@ -138,7 +139,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         lines = self._drawn.get(key)
         if lines is None:
             width = self.size.width
-            drawn = self.draw_row(self.items[key], width, chosen=key == self.chosen)
+            drawn = self._draw_row(self.items[key], width, key == self.chosen)
             strips = [strip_of_line(self, line) if isinstance(line, Content) else line for line in drawn]
             lines = [strip.adjust_cell_length(width, self.rich_style) for strip in strips]
             self._drawn[key] = lines

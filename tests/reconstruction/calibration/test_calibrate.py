@@ -12,7 +12,8 @@ from capture_app.board.boards import CharucoBoard
 from capture_app.board.detector import is_flat_board
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.export_session import export_session
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.calibration.boards import detect_board

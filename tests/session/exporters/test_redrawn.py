@@ -9,7 +9,8 @@ import pytest
 from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from tests.session.exporters.dotted import (
     WIDTH,
     Array,

@@ -16,7 +16,8 @@ from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
 from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.mcap import ros_topics
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.session.exporters.conftest import Export, Make, calibrated, picture

@@ -12,7 +12,8 @@ import pytest
 from capture_app.session.exchange import FRAMES
 from capture_app.session.exporters.caliscope import camera_numbers
 from capture_app.session.exporters.common.tables import paired_names
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
 from tests.session.exporters.conftest import (
     GRID,

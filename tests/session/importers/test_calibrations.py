@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
+from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
 
 K = np.array([[800.0, 0, 320], [0, 810, 240], [0, 0, 1]])
 D = np.array([0.1, -0.2, 0.001, 0.002, 0.3])
@@ -123,9 +123,9 @@ def test_images_of_another_size(npz_folder: Path) -> None:
     other = {"left": (600, 480), "right": (640, 480)}
     with pytest.raises(BadInputError, match="--fit crop"):
         read(npz_folder, sizes=other)
-    crop = read(npz_folder, sizes=other, fit=Fit.CROP).cameras["left"]
+    crop = read(npz_folder, sizes=other, fit="crop").cameras["left"]
     assert (crop.width, crop.fx, crop.cx) == (600, 800, 320)
-    scaled = read(npz_folder, sizes=other, fit=Fit.SCALE).cameras["left"]
+    scaled = read(npz_folder, sizes=other, fit="scale").cameras["left"]
     assert (scaled.fx, scaled.fy, scaled.cy) == (750, 810, 240)
     with pytest.raises(BadInputError, match="turned by 90"):
         read(npz_folder, sizes={"left": (480, 640), "right": (640, 480)})

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
 from capture_app.session.importers import time_source as timeline_module
-from capture_app.session.importers.embedded_times import TimeSource, name_time_ns
+from capture_app.session.importers.embedded_times import name_time_ns
 from capture_app.session.importers.frame_matching import TimedFrame, timeline_by_times
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.session.conftest import jpeg
@@ -25,7 +26,7 @@ from tests.session.importers.numbered_video import IRREGULAR_US, MS, US, numbers
 def test_irregular_videos_keep_their_own_times(tmp_path: Path) -> None:
     write_video(tmp_path / "rec" / "cam0.mp4", IRREGULAR_US)
     write_video(tmp_path / "rec" / "cam1.mp4", [t + 700 for t in IRREGULAR_US if t != 66_001])
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times=TimeSource.VIDEO))
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="video"))
     assert verify(session) == []
     assert times_of(session, "cam0") == [t * US for t in IRREGULAR_US]
     assert numbers_of(session) == [
@@ -48,7 +49,7 @@ def test_a_frame_that_does_not_decode_shifts_no_other(tmp_path: Path) -> None:
     second = data.index(b"\xff\xd8", data.index(b"\xff\xd8") + 2)
     data[second : second + 200] = bytes(200)
     path.write_bytes(data)
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times=TimeSource.VIDEO))
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="video"))
     assert numbers_of(session) == [{"cam0": 0}, {}, {"cam0": 2}, {"cam0": 3}, {"cam0": 4}]
     assert session.manifest.missing[0].reason == "the frame could not be decoded"
     assert times_of(session, "cam0") == [n * 40 * MS for n in (0, 2, 3, 4)]
@@ -82,7 +83,7 @@ def test_without_pyav_a_constant_rate_is_assumed_and_said(
     write_video(tmp_path / "rec" / "cam0.mp4", [40_000 * n for n in range(4)])
     monkeypatch.setattr(timeline_module, "has_video_times", lambda: False)
     said: list[str] = []
-    options = ImportOptions(times=TimeSource.VIDEO)
+    options = ImportOptions(times="video")
     session = import_recording([str(tmp_path / "rec")], tmp_path, "s", options, talk=said.append)
     assert len(said) == 1
     assert "constant" in said[0]
@@ -118,7 +119,7 @@ def test_images_are_matched_by_the_times_in_their_names(
     start_ms = 1_790_000_000_000
     folder = make_images("a", [f"{start_ms + 40 * n}.jpg" for n in range(4)]).parent
     make_images("b", [f"{start_ms + 40 * n + 7}.jpg" for n in (0, 1, 3)])
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(times=TimeSource.NAME))
+    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(times="name"))
     assert [len(images) for images in session.images_by_instant()] == [2, 2, 1, 2]
     assert session.images_by_instant()[3]["b"].sequence == 2
     assert session.manifest.sync is not None
@@ -146,7 +147,7 @@ def test_images_are_matched_by_their_exif(tmp_path: Path, order: str) -> None:
         for number, part in enumerate(parts):
             data = with_exif(jpeg(number), "2026:01:31 14:25:30", part, order)
             (folder / f"DSC_{number}.jpg").write_bytes(data)
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times=TimeSource.EXIF))
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="exif"))
     assert times_of(session, "b") == [1_769_869_530_000 * MS + t * MS for t in (105, 507, 899)]
     assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
     assert session.image_file(session.manifest.images[0]).read_bytes()[:4] == b"\xff\xd8\xff\xe1"
@@ -155,7 +156,7 @@ def test_images_are_matched_by_their_exif(tmp_path: Path, order: str) -> None:
 def test_broken_or_absent_exif_says_so(tmp_path: Path) -> None:
     folder = tmp_path / "rec" / "a"
     folder.mkdir(parents=True)
-    options = ImportOptions(times=TimeSource.EXIF)
+    options = ImportOptions(times="exif")
     (folder / "1.jpg").write_bytes(jpeg(0))
     with pytest.raises(BadInputError, match="no EXIF"):
         import_recording([str(tmp_path / "rec")], tmp_path / "out", "s", options)

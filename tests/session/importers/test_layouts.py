@@ -12,8 +12,8 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
-from capture_app.session.importers.embedded_times import TimeSource
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.session.importers.numbered_video import numbers_of, times_of, write_video
@@ -147,7 +147,7 @@ def test_opencaps_trials(tmp_path: Path) -> None:
     assert calibration is not None
     assert (calibration.unit, calibration.cameras["Cam1"].translation) == ("m", pytest.approx((0.2, 0, 2)))
     said: list[str] = []
-    options = ImportOptions(recording="walk1", times=TimeSource.VIDEO)
+    options = ImportOptions(recording="walk1", times="video")
     import_recording([str(folder)], tmp_path, "walk", options, talk=said.append)
     assert any("not aligned by OpenCap" in one for one in said)
 
@@ -235,7 +235,7 @@ def test_a_videos_own_times_are_those_of_its_export(tmp_path: Path) -> None:
     sample = Path(__file__).resolve().parents[3] / "sample_sessions" / "crossing"
     out = tmp_path / "out"
     assert run(["sessions", "export", str(sample), "--to", "mp4", "--out", str(out)]) == ExitCode.OK
-    session = import_recording([str(out)], tmp_path, "s", ImportOptions(times=TimeSource.VIDEO))
+    session = import_recording([str(out)], tmp_path, "s", ImportOptions(times="video"))
     assert verify(session) == []
     taken = Session.open(sample).images_by_instant()
     first_ns = min(record.leader_ns for record in taken[0].values())

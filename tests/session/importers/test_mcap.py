@@ -11,7 +11,8 @@ from mcap_protobuf.schema import register_schema
 
 from capture_app.errors import BadInputError
 from capture_app.session.exchange import foxglove_message
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.verify import verify
 from tests.session.conftest import jpeg
 from tests.session.importers.numbered_video import times_of

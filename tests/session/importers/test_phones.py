@@ -12,8 +12,8 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
-from capture_app.session.importers.embedded_times import TimeSource
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.session.conftest import jpeg
@@ -208,7 +208,7 @@ def test_a_phone_held_upright_gives_upright_pictures_either_way(tmp_path: Path) 
     turned = struct.pack(">iiiii", 0, 1 << 16, 0, -(1 << 16), 0)
     path.write_bytes(data[:place] + turned + data[place + len(turned) :])
     shown = []
-    for name, options in (("own", ImportOptions(times=TimeSource.VIDEO)), ("rate", ImportOptions(fps=25))):
+    for name, options in (("own", ImportOptions(times="video")), ("rate", ImportOptions(fps=25))):
         session = import_recording([str(tmp_path / "rec")], tmp_path, name, options)
         facts = session.manifest.cameras[0].facts
         assert (facts.width, facts.height) == (48, 64)

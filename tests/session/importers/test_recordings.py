@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.importers.calibrations.reading import Fit
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
@@ -191,7 +191,7 @@ def test_a_man_on_a_beam_stands_on_the_floor_of_his_room(shared: Path, tmp_path:
         BadInputError, match="cam01 is calibrated for 1088x1920 pixels, its images are 1080x1920"
     ):
         import_recording([str(folder / "videos")], tmp_path, "beam", options)
-    options = ImportOptions(fps=60, count=4, calibration=(qca,), fit=Fit.CROP)
+    options = ImportOptions(fps=60, count=4, calibration=(qca,), fit="crop")
     session = import_recording([str(folder / "videos")], tmp_path, "beam", options)
     calibration = session.calibration()
     assert calibration is not None

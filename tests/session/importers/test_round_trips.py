@@ -14,7 +14,8 @@ from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
-from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.importers.import_options import ImportOptions
+from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

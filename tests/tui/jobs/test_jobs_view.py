@@ -10,12 +10,13 @@ import pytest
 from msgspec import structs
 
 from capture_app.node.wire.status import BurstStatus
-from capture_app.tui.jobs.jobs_view import JobsView, RunRows
+from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.jobs.run import COMMANDS, COMPARE, RunState
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
+from capture_app.tui.widgets.row_list import RowList
 from tests.tui.driving import make_app, settle, toasts, until
 from tests.tui.fake_rig import FakeRig
 from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama
@@ -57,7 +58,7 @@ def view(pilot: Any) -> JobsView:
 
 
 def text(pilot: Any) -> str:
-    listed = view(pilot).query_one(RunRows)
+    listed = view(pilot).query_one(RowList)
     return "\n".join(listed.render_line(y).text.rstrip() for y in range(listed.size.height))
 
 
@@ -102,7 +103,7 @@ async def test_the_list_has_the_focus_though_it_filled_just_before(root: Path) -
         view(pilot).on_mode_shown()
         pilot.app.runs.add(QUICK, root / "take", "")
         await settle(pilot)
-        assert view(pilot).query_one(RunRows).has_focus
+        assert view(pilot).query_one(RowList).has_focus
 
 
 @pytest.mark.usefixtures("quick")
@@ -226,7 +227,7 @@ async def test_the_footer_offers_what_the_chosen_job_has_whatever_is_focused(
         assert "Report" not in footer.plain[0], "depth from all cameras writes none"
         job = pilot.app.runs.add(QUICK, root / "take", f"say begun wait {tmp_path / 'go'}")
         await settle(pilot)
-        view(pilot).query_one(RunRows).choose(job.key)
+        view(pilot).query_one(RowList).choose(job.key)
         view(pilot).query_one("#job-log").focus()
         await until(pilot, lambda: "Cancel" in footer.plain[0])
         (tmp_path / "go").touch()
@@ -272,7 +273,7 @@ def test_the_list_looks_as_it_did(
 
     async def before(pilot: Any) -> None:
         await pilot.press("4")
-        await until(pilot, lambda: "damaged" in text(pilot) and view(pilot).query_one(RunRows).has_focus)
+        await until(pilot, lambda: "damaged" in text(pilot) and view(pilot).query_one(RowList).has_focus)
         said = view(pilot).query_one("#job-lines", Lines)
         await until(pilot, lambda: said.plain and said.size.height == len(said.plain))
         await settle(pilot)

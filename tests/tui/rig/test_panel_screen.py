@@ -6,7 +6,7 @@ from urllib.request import urlopen
 
 from capture_app.panel.screen import page_html
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.rig.panel_screen import PanelScreen
+from capture_app.tui.rig.joining import GuideScreen
 from tests.tui.driving import lines, make_app, screen_of, settle, text, until
 from tests.tui.fake_rig import FakeRig
 
@@ -20,7 +20,7 @@ def fetch(port: int) -> bytes | None:
 
 
 def shows_panel(app: SimulshotApp) -> bool:
-    return isinstance(app.screen, PanelScreen)
+    return isinstance(app.screen, GuideScreen)
 
 
 async def test_the_page_is_served_while_one_looks() -> None:
@@ -28,8 +28,8 @@ async def test_the_page_is_served_while_one_looks() -> None:
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
         await pilot.press("p")
-        await until(pilot, lambda: isinstance(app.screen, PanelScreen))
-        screen = screen_of(app, PanelScreen)
+        await until(pilot, lambda: isinstance(app.screen, GuideScreen))
+        screen = screen_of(app, GuideScreen)
         await until(pilot, lambda: screen.url)
         assert screen.url in text(app, "#panel-words")
         code = lines(app, "#panel-code")
@@ -40,7 +40,7 @@ async def test_the_page_is_served_while_one_looks() -> None:
         port = int(screen.url.rstrip("/").rpartition(":")[2])
         assert await asyncio.to_thread(fetch, port) == page_html()
         await pilot.press("escape")
-        await until(pilot, lambda: not isinstance(app.screen, PanelScreen))
+        await until(pilot, lambda: not isinstance(app.screen, GuideScreen))
         async with asyncio.timeout(60):
             while await asyncio.to_thread(fetch, port) is not None:
                 await settle(pilot)
@@ -54,7 +54,7 @@ async def test_a_second_screen_takes_another_port() -> None:
             await settle(pilot)
             await pilot.press("p")
             await until(pilot, partial(shows_panel, app))
-            screen = screen_of(app, PanelScreen)
+            screen = screen_of(app, GuideScreen)
             await until(pilot, partial(getattr, screen, "url"))
             urls.append(screen.url)
         assert urls[0] != urls[1]

@@ -17,7 +17,6 @@ from capture_app.node.wire.operating import CancelBurst, EndBurst
 from capture_app.node.wire.status import BurstAhead, BurstStatus, Preview
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
-from capture_app.tui.shoot.plan import TakeMode
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.driving import screen_of, until
 from tests.tui.fake_rig import FakeRig, make_node
@@ -275,7 +274,7 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(120, 40)) as pilot:
         await studio.enter(pilot)
-        plan = replace(studio.view.plan_panel.plan, mode=TakeMode.RECORDING, seconds=0)
+        plan = replace(studio.view.plan_panel.plan, mode="recording", seconds=0)
         studio.view.plan_panel.set_plan(plan)
         await pilot.press("space")
         await studio.settle(pilot)
@@ -318,7 +317,7 @@ async def test_a_take_is_taken_when_something_moves_with_what_was_before_it(
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(140, 40)) as pilot:
         await studio.enter(pilot)
-        plan = replace(studio.view.plan_panel.plan, mode=TakeMode.MOTION, takes=2, every_s=0.0)
+        plan = replace(studio.view.plan_panel.plan, mode="motion", takes=2, every_s=0.0)
         studio.view.plan_panel.set_plan(replace(plan, region="left half"))
         await pilot.press("space")
         await studio.settle(pilot)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.plan import MOST_BEFORE, MOST_FRAMES, TakeMode, TakePlan, moments_of, stepped
+from capture_app.tui.shoot.plan import MOST_BEFORE, MOST_FRAMES, TakePlan, moments_of, stepped
 
 
 class Course:
@@ -57,13 +57,13 @@ async def test_a_countdown_tells_each_second(course: Course) -> None:
 
 
 async def test_an_interval_keeps_its_pace_whatever_saving_takes(course: Course) -> None:
-    await course.run(TakePlan(mode=TakeMode.INTERVAL, every_s=5.0, takes=4, countdown_s=3), saving_s=60.0)
+    await course.run(TakePlan(mode="interval", every_s=5.0, takes=4, countdown_s=3), saving_s=60.0)
     assert course.taken == pytest.approx([3.0, 8.0, 13.0, 18.0])
     assert "take 2 of 4 in 5 s" in course.moments
 
 
 async def test_a_sequence_waits_until_each_take_is_saved(course: Course) -> None:
-    await course.run(TakePlan(mode=TakeMode.SEQUENCE, takes=3))
+    await course.run(TakePlan(mode="sequence", takes=3))
     assert course.taken == pytest.approx([0.0, 2.0, 4.0])
 
 
@@ -88,7 +88,7 @@ def test_a_plan_is_remembered_but_for_its_notes() -> None:
     kept: dict[str, Any] = {
         "frames": 20,
         "before": 7,
-        "mode": TakeMode.SEQUENCE,
+        "mode": "sequence",
         "countdown_s": 5.0,
         "every_s": 30.0,
         "takes": 10,
@@ -97,7 +97,7 @@ def test_a_plan_is_remembered_but_for_its_notes() -> None:
     assert TakePlan.recall(settings) == TakePlan(**kept, name="dancer")
     settings.choices |= {"shoot.mode": "crazy", "shoot.name": "../x", "shoot.frames": -3}
     recalled = TakePlan.recall(settings)
-    assert (recalled.request().frames, recalled.name, recalled.mode) == (1, "", TakeMode.SINGLE)
+    assert (recalled.request().frames, recalled.name, recalled.mode) == (1, "", "single")
 
 
 def test_steps_begin_at_the_nearest_value() -> None:

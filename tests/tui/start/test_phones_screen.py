@@ -1,7 +1,6 @@
 """Phones by a QR code: the code of the next one beside what to do, and the error where there is none."""
 
 from capture_app.errors import NetworkError
-from capture_app.tui.rig.joining import PhonesScreen
 from tests.tui.driving import lines, make_app, settle, text, until
 from tests.tui.fake_rig import FakeRig
 
@@ -12,7 +11,7 @@ async def test_the_code_and_the_steps_fit_and_the_next_phone_gets_another() -> N
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
         await pilot.press("h")
-        await until(pilot, lambda: isinstance(app.screen, PhonesScreen) and lines(app, "#phones-code"))
+        await until(pilot, lambda: app.screen.id == "phones-guide" and lines(app, "#phones-code"))
         code, words = lines(app, "#phones-code"), text(app, "#phones-words")
         assert max(map(len, lines(app, "#phones-words"))) + max(map(len, code)) <= 74
         assert max(len(code), len(lines(app, "#phones-words"))) <= 22
@@ -22,7 +21,7 @@ async def test_the_code_and_the_steps_fit_and_the_next_phone_gets_another() -> N
         await until(pilot, lambda: "For the next phone" in text(app, "#phones-words"))
         assert lines(app, "#phones-code") != code
         await pilot.press("escape")
-        await until(pilot, lambda: not isinstance(app.screen, PhonesScreen))
+        await until(pilot, lambda: app.screen.id != "phones-guide")
 
 
 async def test_the_start_offers_phones_and_says_why_there_are_none() -> None:
@@ -32,7 +31,7 @@ async def test_the_start_offers_phones_and_says_why_there_are_none() -> None:
         await settle(pilot)
         rig.phones_failure = NetworkError("cannot listen on 0.0.0.0:47011")
         await pilot.press("h")
-        await until(pilot, lambda: isinstance(app.screen, PhonesScreen))
+        await until(pilot, lambda: app.screen.id == "phones-guide")
         await until(pilot, lambda: "cannot listen" in text(app, "#phones-words"))
         rig.phones_failure = None
         # It is asked again.

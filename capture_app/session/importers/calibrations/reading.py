@@ -9,9 +9,8 @@ give camera_angle_x, the horizontal field of view in radians, instead of fl_x.
 
 import math
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -47,16 +46,13 @@ from capture_app.session.importers.calibrations.views import (
 )
 from capture_app.session.importers.rate_or_table import match_name
 
+Fit = Literal["exact", "crop", "scale"]
+"""What to do where images are not of the size that their camera was calibrated at.
 
-class Fit(StrEnum):
-    """What to do where images are not of the size that their camera was calibrated at."""
-
-    EXACT = "exact"
-    """Refuse them, unless the aspect ratio is the same: then scale."""
-    CROP = "crop"
-    """The images are the calibrated ones, cropped or extended at the right or the bottom."""
-    SCALE = "scale"
-    """The images are the calibrated ones, scaled separately along each axis."""
+exact   refuse them, unless the aspect ratio is the same: then scale
+crop    the images are the calibrated ones, cropped or extended at the right or the bottom
+scale   they are the calibrated ones, scaled separately along each axis
+"""
 
 
 def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
@@ -98,7 +94,7 @@ def _of_all(path: Path, cameras: Sequence[str]) -> Views | None:
 
 
 def fit_calibration(
-    views: Views, sizes: Mapping[str, tuple[int, int]], *, unit: str | None = None, fit: Fit = Fit.EXACT
+    views: Views, sizes: Mapping[str, tuple[int, int]], *, unit: str | None = None, fit: Fit = "exact"
 ) -> Calibration:
     """The calibration of a recording's cameras, given their image sizes (width, height) in pixels.
 
@@ -165,9 +161,9 @@ def _factors(
     if min(calibrated) < 1:
         raise BadInputError(f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels")
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
-    if fit is Fit.CROP:
+    if fit == "crop":
         return 1.0, 1.0
-    if fit is Fit.SCALE or abs(x / y - 1) < 1e-3:
+    if fit == "scale" or abs(x / y - 1) < 1e-3:
         return x, y
     taken = f"{size[0]}x{size[1]}"
     turned = "; are they turned by 90 degrees?" if calibrated == size[::-1] else ""

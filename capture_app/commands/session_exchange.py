@@ -275,6 +275,6 @@ def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, 
     keep_from_strangers()
     options = ExportOptions(link=hard_link, **chosen)
     report = export_session(Session.open(session), name, out, options, show_count("images"))
-    answer(as_json, report, [report.folder], said="\n".join(report.notes))
+    answer(as_json, report, [report.folder])
     for note in report.notes:
         talk(note)

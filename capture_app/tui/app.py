@@ -205,7 +205,7 @@ class SimulshotApp(App[None]):
     async def on_sessions_requested(self, message: SessionsRequested) -> None:
         """Go to the sessions of a folder."""
         await self.switch_mode("sessions")
-        self.screen.query_one(SessionsView).open_folder(message.folder, message.session)
+        self.screen.query_one(SessionsView).open_folder(message.folder)
 
     def on_mishap(self, message: Mishap) -> None:
         """Show what went wrong, and keep it in the news."""

@@ -79,10 +79,9 @@ class Told(Message, bubble=False):
 
 @dataclass
 class SessionsRequested(Message):
-    """A view asks to see the sessions of a folder, or one session in it."""
+    """A view asks to see the sessions of a folder."""
 
     folder: Path
-    session: str | None = None
 
 
 @dataclass

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from capture_app.node.wire.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
-from capture_app.session.reading.verdict import Grade
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 
 
@@ -31,11 +30,11 @@ SIGNS = {
     NodeState.FAILED: Sign("✖", "failed", "$error"),
 }
 GRADES = {
-    Grade.EXCELLENT: Sign("●", "excellent", "$success"),
-    Grade.GOOD: Sign("◕", "good", "$success"),
-    Grade.FAIR: Sign("◑", "fair", "$warning"),
-    Grade.POOR: Sign("○", "poor", "$error"),
-    Grade.UNKNOWN: Sign("–", "not measured", "$foreground-muted"),
+    "excellent": Sign("●", "excellent", "$success"),
+    "good": Sign("◕", "good", "$success"),
+    "fair": Sign("◑", "fair", "$warning"),
+    "poor": Sign("○", "poor", "$error"),
+    "unknown": Sign("–", "not measured", "$foreground-muted"),
 }
 """How good a take is, in every mode; `GRADE_LIMITS` says what the words mean."""
 NO_LEADER = Sign("✖", "leader lost", "$error")

@@ -1,8 +1,7 @@
 """Whether the cameras' times of a recording are of one clock, and what was done to make them so."""
 
 import math
-from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
@@ -19,17 +18,14 @@ REFERENCE = "reference"
 """The source of the camera whose times all others are brought to."""
 
 
-class TimesState(StrEnum):
-    """How the times of a recording's cameras go together."""
+TimesState = Literal["unknown", "given", "recorded", "aligned"]
+"""How the times of a recording's cameras go together.
 
-    UNKNOWN = "unknown"
-    """Each camera has times of its own, and what is between them is not known."""
-    GIVEN = "given"
-    """Whoever imported it said so, by a frame rate, a shift or an uncertainty."""
-    RECORDED = "recorded"
-    """The recording has times of one clock: a table, or a phone's metadata."""
-    ALIGNED = "aligned"
-    """Measured after it was recorded; see the cameras."""
+unknown    each camera has times of its own, and what is between them is not known
+given      whoever imported it said so, by a frame rate, a shift or an uncertainty
+recorded   the recording has times of one clock: a table, or a phone's metadata
+aligned    measured after it was recorded; see the cameras
+"""
 
 
 class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -75,16 +71,16 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     @property
     def unknown(self) -> bool:
         """Whether the offset of any camera is not known."""
-        return self.state is TimesState.UNKNOWN
+        return self.state == "unknown"
 
     @property
     def words(self) -> str:
         """The state in a short sentence without a full stop."""
         words = {
-            TimesState.UNKNOWN: NOT_SYNCHRONIZED,
-            TimesState.GIVEN: "times taken as common as given",
-            TimesState.RECORDED: "common times recorded",
-            TimesState.ALIGNED: "aligned after recording",
+            "unknown": NOT_SYNCHRONIZED,
+            "given": "times taken as common as given",
+            "recorded": "common times recorded",
+            "aligned": "aligned after recording",
         }[self.state]
         return f"{words}: {self.reason}" if self.reason else words
 

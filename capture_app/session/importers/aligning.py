@@ -12,7 +12,7 @@ from capture_app.session.alignment.clock_line import chain_cameras
 from capture_app.session.alignment.flashes import match_flashes, read_lights
 from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
-from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes, TimesState
+from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.sources import Source, Video
 
@@ -73,7 +73,7 @@ def align_recording(
         talk(f"by {method}: {text}")
     used = sorted({of.source for of in cameras.values()} - {REFERENCE})
     return CommonTimes(
-        state=TimesState.ALIGNED, reason=f"by {' and '.join(used)}", reference=names[0], cameras=cameras
+        state="aligned", reason=f"by {' and '.join(used)}", reference=names[0], cameras=cameras
     )
 
 

@@ -7,7 +7,7 @@ import msgspec
 from capture_app.errors import NotApplicableError
 from capture_app.session.alignment.clock_line import compose
 from capture_app.session.files.output_folder import OutputFolder
-from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes, TimesState
+from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.importers.aligning import with_common_times
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.recording import missing_images
@@ -39,9 +39,7 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
         name: _since_own(of, before.cameras.get(name) if before else None) for name, of in cameras.items()
     }
     reference = next((name for name, of in cameras.items() if of.uncertainty_ns == 0), "")
-    common = CommonTimes(
-        state=TimesState.ALIGNED, reason=f"by {source}", reference=reference, cameras=together
-    )
+    common = CommonTimes(state="aligned", reason=f"by {source}", reference=reference, cameras=together)
     timeline = with_common_times(_timeline(session), common)
     with (
         OutputFolder(session.folder, lambda _: None) as output,

@@ -119,21 +119,17 @@ def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTime
     by_program = options.known is not None and not options.tell_times and not options.offsets_ms
     by_table = not options.tell_times and all(source.embedded_times() is not None for source in sources)
     table = options.timestamps and f"the table {options.timestamps.name}"
-    rules = (
-        (table, TimesState.RECORDED, str(table)),
-        (by_program, TimesState.RECORDED, "the times that its program wrote"),
-        (options.synchronized, TimesState.GIVEN, EQUAL_NUMBERS),
-        (options.offsets_ms, TimesState.GIVEN, "--time-shift-ms"),
-        (options.uncertainty_ms is not None, TimesState.GIVEN, "--uncertainty-ms"),
-        (options.fps is not None and not videos, TimesState.GIVEN, EQUAL_NUMBERS),
-        (
-            options.times == "name",
-            TimesState.GIVEN,
-            "the times in file names are taken as of one clock",
-        ),
-        (by_table, TimesState.RECORDED, "the recording's own table of times"),
-        (options.times == "exif", TimesState.UNKNOWN, "EXIF tells each camera's own clock"),
-        (not videos, TimesState.UNKNOWN, "nothing tells when these images were taken"),
-        (True, TimesState.UNKNOWN, "each video counts from its own beginning"),
+    rules: tuple[tuple[object, TimesState, str], ...] = (
+        (table, "recorded", str(table)),
+        (by_program, "recorded", "the times that its program wrote"),
+        (options.synchronized, "given", EQUAL_NUMBERS),
+        (options.offsets_ms, "given", "--time-shift-ms"),
+        (options.uncertainty_ms is not None, "given", "--uncertainty-ms"),
+        (options.fps is not None and not videos, "given", EQUAL_NUMBERS),
+        (options.times == "name", "given", "the times in file names are taken as of one clock"),
+        (by_table, "recorded", "the recording's own table of times"),
+        (options.times == "exif", "unknown", "EXIF tells each camera's own clock"),
+        (not videos, "unknown", "nothing tells when these images were taken"),
+        (True, "unknown", "each video counts from its own beginning"),
     )
     return next(CommonTimes(state=state, reason=reason) for applies, state, reason in rules if applies)

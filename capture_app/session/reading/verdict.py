@@ -1,9 +1,9 @@
 """How well a burst is synchronized and what it is good for: the one judgement that is shown everywhere."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from enum import StrEnum
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
+from typing import Literal
 
 from msgspec import Struct
 
@@ -95,25 +95,19 @@ PX_PER_S = 1000.0
 """The motion assumed in verdicts, in pixels a second: a person running through the picture in one or two."""
 
 
-class Grade(StrEnum):
-    """How far something of `PX_PER_S` is displaced between the cameras, the error of their times included."""
+Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
+"""How far something of `PX_PER_S` is displaced between the cameras, the error of their times included.
 
-    EXCELLENT = "excellent"
-    """Less than a tenth of a pixel."""
-    GOOD = "good"
-    """Less than a pixel."""
-    FAIR = "fair"
-    """Less than ten pixels."""
-    POOR = "poor"
-    UNKNOWN = "unknown"
-    """There are no two images of one instant, or the error of their times is not known."""
+Excellent, good and fair are less than a tenth of a pixel, a pixel and ten pixels; unknown: there are no two
+images of one instant, or the error of their times is not known.
+"""
 
 
 UNSYNCHRONIZED_SENTENCE = (
     "images are paired by each camera's own times, which say nothing of the others': "
     "reconstruct time --apply aligns them by what moves"
 )
-_LIMITS_PX = ((0.1, Grade.EXCELLENT), (1.0, Grade.GOOD), (10.0, Grade.FAIR))
+_LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
 )
@@ -219,11 +213,11 @@ def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
 def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float | None]:
     """The grade of a spread with its error, and the motion in px/s that it is good for to within a pixel."""
     if spread_ns is None or error_ns is None:
-        return Grade.UNKNOWN, None
+        return "unknown", None
     sure_ns = max(1, spread_ns + error_ns)
     displaced = PX_PER_S * sure_ns * 1e-9
-    grade = next((grade for limit, grade in _LIMITS_PX if displaced < limit), Grade.POOR)
-    return grade, 1e9 / sure_ns
+    fitting: Iterator[Grade] = (grade for limit, grade in _LIMITS_PX if displaced < limit)
+    return next(fitting, "poor"), 1e9 / sure_ns
 
 
 def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:

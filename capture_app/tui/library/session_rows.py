@@ -16,7 +16,7 @@ import capture_app
 from capture_app.names import natural_order
 from capture_app.session.library.listing import SessionCard, best_synchronized
 from capture_app.session.library.thumbnails import load_thumbnail
-from capture_app.session.reading.verdict import Grade, grade_of
+from capture_app.session.reading.verdict import grade_of
 from capture_app.text import count, duration, printable
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
@@ -187,7 +187,7 @@ def _remarks(card: SessionCard) -> Iterator[Content]:
 def spread_of(card: SessionCard) -> Content:
     """How well synchronized a session is: the grade, and the total that it judges, error included."""
     if card.unsynchronized:
-        return Content.styled(f"{GRADES[Grade.UNKNOWN].glyph} not synchronized", "$foreground-muted")
+        return Content.styled(f"{GRADES['unknown'].glyph} not synchronized", "$foreground-muted")
     if card.spread_ns is None:
         return Content.styled(
             "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"

@@ -118,13 +118,13 @@ class SessionsView(ModeView):
         """The session under the cursor."""
         return self._rows.item if self.is_mounted else None
 
-    def open_folder(self, folder: Path, session: str | None) -> None:
-        """Show the sessions of a folder, or one of them; samples are listed already."""
+    def open_folder(self, folder: Path) -> None:
+        """Show the sessions of a folder; samples are listed already."""
         listings = [one for one in (self._listing, self._sample_listing) if one is not None]
         if not any(one.root.absolute() == folder.absolute() for one in listings):
             self._listing = SessionListing(folder)
         self._cards = None
-        self._look_for(folder if session is None else folder / session)
+        self._look_for(folder)
 
     # The list
 

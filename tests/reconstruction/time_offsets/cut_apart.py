@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.common_times import CommonTimes, TimesState
+from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.reading.reader import Session
@@ -92,7 +92,7 @@ def write_cut_apart(
     burst = BurstRecord(
         instants_ns=tuple(instant.leader_ns for instant in timeline.instants),
         period_ns=timeline.period_ns,
-        common_times=CommonTimes(state=TimesState.UNKNOWN, reason="each video counts from its own beginning"),
+        common_times=CommonTimes(state="unknown", reason="each video counts from its own beginning"),
     )
     records = [CameraRecord(name=name, facts=facts) for name in cameras]
     return writer.finish(records, burst, missing, origin="imported")

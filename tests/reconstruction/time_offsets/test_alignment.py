@@ -6,7 +6,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes, TimesState
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes
 from capture_app.session.importers.realigning import realign_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
@@ -27,7 +27,7 @@ def check(session: Session, cameras: dict[str, Recorder]) -> None:
     assert verify(session) == []
     times = session.manifest.burst.common_times
     assert times is not None
-    assert times.state is TimesState.ALIGNED
+    assert times.state == "aligned"
     assert {of.source for of in times.cameras.values()} == {"reference", "motion"}
     reference = cameras[times.reference]
     for image in session.manifest.images:

@@ -208,21 +208,20 @@ async def test_names_from_elsewhere_are_text(sessions: Path, name: str) -> None:
 
 
 @pytest.mark.slow
-async def test_another_view_can_ask_for_a_session_for_samples_and_for_another_folder(
+async def test_another_view_can_ask_for_samples_and_for_another_folder(
     sessions: Path, tmp_path: Path
 ) -> None:
     make_take(tmp_path / "elsewhere", name="far")
     samples = Path(__file__).parents[3] / "sample_sessions"
     async with library(sessions) as pilot:
-        for folder, session, expected in (
-            (sessions, "one", "one"),
-            (samples, None, "crossing"),
-            (sessions, None, "three"),
-            (tmp_path / "elsewhere", None, "far"),
+        for folder, expected in (
+            (samples, "crossing"),
+            (sessions, "three"),
+            (tmp_path / "elsewhere", "far"),
         ):
             await pilot.press("1")
             await settle(pilot)
-            pilot.app.screen.post_message(SessionsRequested(folder, session))
+            pilot.app.screen.post_message(SessionsRequested(folder))
             await until(pilot, lambda: pilot.app.current_mode == "sessions")
             await until(pilot, partial(shows_session, pilot.app, expected))
 

@@ -1,6 +1,7 @@
 """The whole path at once: simulated cameras in processes of their own, a burst, and its comparison."""
 
 import asyncio
+import contextlib
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +16,6 @@ from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import Log, News
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.reader import Session
@@ -29,6 +29,7 @@ QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
 TOLERANCE_US = 50
 READY_TIMEOUT_S = 90.0
+LOOK_EVERY_S = 0.2
 
 
 class NodeErrors(Struct, frozen=True, kw_only=True):
@@ -82,16 +83,7 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
 async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> Session:
     """Start a leader and simulated nodes, take one burst when all are ready, and return its session."""
 
-    class Progress(Log):
-        shown = 0
-
-        def note(self, news: News) -> None:
-            super().note(news)
-            if isinstance(news, BurstStatus) and news.received > self.shown:
-                self.shown = news.received
-                talk(str(ProgressStep(self.shown, news.expected, "images saved")))
-
-    options = LeaderOptions(sessions=out, host="127.0.0.1", port=0, news=Progress())
+    options = LeaderOptions(sessions=out, host="127.0.0.1", port=0)
     with TemporaryDirectory(prefix="simulshot-spool-") as spool:
         async with (
             await LeaderNode.start(options) as leader,
@@ -132,8 +124,14 @@ async def _take_burst(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStat
         waiting.cancel()
     talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
     order = BurstOrder(frames=FRAMES, spare=usual_spare(FRAMES))
-    burst = await leader.bursts.order(order)
-    await burst.finished.wait()
+    burst, saved = await leader.bursts.order(order), 0
+    while not burst.finished.is_set():
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(LOOK_EVERY_S):
+                await burst.finished.wait()
+        if burst.status.received > saved:
+            saved = burst.status.received
+            talk(str(ProgressStep(saved, burst.status.expected, "images saved")))
     return burst.status
 
 

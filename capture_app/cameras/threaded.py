@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import threading
+from abc import abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import TypeVar
@@ -29,6 +30,17 @@ class ThreadedCamera(Camera):
             raise CameraError("the camera was started already", hint="open it again")
         self._loop = asyncio.get_running_loop()
         super().listen(on_frame, on_failure)
+
+    async def stop(self) -> None:
+        """Stop streaming and let go of the device. Calling it twice is harmless."""
+        if not self._closing.is_set():
+            self._closing.set()
+            await self._let_go()
+            self._worker.shutdown(wait=False)
+
+    @abstractmethod
+    async def _let_go(self) -> None:
+        """Do what is left to do once it is closing."""
 
     def _in_worker(self, work: Callable[..., T], *arguments: object) -> "asyncio.Future[T]":
         return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)

@@ -117,9 +117,7 @@ class WebcamCamera(ThreadedCamera):
         self._restart_ns = asked_ns + command.delay_ns
         await self._restarted
 
-    async def stop(self) -> None:
-        """Stop streaming and let go of the webcam. Calling it twice is harmless."""
-        self._closing.set()
+    async def _let_go(self) -> None:
         _settle(self._restarted)
         if self._thread is not None:
             await self._in_worker(self._thread.join)

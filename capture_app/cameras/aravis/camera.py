@@ -150,15 +150,10 @@ class AravisCamera(ThreadedCamera):
             raise CameraError("the camera does not stream")
         self._wanted_ns.append(command.duration_ns)
 
-    async def stop(self) -> None:
-        """Stop streaming and let go of the camera. Calling it twice is harmless."""
-        if self._closing.is_set():
-            return
-        self._closing.set()
+    async def _let_go(self) -> None:
         if self._fetching is not None:
             await self._in_worker(self._fetching.join)
         await self._in_worker(self._release)
-        self._worker.shutdown(wait=False)
 
     def _open(self) -> None:
         device = self._device = self._connect()

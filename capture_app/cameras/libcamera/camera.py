@@ -218,18 +218,13 @@ class LibcameraCamera(ThreadedCamera):
         exposure_us = self._stream.settings.get("ExposureTime")
         self._facts = with_exposure(self._facts, exposure_us, self._origin)
 
-    async def stop(self) -> None:
-        """Stop streaming and let go of the camera. Calling it twice is harmless."""
-        if self._closing.is_set():
-            return
-        self._closing.set()
+    async def _let_go(self) -> None:
         self._stream.running = False
         with suppress(RuntimeError):
             await self._in_worker(self._stream.stop)
         self._library.dispatch()
         await self._in_worker(self._stream.release)
         self._library.hush()
-        self._worker.shutdown(wait=False)
 
     # What the first frames show
 

@@ -94,14 +94,12 @@ class RtspCamera(ThreadedCamera):
         """Raise CameraError: neither its phase nor its frames can be moved."""
         raise CameraError("an IP camera's stream cannot be moved")
 
-    async def stop(self) -> None:
-        """Stop streaming and hang up. Calling it twice is harmless."""
+    async def _let_go(self) -> None:
         tasks, self._tasks = self._tasks, []
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         await self._connection.close()
-        self._worker.shutdown(wait=False)
 
     async def _watched(self, work: Coroutine[Any, Any, None]) -> None:
         try:

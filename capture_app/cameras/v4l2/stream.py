@@ -220,11 +220,7 @@ class V4L2Camera(ThreadedCamera):
             if self._streaming:
                 self._listen()
 
-    async def stop(self) -> None:
-        """Stop streaming and let go of the device. Calling it twice is harmless."""
-        if self._closing.is_set():
-            return
-        self._closing.set()
+    async def _let_go(self) -> None:
         if self._streaming:
             self._streaming = False
             asyncio.get_running_loop().remove_reader(self._device.fd)
@@ -264,7 +260,6 @@ class V4L2Camera(ThreadedCamera):
         self._memory = []
         self._set_auto_priority(self._auto_priority or 0)
         self._device.close()
-        self._worker.shutdown(wait=False)
 
     def _set_auto_priority(self, value: int) -> None:
         if self._auto_priority:

@@ -44,9 +44,6 @@ class Hello(Struct, frozen=True, kw_only=True, tag_field="type", tag="hello"):
     """The phone's model, where the browser tells."""
     resolution_us: Annotated[float, Meta(ge=0.0, le=1e6)]
     """The step of the browser's clock."""
-    reader: Words = ""
-    """How the page gets frames: processor, or video where they are copied as they are shown."""
-    isolated: bool = False
 
 
 class Opened(Struct, frozen=True, kw_only=True, tag_field="type", tag="opened"):

@@ -36,8 +36,7 @@ class SensorProfile:
     min_exposure_ns: int = 100_000
     max_exposure_ns: int = 200_000_000
     min_frame_rows: int | None = None
-    max_frame_rows: int | None = None
-    """Shortest and longest frame that a set duration makes; None for `frame_length_rows` and four of them."""
+    """Shortest frame of a set duration; None for `frame_length_rows`, of which the longest has four."""
     command_latency_frames: tuple[int, int] = (2, 4)
     """Fewest and most frames from the one exposed when a command comes to the one that obeys it."""
     start_latency_ns: tuple[int, int] = (0, 0)
@@ -90,8 +89,7 @@ class SensorProfile:
         if self.phase_control is not PhaseControl.FRAME_DURATION:
             return None, None
         least = self.min_frame_rows or self.frame_length_rows
-        most = self.max_frame_rows or 4 * self.frame_length_rows
-        return least * self.row_time_ns, most * self.row_time_ns
+        return least * self.row_time_ns, 4 * self.frame_length_rows * self.row_time_ns
 
     @property
     def neutral_rows(self) -> int:

@@ -115,10 +115,7 @@ async function join() {
     history.replaceState(null, "", location.pathname + location.search);
     seen("name").textContent = body.name;
     document.title = body.name;
-    const hello = {
-      type: "hello", page, user_agent: navigator.userAgent, model, isolated: Boolean(self.crossOriginIsolated),
-      reader: typeof MediaStreamTrackProcessor === "undefined" ? "video" : "processor",
-    };
+    const hello = {type: "hello", page, user_agent: navigator.userAgent, model};
     linked = true;
     link.postMessage({open: (location.protocol === "https:" ? "wss://" : "ws://") + location.host + "/link/" + body.ticket, hello});
     show("wait", "Connecting", "");

@@ -69,6 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--full", action="store_true", help="10 to 5,000 clients for an hour: takes half one"
     )
     of_scale.add_argument("--shape", choices=scale.SHAPES, help="one leader for all, or a tree of relays")
+    of_scale.add_argument(
+        "--shards", type=int, metavar="N", help="simulate so many of each rig's shards, for all"
+    )
     of_scale.add_argument("--jobs", type=int, metavar="N", help="number of processes (one per core)")
     options = parser.parse_args(arguments)
     try:
@@ -126,6 +129,7 @@ def _measure(name: str, options: Namespace) -> Outcome:
         minutes=options.minutes or (scale.FULL_MINUTES if options.full else scale.MINUTES),
         jobs=options.jobs,
         shapes=(options.shape,) if options.shape else scale.SHAPES,
+        most_shards=options.shards,
     )
     return scale.run(trials=trials, seed=options.seed, options=size)
 

@@ -270,6 +270,11 @@ class TreeResult:
     digest: str = ""
     """Digest of every datagram and when it arrived: the same for the same seed."""
 
+    def settled(self, after_s: float) -> list[list[float]]:
+        """The errors of those that have a time map, at each instant after so many seconds."""
+        found = zip(self.instants_s, self.errors_us, strict=True)
+        return [[error for error in errors if error == error] for at_s, errors in found if at_s > after_s]
+
 
 def measure(tree: Tree) -> TreeResult:
     """Run a tree, and compare every client's time with the truth at each sampling instant."""

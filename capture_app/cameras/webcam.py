@@ -6,7 +6,7 @@ import platform
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, wait_for_start
@@ -15,6 +15,7 @@ from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
 from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError, CameraError
+from capture_app.session.reading.decoding import open_capture
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 if TYPE_CHECKING:
@@ -48,11 +49,7 @@ class Webcam:
         import cv2
 
         self.index = index
-        before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            self._capture: Any = cv2.VideoCapture(index)
-        finally:
-            cv2.utils.logging.setLogLevel(before)
+        self._capture = open_capture(index)
         if not self._capture.isOpened():
             raise CameraError(
                 f"webcam {index} does not open",

@@ -15,7 +15,7 @@ from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.calibrations.views import Views
 from capture_app.session.importers.embedded_times import video_pictures, video_times_ns
 from capture_app.session.importers.frame_matching import TimedFrame, Timeline
-from capture_app.session.reading.decoding import decode_image, encode_image, image_size
+from capture_app.session.reading.decoding import decode_image, encode_image, image_size, open_capture
 from capture_app.session.reading.file_headers import read_exif
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
@@ -183,13 +183,7 @@ class Video(Source):
             capture.release()
 
     def _open(self) -> Any:
-        import cv2
-
-        before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            capture = cv2.VideoCapture(str(self.path))
-        finally:
-            cv2.utils.logging.setLogLevel(before)
+        capture = open_capture(str(self.path))
         if not capture.isOpened():
             raise BadInputError(f"{self.path} is not a video that can be decoded")
         return capture

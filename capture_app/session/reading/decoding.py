@@ -1,6 +1,6 @@
 """Decodes and encodes image files."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from capture_app.errors import BadInputError
 from capture_app.session.reading.file_headers import size_of
@@ -63,3 +63,14 @@ def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int 
     if not made:
         raise BadInputError(f"the picture cannot be written as {suffix[1:].upper()}")
     return bytes(data.tobytes())
+
+
+def open_capture(source: str | int) -> Any:
+    """OpenCV's reader of a video's path or a webcam's number, perhaps not open; it says nothing itself."""
+    import cv2
+
+    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.VideoCapture(source)
+    finally:
+        cv2.utils.logging.setLogLevel(before)

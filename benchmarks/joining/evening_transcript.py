@@ -188,7 +188,7 @@ def evening(script: Transcript, home: Path, cameras: int, *, install: bool) -> N
         script.step(one, "the mode Shoot again", ("2",), "Next take", NOTHING_YET)
         script.step(one, "a take of all", ("Space",), "─ burst-002 ─", under_way)
         script.step(one, "the question at the end", ("q",), "Stop the rig", NOTHING_YET)
-        script.step(one, "the end", ("s",), rf"^{re.escape(PROMPT.strip())}\s*$", "Stopping")
+        script.step(one, "the end", ("s",), rf"^{re.escape(PROMPT.strip())}\s*$", "Stopping|is stopped")
         script.step(other, "what the node says then", (), "lost|left|silent|gone", NOTHING_YET)
         other.press("C-c")
     finally:

@@ -266,7 +266,7 @@ class SimulshotApp(App[None]):
     @work(group="leaving", exclusive=True)
     async def _end(self, *, stop_rig: bool) -> None:
         self.notify("Stopping the rig …" if stop_rig else "Leaving …", timeout=STOP_TIMEOUT_S)
-        message = None
+        message = "The rig is stopped." if stop_rig else None
         try:
             if stop_rig:
                 await asyncio.wait_for(self._source.order(StopRig()), STOP_TIMEOUT_S)

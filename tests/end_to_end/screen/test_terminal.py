@@ -73,6 +73,7 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
         await terminal.shows("Leave the rig running", "Stop the rig")
         terminal.press("s")
         assert await terminal.ends() == 0
+        assert "The rig is stopped." in terminal.screen
     assert list_rigs() == []
     session = Session.open(tmp_path / "takes" / "burst-001")
     assert verify(session) == []

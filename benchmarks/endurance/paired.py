@@ -16,7 +16,6 @@ from capture_app.net.channel import Channel, connect
 from capture_app.net.udp import client_socket
 from capture_app.node.requests import ask_status
 from capture_app.node.wire import messages as wire
-from capture_app.node.wire import operating
 from capture_app.node.wire.status import Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.sync.wire.codec import decode, encode
@@ -121,7 +120,7 @@ class PairedThief:
     async def _show(self, name: str, run: int, with_picture: bool) -> Channel[Any]:
         """Open a viewfinder of its own, and send a picture that nobody asked for."""
         channel = await connect(self.leader, wire.FromLeader, trust=self.trust)
-        await channel.send(operating.ViewfinderOpened(camera=name, instance=run))
+        await channel.send(wire.NodeStream(camera=name, instance=run, shows=True))
         if with_picture:
             frame = Preview(camera=name, leader_ns=0, width=1, height=1)
             await channel.send(frame, bytes(PREVIEW_BYTES))

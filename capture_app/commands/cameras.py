@@ -236,9 +236,10 @@ def show(name: str, leader: Address, as_json: bool) -> None:
     With --json also each of the latest exchanges and errors.
     """
     from capture_app.node.requests import ask_leader
-    from capture_app.node.wire.operating import DetailAnswer, DetailRequest
+    from capture_app.node.wire.operating import DetailRequest
+    from capture_app.node.wire.status import NodeDetail
 
-    detail = asyncio.run(ask_leader(leader, DetailRequest(camera=name), DetailAnswer)).detail
+    detail = asyncio.run(ask_leader(leader, DetailRequest(camera=name), NodeDetail))
     answer(as_json, detail, [table((name, ""), _facts(detail)), *(line.text for line in detail.log[-20:])])
 
 

@@ -11,8 +11,8 @@ from capture_app.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS, PERIOD_NS
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.followers import FollowedRig, RigFollower
-from capture_app.node.news import FollowerNews
+from capture_app.node.leader.followers import RigFollower, SharedGrid
+from capture_app.node.news import FollowerNews, Log
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.rig.frame_selection import MAX_FRAMES
@@ -34,11 +34,11 @@ class AppPhones(RigFollower):
         self._pumps: list[Pump] = []
         self._recordings: set[asyncio.Task[None]] = set()
         self._clock: NodeClock = HostClock()
-        self._rig: FollowedRig | None = None
+        self._news = Log()
 
-    def start(self, clock: NodeClock, rig: FollowedRig) -> None:
+    def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
         """Listen on the app's two ports. Raises NetworkError where they are in use."""
-        self._clock, self._rig = clock, rig
+        self._clock, self._news = clock, news
         hint = "the app knows no other port: end the other program that uses it"
         calls = bind_datagrams(self._host, CALL_PORT, hint=hint)
         try:
@@ -115,7 +115,7 @@ class AppPhones(RigFollower):
         self._turn()
         text = f"{count(phones, 'phone')} with the app told to {what}"
         text += "; what they take stays on them (capture-app sessions import)"
-        self._note(FollowerNews(None, text))
+        self._news.note(FollowerNews(None, text))
         return text
 
     def expose(self, exposure_ns: int, iso: int) -> None:
@@ -135,16 +135,12 @@ class AppPhones(RigFollower):
             self._engine.stop_recording()
             self._turn()
 
-    def _note(self, news: FollowerNews) -> None:
-        if self._rig is not None:
-            self._rig.note_follower(news)
-
     def _turn(self) -> None:
         for pump in self._pumps:
             pump.turn()
 
     def _after_call(self, time_pump: Pump) -> None:
         while (event := self._engine.next_event()) is not None:
-            self._note(event)
+            self._news.note(event)
             # A new phone is to be asked from now on.
             time_pump.turn()

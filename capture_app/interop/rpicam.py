@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 
 from capture_app.clock import NodeClock
 from capture_app.net.interfaces import own_hosts
-from capture_app.node.leader.followers import FollowedRig, RigFollower, SharedGrid
+from capture_app.node.leader.followers import RigFollower, SharedGrid
+from capture_app.node.news import Log
 from capture_app.sync.phase.frame_grid import FrameGrid
 
 GROUP, PORT = "239.255.255.250", 10_000
@@ -56,9 +57,9 @@ class RpicamSync(RigFollower):
         self._shutter_ns, self._port = shutter_ns, port
         self._task: asyncio.Task[None] | None = None
 
-    def start(self, clock: NodeClock, rig: FollowedRig) -> None:
+    def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
         """Send the rig's grid from now on, where it has one."""
-        self._task = asyncio.create_task(self._run(clock, rig))
+        self._task = asyncio.create_task(self._run(clock, grid))
 
     async def close(self) -> None:
         """Send no more. Calling it twice is harmless."""
@@ -66,12 +67,12 @@ class RpicamSync(RigFollower):
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
 
-    async def _run(self, clock: NodeClock, rig: FollowedRig) -> None:
+    async def _run(self, clock: NodeClock, grid: Callable[[], SharedGrid | None]) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.setblocking(False)
             sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
             while True:
-                if (shared := rig.shared_grid()) is not None:
+                if (shared := grid()) is not None:
                     self._send(sock, clock, shared)
                 await asyncio.sleep(SEND_EVERY_NS / 1e9)
 

@@ -13,7 +13,7 @@ from capture_app.node.asking import ask
 from capture_app.node.news import Log
 from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
-from capture_app.node.wire.status import Preview
+from capture_app.node.wire.status import NodeDetail, Preview
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.camera_names import CameraNames
@@ -35,10 +35,9 @@ OF_CAMERAS = (
     | messages.CameraReport
     | messages.ImageUpload
     | messages.SpoolSpace
-    | operating.ViewfinderOpened
     | operating.Vitals
     | Preview
-    | operating.DetailAnswer
+    | NodeDetail
     | operating.ControlsAnswer
     | operating.StampKept
 )
@@ -201,7 +200,7 @@ def speaks_for(who: Peer, message: Message) -> pairing.SpeaksFor | None:
     if who is ANYBODY:
         return None
     node = None
-    if isinstance(message, messages.NodeStream | operating.ViewfinderOpened):
+    if isinstance(message, messages.NodeStream):
         node = message.camera, message.instance
     return pairing.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)
 

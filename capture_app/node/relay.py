@@ -22,7 +22,7 @@ from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
-from capture_app.node.news import FollowerNews, follower_line
+from capture_app.node.news import follower_line
 from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node, speaks_for
 from capture_app.node.wire.messages import (
     FromLeader,
@@ -33,7 +33,6 @@ from capture_app.node.wire.messages import (
     StatusRequest,
     ToLeader,
 )
-from capture_app.node.wire.operating import ViewfinderOpened
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import LeaderConfig
@@ -124,7 +123,7 @@ class RelayNode:
             relay = cls(options, engine, listening)
             await relay._server.start(listening)
             for follower in options.followers:
-                follower.start(options.clock, relay)
+                follower.start(options.clock, options.news, relay.shared_grid)
         except BaseException:
             datagrams.close()
             listening.close()
@@ -186,10 +185,6 @@ class RelayNode:
         grid, time_map = self._engine.leader.grid, self._engine.member.time_map
         return None if grid is None or time_map is None else SharedGrid(grid, time_map)
 
-    def note_follower(self, news: FollowerNews) -> None:
-        """Tell what happened to another program that follows."""
-        self.options.news.note(news)
-
     # Streams
 
     async def _serve(self, below: Channel[ToLeader]) -> None:
@@ -199,7 +194,7 @@ class RelayNode:
                 match message:
                     case _ if isinstance(message, Asked):
                         await self._enrolment.answer(below, message)
-                    case NodeStream() | ViewfinderOpened() if not is_node(
+                    case NodeStream() if not is_node(
                         below.who, self._engine.leader.roster.members.get(message.camera), message.instance
                     ):
                         raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")

@@ -55,7 +55,7 @@ async def send(trust, leader):
     for n in range(8):
         name = f"mine{n}"
         channels.append(channel := await connect(leader, FromLeader, trust=trust))
-        await channel.send(operating.ViewfinderOpened(camera=name, instance=n + 1))
+        await channel.send(NodeStream(camera=name, instance=n + 1, shows=True))
         frame = Preview(camera=name, leader_ns=0, width=1, height=1)
         await channel.send(frame, bytes(24 << 20))
         await channel.send(operating.Vitals(fps=7.0))
@@ -135,7 +135,7 @@ async def test_streams_of_one_machine_leave_room_for_operators_and_others(
                 channel = await stack.enter_async_context(
                     await connect(leader.own_address, FromLeader, trust=machine)
                 )
-                opened = operating.ViewfinderOpened(camera=OWN[0], instance=OWN[1])
+                opened = NodeStream(camera=OWN[0], instance=OWN[1], shows=True)
                 await channel.send(opened)
                 kept += 1
             except NetworkError:

@@ -15,7 +15,6 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.node.wire import messages as wire
-from capture_app.node.wire import operating
 from capture_app.node.wire.messages import FromLeader, Refusal
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.messages import JoinRefusal
@@ -119,8 +118,8 @@ def as_the_camera(field: Field) -> Iterator[Any]:
 
 OPENINGS: dict[str, Callable[[], tuple[Any, ...]]] = {
     "at once": lambda: (),
-    "on its own image stream": lambda: (wire.NodeStream(camera=OWN[0], instance=OWN[1]),),
-    "on its own viewfinder": lambda: (operating.ViewfinderOpened(camera=OWN[0], instance=OWN[1]),),
+    "on its own image stream": lambda: (wire.wire.NodeStream(camera=OWN[0], instance=OWN[1]),),
+    "on its own viewfinder": lambda: (wire.NodeStream(camera=OWN[0], instance=OWN[1], shows=True),),
 }
 
 

@@ -19,13 +19,11 @@ from capture_app.node.leader import viewfinders
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.rig_link import RigLink, Update
-from capture_app.node.wire.messages import FromLeader
+from capture_app.node.wire.messages import FromLeader, NodeStream
 from capture_app.node.wire.operating import (
-    DetailAnswer,
     DetailRequest,
     PreviewSeen,
     PreviewsWanted,
-    ViewfinderOpened,
     Vitals,
 )
 from capture_app.node.wire.status import NodeDetail, Preview
@@ -122,7 +120,7 @@ async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: Lead
         assert decoded.shape == (30, 40, 3)
         assert abs(int(decoded.mean()) - 200) < 3
         assert picture.asked == [40]
-        assert (await link.ask(OF_A, DetailAnswer)).detail.samples == ((5, 6),)
+        assert (await link.ask(OF_A, NodeDetail)).samples == ((5, 6),)
     finally:
         running.cancel()
 
@@ -150,7 +148,7 @@ async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: Le
 
 async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode) -> None:
     async with await connect(leader.own_address, FromLeader) as node:
-        await node.send(ViewfinderOpened(camera="a", instance=NODE))
+        await node.send(NodeStream(camera="a", instance=NODE, shows=True))
         updates = RigLink(leader.own_address)
         await updates.want_previews(cameras=None, width=64, fps=5)
         showing = previews(updates)
@@ -168,7 +166,7 @@ async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode
 
 async def test_a_node_is_asked_for_what_all_operators_together_want(leader: LeaderNode) -> None:
     async with await connect(leader.own_address, FromLeader) as node:
-        await node.send(ViewfinderOpened(camera="a", instance=NODE))
+        await node.send(NodeStream(camera="a", instance=NODE, shows=True))
         small, large = RigLink(leader.own_address), RigLink(leader.own_address)
         await small.want_previews(cameras=None, width=64, fps=4)
         watching = [asyncio.ensure_future(first(link.updates(), Preview)) for link in (small, large)]
@@ -189,16 +187,16 @@ async def test_a_node_is_asked_for_what_all_operators_together_want(leader: Lead
 async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None:
     link = RigLink(leader.own_address)
     with pytest.raises(IncompleteError, match="a shows nothing"):
-        await link.ask(OF_A, DetailAnswer)
+        await link.ask(OF_A, NodeDetail)
     async with await connect(leader.own_address, FromLeader) as node:
-        await node.send(ViewfinderOpened(camera="a", instance=NODE))
+        await node.send(NodeStream(camera="a", instance=NODE, shows=True))
         await node.send(Vitals(fps=30.0))
-        asked = [asyncio.ensure_future(link.ask(OF_A, DetailAnswer)) for _ in range(2)]
+        asked = [asyncio.ensure_future(link.ask(OF_A, NodeDetail)) for _ in range(2)]
         await receive(node, DetailRequest)
-        await node.send(DetailAnswer(detail=NodeDetail(camera="a", spool="/spool")))
+        await node.send(NodeDetail(camera="a", spool="/spool"))
         async with patience("the updates that follow"):
-            assert [(await one).detail.spool for one in asked] == ["/spool", "/spool"]
-        gone = asyncio.ensure_future(link.ask(OF_A, DetailAnswer))
+            assert [(await one).spool for one in asked] == ["/spool", "/spool"]
+        gone = asyncio.ensure_future(link.ask(OF_A, NodeDetail))
         await receive(node, DetailRequest)
     with pytest.raises(IncompleteError, match="a shows nothing"):
         await gone
@@ -210,12 +208,12 @@ async def test_a_silent_node_is_told_to_all_who_ask(
     """Whoever asked first gives up first, and must not take the others along."""
     monkeypatch.setattr(viewfinders, "ANSWER_TIMEOUT_S", 0.5)
     async with await connect(leader.own_address, FromLeader) as node:
-        await node.send(ViewfinderOpened(camera="a", instance=NODE))
+        await node.send(NodeStream(camera="a", instance=NODE, shows=True))
         await node.send(Vitals(fps=30.0))
-        first_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, DetailAnswer))
+        first_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, NodeDetail))
         await receive(node, DetailRequest)
         await asyncio.sleep(0.2)
-        second_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, DetailAnswer))
+        second_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, NodeDetail))
         async with patience("both answers"):
             told = await asyncio.gather(first_one, second_one, return_exceptions=True)
         assert [type(one) for one in told] == [IncompleteError, IncompleteError]

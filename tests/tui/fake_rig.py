@@ -204,7 +204,7 @@ class FakeRig(RigLink):
                 if self.detail_failure is not None:
                     raise self.detail_failure
                 detail = self.details.get(name, NodeDetail(camera=name))
-                answer = operating.DetailAnswer(detail=detail)
+                answer = detail
             case operating.InvitePhone():
                 if self.phones_failure is not None:
                     raise self.phones_failure

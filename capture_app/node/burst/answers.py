@@ -13,7 +13,7 @@ from capture_app.errors import (
     UnknownMachineError,
 )
 from capture_app.net.channel import Channel
-from capture_app.node.wire.messages import ImageAck, Refusal, StillSaving
+from capture_app.node.wire.messages import ImageAck, Refusal
 
 STILL_SAVING_EVERY_S = 5.0
 
@@ -58,7 +58,7 @@ class ImageAnswers:
             # A stream that has broken off is noticed by whoever reads it.
             with contextlib.suppress(NetworkError):
                 while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
-                    await self._channel.send(StillSaving())
+                    await self._channel.send(ImageAck())
                 if not saving.cancelled():
                     error = saving.exception()
                     refusal = refusal_of(error) if isinstance(error, SimulshotError) else None

@@ -194,7 +194,7 @@ class BurstSender:
             match received:
                 case None:
                     raise NetworkError("the leader closed the stream")
-                case (messages.StillSaving(), _):
+                case (messages.ImageAck(sha256=None), _):
                     continue
                 case (messages.ReportAck() | messages.ImageAck() | messages.Refusal() as answer, _):
                     return answer

@@ -15,18 +15,16 @@ from capture_app.cameras.pictures import lower_priority
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.wire.messages import FromLeader, Refusal
+from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
 from capture_app.node.wire.operating import (
     ControlsAnswer,
     ControlsRequest,
-    DetailAnswer,
     DetailRequest,
     KeepStamp,
     PreviewSeen,
     PreviewsWanted,
-    PutOff,
+    RemoveCamera,
     StampKept,
-    ViewfinderOpened,
     Vitals,
 )
 from capture_app.node.wire.status import Preview
@@ -104,7 +102,7 @@ class Viewfinder:
         self._channel, self._wanted = channel, None
         self._wish_changed.clear()
         self._may_send.set()
-        await channel.send(ViewfinderOpened(camera=self._name, instance=self._node.instance))
+        await channel.send(NodeStream(camera=self._name, instance=self._node.instance, shows=True))
         parts = (self._listen(channel), self._tell_vitals(channel), self._show(channel))
         tasks = [asyncio.create_task(part) for part in parts]
         try:
@@ -126,7 +124,7 @@ class Viewfinder:
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
-                    await channel.send(DetailAnswer(detail=self._node.detail()))
+                    await channel.send(self._node.detail())
                 case ControlsRequest(wanted=wanted):
                     state = await (
                         self._node.controls.apply(wanted) if wanted else self._node.controls.read()
@@ -136,7 +134,7 @@ class Viewfinder:
                     await channel.send(
                         StampKept(camera=self._name, kept=self._node.keep_stamp(message.stamp))
                     )
-                case PutOff() if message.camera == self._name:
+                case RemoveCamera() if message.name == self._name:
                     self._node.options.put_off()
                 case Refusal():
                     raise NetworkError(message.what)

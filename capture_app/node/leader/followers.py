@@ -3,12 +3,12 @@
 A leader or a relay starts and closes its followers, and knows no more of them than this.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from capture_app.clock import NodeClock
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.news import FollowerNews
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
@@ -23,21 +23,14 @@ class SharedGrid:
     time_map: TimeMap | None = None
 
 
-class FollowedRig(Protocol):
-    """A leader or a relay, as its followers see it."""
-
-    def shared_grid(self) -> SharedGrid | None:
-        """Return the grid of instants as it is now, None where there is none yet."""
-
-    def note_follower(self, news: FollowerNews) -> None:
-        """Tell what happened to a follower."""
-
-
 class RigFollower:
     """Other programs of one kind that follow a rig while this is started; by itself it takes no pictures."""
 
-    def start(self, clock: NodeClock, rig: FollowedRig) -> None:
-        """Lead them. Raises NetworkError where a port of theirs is in use."""
+    def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
+        """Lead them, and tell what happens to them; `grid` is as it is when it is asked for, None before.
+
+        Raises NetworkError where a port of theirs is in use.
+        """
         raise NotImplementedError
 
     async def close(self) -> None:

@@ -18,7 +18,6 @@ from capture_app.node.leader.readiness import reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState
-from capture_app.node.news import FollowerNews
 from capture_app.node.pairing import Enrolment
 from capture_app.node.wire.messages import ToLeader
 from capture_app.node.wire.status import RigStatus
@@ -79,7 +78,7 @@ class LeaderNode:
         leader = cls(options, Leader(config, rng, owners=owners), listening, names)
         try:
             for follower in options.followers:
-                follower.start(options.clock, leader)
+                follower.start(options.clock, options.news, leader.shared_grid)
             await leader._server.start(listening)
         except BaseException:
             await leader.stop()
@@ -127,10 +126,6 @@ class LeaderNode:
     def shared_grid(self) -> SharedGrid | None:
         """Return the grid of instants, None before the first camera."""
         return None if self._engine.grid is None else SharedGrid(self._engine.grid)
-
-    def note_follower(self, news: FollowerNews) -> None:
-        """Tell what happened to another program that follows."""
-        self.news.note(news)
 
     def _drain(self) -> None:
         now_ns = self._clock.now_ns()

@@ -23,6 +23,7 @@ from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
 from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node
 from capture_app.node.wire import messages, operating
+from capture_app.node.wire.status import NodeDetail
 
 FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 UNDECIDED_S = 0.1
@@ -64,7 +65,7 @@ class LeaderService:
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message))
                         continue
-                    if isinstance(message, messages.NodeStream):
+                    if isinstance(message, messages.NodeStream) and not message.shows:
                         self._end_speech(principal, channel)
                         principal = message.camera
                         self._begin_speech(principal, channel)
@@ -104,7 +105,7 @@ class LeaderService:
         was not opened by it.
         """
         match message:
-            case messages.NodeStream() | operating.ViewfinderOpened():
+            case messages.NodeStream():
                 if not is_node(
                     channel.who, self._bursts.engine.roster.members.get(message.camera), message.instance
                 ):
@@ -130,7 +131,7 @@ class LeaderService:
                 await self._enrolment.answer(channel, message)
             case messages.CameraReport():
                 await channel.send(await self._take_report(message, channel.who.pin, working_on))
-            case messages.NodeStream():
+            case messages.NodeStream(shows=False):
                 await channel.send(messages.ReportAck())
             case messages.SpoolSpace():
                 self._bursts.note_spool_space(message)
@@ -162,7 +163,7 @@ class LeaderService:
                         await channel.send(messages.BurstAnswer(burst=status))
             case operating.WatchRequest():
                 await Watcher(channel, self._rig, self._bursts.options.news, self._viewfinders).serve()
-            case operating.ViewfinderOpened():
+            case messages.NodeStream():
                 giving = asyncio.create_task(self._settings.give(message.camera))
                 try:
                     await self._viewfinders.serve(channel, message)
@@ -171,7 +172,7 @@ class LeaderService:
             case operating.KeepStamp():
                 await channel.send(await self._viewfinders.ask(message, operating.StampKept))
             case operating.DetailRequest():
-                await channel.send(await self._viewfinders.ask(message, operating.DetailAnswer))
+                await channel.send(await self._viewfinders.ask(message, NodeDetail))
             case operating.ControlsRequest():
                 await channel.send(await self._settings.ask(message))
             case (

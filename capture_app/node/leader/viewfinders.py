@@ -9,27 +9,25 @@ from msgspec.structs import replace
 
 from capture_app.errors import IncompleteError, NetworkError
 from capture_app.net.channel import Channel
-from capture_app.node.wire.messages import ToLeader
+from capture_app.node.wire.messages import NodeStream, ToLeader
 from capture_app.node.wire.operating import (
     ControlsAnswer,
     ControlsRequest,
-    DetailAnswer,
     DetailRequest,
     KeepStamp,
     PreviewSeen,
     PreviewsWanted,
-    PutOff,
+    RemoveCamera,
     StampKept,
     ToViewfinder,
-    ViewfinderOpened,
     Vitals,
 )
-from capture_app.node.wire.status import Preview
+from capture_app.node.wire.status import NodeDetail, Preview
 
 ANSWER_TIMEOUT_S = 5.0
 NodeRequest = DetailRequest | ControlsRequest | KeepStamp
-NodeAnswer = DetailAnswer | ControlsAnswer | StampKept
-A = TypeVar("A", DetailAnswer, ControlsAnswer, StampKept)
+NodeAnswer = NodeDetail | ControlsAnswer | StampKept
+A = TypeVar("A", NodeDetail, ControlsAnswer, StampKept)
 NOTHING = PreviewsWanted(width=16, fps=0)
 UNKNOWN = Vitals()
 MAX_PREVIEW_BYTES = 4 << 20
@@ -60,7 +58,7 @@ class Viewfinders:
     _streams: dict[str, _Stream] = field(default_factory=dict)
     _wishes: dict[object, PreviewsWanted] = field(default_factory=dict)
 
-    async def serve(self, channel: Channel[ToLeader], opened: ViewfinderOpened) -> None:
+    async def serve(self, channel: Channel[ToLeader], opened: NodeStream) -> None:
         """Take in what a node sends until it closes its stream."""
         name = opened.camera
         channel.allow_silence()
@@ -78,7 +76,7 @@ class Viewfinders:
                         jpeg = b"".join([chunk async for chunk in channel.payload()])
                         stream.picture = replace(message, jpeg=jpeg)
                         await channel.send(PreviewSeen(camera=name))
-                    case DetailAnswer() | ControlsAnswer() | StampKept():
+                    case NodeDetail() | ControlsAnswer() | StampKept():
                         asked = stream.asked.pop(type(message), None)
                         if asked is not None and not asked.done():
                             asked.set_result(message)
@@ -133,7 +131,7 @@ class Viewfinders:
         stream = self._streams.get(camera)
         if stream is None:
             raise _closed(camera)
-        await _send(stream.channel, PutOff(camera=camera))
+        await _send(stream.channel, RemoveCamera(name=camera))
 
     async def _ask(self, name: str) -> None:
         """Ask a node for what all operators together want of it, where that has changed."""

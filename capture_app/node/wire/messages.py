@@ -24,11 +24,15 @@ JsonValue = int | float | str | bool | None
 
 
 class NodeStream(Message, frozen=True, kw_only=True, tag="node"):
-    """A node opens a stream; what follows on it is of that camera, which it joined with."""
+    """A node opens a stream; what follows on it is of that camera, which it joined with.
+
+    It brings images, or shows on it what the camera sees, and details, when it is asked.
+    """
 
     camera: Name
     instance: int
     """The node's run, as its hello told it: nobody else knows it."""
+    shows: bool = False
 
 
 class KeyRequest(Message, frozen=True, kw_only=True, tag="key-request"):
@@ -106,11 +110,8 @@ class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
 class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
     """An image is safely on the leader's disk."""
 
-    sha256: str
-
-
-class StillSaving(Message, frozen=True, kw_only=True, tag="still-saving"):
-    """The leader's disk takes its time with the images that have come; the answer to each follows."""
+    sha256: str | None = None
+    """None: the disk takes its time with the images that have come; the answer to each follows."""
 
 
 class ImageReceipt(Message, frozen=True, kw_only=True):
@@ -221,7 +222,6 @@ ToLeader = (
 )
 FromLeader = (
     ImageAck
-    | StillSaving
     | ReportAck
     | Refusal
     | KeyAnswer

@@ -45,12 +45,6 @@ class DetailRequest(Message, frozen=True, kw_only=True, tag="detail-request"):
     camera: str
 
 
-class DetailAnswer(Message, frozen=True, kw_only=True, tag="detail"):
-    """A node in detail."""
-
-    detail: NodeDetail
-
-
 class ControlsRequest(Message, frozen=True, kw_only=True, tag="controls-request"):
     """An operator wants to know the controls of a camera, or sets some of them."""
 
@@ -71,14 +65,6 @@ class ExposeAppPhones(Message, frozen=True, kw_only=True, tag="expose-app-phones
 
     exposure_ns: Annotated[int, Meta(gt=0, le=1_000_000_000)]
     iso: Annotated[int, Meta(gt=0, le=1_000_000)]
-
-
-class ViewfinderOpened(Message, frozen=True, kw_only=True, tag="viewfinder"):
-    """A node will send previews and details on this stream when it is asked."""
-
-    camera: Name
-    instance: int
-    """The node's run, as its hello told it."""
 
 
 class Vitals(Message, frozen=True, kw_only=True, tag="vitals"):
@@ -104,7 +90,7 @@ class AddSimulated(Message, frozen=True, kw_only=True, tag="add-simulated"):
 
 
 class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):
-    """End a node that is a process of the leader's, or forget one that is lost."""
+    """End a node that is a process of the leader's, or forget one that is lost; a phone's is told itself."""
 
     name: str
 
@@ -114,12 +100,6 @@ class KeepStamp(Message, frozen=True, kw_only=True, tag="keep-stamp"):
 
     camera: Name
     stamp: StampAccuracy
-
-
-class PutOff(Message, frozen=True, kw_only=True, tag="put-off"):
-    """An operator has taken a phone off the rig: it stays off until it is let in anew."""
-
-    camera: Name
 
 
 class StampKept(Message, frozen=True, kw_only=True, tag="stamp-kept"):
@@ -172,6 +152,6 @@ Order = (
 FromOperator = (
     WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | Order
 )
-FromViewfinder = ViewfinderOpened | Vitals | Preview | DetailAnswer | ControlsAnswer | StampKept
-ToOperator = NewsAnswer | Preview | DetailAnswer | ControlsAnswer | StampKept | PhoneInvited | Done
-ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | PutOff
+FromViewfinder = Vitals | Preview | NodeDetail | ControlsAnswer | StampKept
+ToOperator = NewsAnswer | Preview | NodeDetail | ControlsAnswer | StampKept | PhoneInvited | Done
+ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | RemoveCamera

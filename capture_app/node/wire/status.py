@@ -161,7 +161,7 @@ class Preview(Message, frozen=True, kw_only=True, tag="preview", omit_defaults=T
     """The payload of the message, and no part of it."""
 
 
-class NodeDetail(Struct, frozen=True, kw_only=True):
+class NodeDetail(Message, frozen=True, kw_only=True, tag="detail"):
     """What a node knows of itself that is too much for a status; times in ns, newest last."""
 
     camera: str

@@ -34,7 +34,7 @@ from capture_app.sync.wire.messages import (
 from capture_app.text import REPLACEMENT, UNREADABLE
 
 MAGIC = b"sS"
-VERSION = 4
+VERSION = 5
 TOKEN_BYTES = 8
 KIND_VERSION = 0
 _ASKING = 0

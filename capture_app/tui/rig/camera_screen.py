@@ -13,7 +13,7 @@ from textual.notifications import SeverityLevel
 from capture_app.camera_facts import Control, describe
 from capture_app.errors import SimulshotError
 from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.operating import DetailAnswer, DetailRequest
+from capture_app.node.wire.operating import DetailRequest
 from capture_app.node.wire.status import NodeDetail, NodeStatus, Preview
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.sync.wire.messages import WITHOUT_CAMERA
@@ -134,7 +134,7 @@ class CameraScreen(Dialog[None]):
             if self.is_current:
                 try:
                     request = DetailRequest(camera=self._camera)
-                    self._detail = (await self._source.ask(request, DetailAnswer)).detail
+                    self._detail = await self._source.ask(request, NodeDetail)
                     self._problem = ""
                 except SimulshotError as error:
                     self._problem = printable(str(error))

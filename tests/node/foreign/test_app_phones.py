@@ -17,7 +17,7 @@ from capture_app.errors import BadInputError, NetworkError
 from capture_app.interop.app_phones import AppPhones
 from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.news import FollowerNews, News, news_line
+from capture_app.node.news import Log
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording
@@ -43,36 +43,23 @@ def a_take(burst: Burst) -> BurstSession:
     return cast(BurstSession, Take(burst))
 
 
-class Listener:
-    """A rig without a grid that keeps what it is told."""
-
-    def __init__(self) -> None:
-        self.news: list[News] = []
-
-    def shared_grid(self) -> None:
-        return None
-
-    def note_follower(self, news: FollowerNews) -> None:
-        self.news.append(news)
-
-
 class PhoneRig:
     """A leader's phones, one of them here."""
 
     def __init__(self) -> None:
-        self.listener = Listener()
+        self.news = Log()
         self.phones = AppPhones(f"{HOST}.1", aligns=False)
         self.one = PhoneOnSockets("a3f1", f"{HOST}.2", f"{HOST}.1", SimulatedClock(7200 * S, 20.0))
 
     @property
     def lines(self) -> str:
-        return "\n".join(map(news_line, self.listener.news))
+        return "\n".join(line.text for line in self.news.after(0))
 
 
 @pytest.fixture
 async def rig() -> AsyncIterator[PhoneRig]:
     made = PhoneRig()
-    made.phones.start(HostClock(), made.listener)
+    made.phones.start(HostClock(), made.news, lambda: None)
     try:
         async with made.one:
             await until(lambda: made.one.is_synced, seconds=SLOW_PATIENCE_S)
@@ -152,16 +139,16 @@ async def test_a_port_that_another_program_has_is_named() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind((f"{HOST}.3", CALL_PORT))
         with pytest.raises(NetworkError, match="8244") as raised:
-            AppPhones(f"{HOST}.3", aligns=False).start(HostClock(), Listener())
+            AppPhones(f"{HOST}.3", aligns=False).start(HostClock(), Log(), lambda: None)
         assert "no other port" in raised.value.hint
 
 
 async def test_without_phones_nothing_is_said(tmp_path: Path) -> None:
-    listener = Listener()
+    news = Log()
     phones = AppPhones(f"{HOST}.4", aligns=False)
-    phones.start(HostClock(), listener)
+    phones.start(HostClock(), news, lambda: None)
     phones.take_part(a_take(burst_of(time.monotonic_ns() + S)))
     await phones.close()
     assert phones.take_alone(BurstRequest(frames=1)) == ""
-    assert listener.news == []
+    assert news.after(0) == ()
     assert phones.statuses() == ()

@@ -13,7 +13,7 @@ from capture_app.interop.rpicam import PACKET, RpicamSync
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import FollowerNews
+from capture_app.node.news import Log
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.leader import RigConfig
@@ -33,9 +33,6 @@ class Rig:
     def shared_grid(self) -> SharedGrid | None:
         self.asked.set()
         return self.grid
-
-    def note_follower(self, news: FollowerNews) -> None:
-        raise AssertionError(news)
 
 
 @pytest.fixture
@@ -86,7 +83,7 @@ async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.soc
     # The root is 50,000 s ahead of this node's clock.
     known = TimeMap(now_ns, 50_000 * S, 0.0, 1000.0, 1000.0, 0.0, 0.0, 300, 1000)
     sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
-    sync.start(clock, Rig(SharedGrid(grid, known)))
+    sync.start(clock, Log(), Rig(SharedGrid(grid, known)).shared_grid)
     try:
         _, frame_ns = await heard(pi)
     finally:
@@ -98,7 +95,7 @@ async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.soc
 async def test_without_a_grid_nothing_is_sent(pi: socket.socket) -> None:
     rig = Rig(None)
     sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
-    sync.start(HostClock(), rig)
+    sync.start(HostClock(), Log(), rig.shared_grid)
     await rig.asked.wait()
     await sync.close()
     with pytest.raises(BlockingIOError):

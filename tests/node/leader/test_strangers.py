@@ -30,7 +30,6 @@ from capture_app.node.wire.messages import (
     SpoolSpace,
     ToLeader,
 )
-from capture_app.node.wire.operating import ViewfinderOpened
 from capture_app.node.wire.pairing import EnrolRequest, PairingProof, PairingWord
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
@@ -87,7 +86,7 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
                 assert "does not speak for" in (await answer(channel)).what
             await channel.send(forged, FORGED)
             assert "does not speak for" in (await answer(channel)).what
-            await channel.send(ViewfinderOpened(camera="cam0", instance=STRANGER))
+            await channel.send(NodeStream(camera="cam0", instance=STRANGER, shows=True))
             assert isinstance(await answer(channel), Refusal)
         async with await connect(leader.own_address, FromLeader) as channel:
             await channel.send(report)

@@ -13,7 +13,6 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal, ReportAck, SpoolSpace
-from capture_app.node.wire.operating import ViewfinderOpened
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.node.joining import joined
@@ -65,13 +64,15 @@ async def test_a_camera_below_a_relay_speaks_for_no_other_of_that_relay(tmp_path
                 NodeStream(camera="cam1", instance=RUNS["cam1"]),
                 SpoolSpace(camera="cam1", free_bytes=1, spool="x"),
             ):
-                for kind in (NodeStream, ViewfinderOpened):
+                for shows in (False, True):
                     where = near.address
                     async with await connect(where, FromLeader, trust=machines["cam1"]) as channel:
                         if first is not None:
                             assert await ask(channel, first) is not None
-                        said = await ask(channel, kind(camera="cam0", instance=RUNS["cam0"]))
-                        assert isinstance(said, Refusal), (first, kind)
+                        said = await ask(
+                            channel, NodeStream(camera="cam0", instance=RUNS["cam0"], shows=shows)
+                        )
+                        assert isinstance(said, Refusal), (first, shows)
             async with await connect(near.address, FromLeader, trust=machines["cam0"]) as channel:
                 own = NodeStream(camera="cam0", instance=RUNS["cam0"])
                 assert isinstance(await ask(channel, own), ReportAck)

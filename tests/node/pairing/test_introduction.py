@@ -120,7 +120,7 @@ OTHERS = [
     operating.WatchRequest(),
     operating.DetailRequest(camera="cam0"),
     operating.KeepStamp(camera="cam0", stamp=EXACT_STAMPS),
-    operating.ViewfinderOpened(camera="cam0", instance=1),
+    NodeStream(camera="cam0", instance=1, shows=True),
     operating.AddCamera(spec="sim"),
     operating.AddSimulated(cameras=1),
     operating.RemoveCamera(name="cam0"),
@@ -148,7 +148,7 @@ async def test_a_stranger_is_answered_with_a_sentence_and_nothing_else(
 async def test_cameras_and_operators_may_each_do_their_part(
     leader: LeaderNode, home: Trust, machine: Trust, message: Any
 ) -> None:
-    of_camera = isinstance(message, messages.SpoolSpace | NodeStream | operating.ViewfinderOpened)
+    of_camera = isinstance(message, messages.SpoolSpace | NodeStream)
     of_relay = isinstance(message, pairing.SpeaksFor)
     others = Role.OPERATOR if of_camera or of_relay else Role.CAMERA
     await pair(leader.own_address, await invite(leader, home, others), machine)
@@ -199,8 +199,9 @@ async def test_a_camera_brings_its_own_pictures_and_no_other_machines(
             ("cam1", other, True),
             ("cam0", home, False),
         ):
-            for kind in (NodeStream, operating.ViewfinderOpened):
-                if kind is operating.ViewfinderOpened and may:
+            for shows in (False, True):
+                if shows and may:
                     continue  # it is asked things, not answered
-                answer = await ask(leader, trust, kind(camera=name, instance=PICTURES_OF[name]))
-                assert isinstance(answer, Refusal) is not may, (name, trust, kind)
+                opening = NodeStream(camera=name, instance=PICTURES_OF[name], shows=shows)
+                answer = await ask(leader, trust, opening)
+                assert isinstance(answer, Refusal) is not may, (name, trust, shows)

@@ -11,7 +11,6 @@ from capture_app.node.wire.messages import (
     ImageUpload,
     Refusal,
     ReportAck,
-    StillSaving,
     ToLeader,
 )
 from capture_app.session.format.manifest import MissingImage
@@ -69,7 +68,7 @@ async def test_images_are_sent_ahead_of_the_answers() -> None:
                 continue
             came.append(received[0])
             if len(came) == 5:
-                await channel.send(StillSaving())
+                await channel.send(ImageAck())
                 for image in came:
                     await channel.send(ImageAck(sha256=image.record.sha256))
                 done.set()

@@ -55,7 +55,7 @@ FRAMES: tuple[Any, ...] = (
     operating.WatchRequest(),
     operating.DetailRequest(camera="cam1"),
     operating.KeepStamp(camera="cam1", stamp=EXACT_STAMPS),
-    messages.NodeStream(camera="cam1", instance=1, shows=True),
+    wire.NodeStream(camera="cam1", instance=1, shows=True),
     operating.CancelBurst(burst=10**9),
     operating.RemoveCamera(name="nobody"),
 )

@@ -23,14 +23,18 @@ class KeyRequester:
 
     def __init__(
         self,
-        keys: LeaderKeys,
+        keys: LeaderKeys | None,
         request: KeyRequest,
         time: TimeClient,
         trust: Trust,
         pump: Pump,
     ) -> None:
-        """`time` is the node's membership, which is told where it is not let in."""
-        self._keys, self._request, self._time, self._trust = keys, request, time, trust
+        """`time` is the node's membership, which is told where it is not let in.
+
+        `keys` is None where datagrams are not sealed: then none is ever wanted.
+        """
+        self._keys = LeaderKeys() if keys is None else keys
+        self._request, self._time, self._trust = request, time, trust
         self._pump = pump
         self._wanted = asyncio.Event()
         self._asked: set[tuple[str, int]] = set()

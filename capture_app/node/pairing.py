@@ -162,7 +162,7 @@ class Enrolment:
             raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
         # Its arithmetic takes a while, and other nodes ask for the time meanwhile.
-        share, attempt = await asyncio.to_thread(
+        share, invitation, key = await asyncio.to_thread(
             self._invitations.answer, pin, message.share, own_pin, message.digit
         )
         await channel.send(pairing.PairingAnswer(share=share))
@@ -170,11 +170,11 @@ class Enrolment:
         if not isinstance(said, pairing.PairingProof):
             raise UnknownMachineError("a word must be followed by its proof")
         try:
-            proof = self._invitations.accept(attempt, said.proof)
+            proof = self._invitations.accept(invitation, key, said.proof)
         except UnknownMachineError:
             self._news.say(f"a machine at {channel.host} tried a wrong code")
             raise
-        role = attempt.invitation.role
+        role = invitation.role
         machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
         self._news.say(f"{machine.name} at {channel.host} is known as {role} from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))

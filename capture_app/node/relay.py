@@ -74,12 +74,9 @@ class RelayNode:
         self._enrolment = Enrolment(options.trust, options.news, self._sealed)
         self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
         self._pump = Pump(self._sealed or engine, options.clock, self._drain)
-        self._requester: KeyRequester | None = None
-        if self._sealed is not None:
-            request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)
-            self._requester = KeyRequester(
-                self._sealed.parent_keys, request, engine.member.time, options.trust, self._pump
-            )
+        request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)
+        keys = None if self._sealed is None else self._sealed.parent_keys
+        self._requester = KeyRequester(keys, request, engine.member.time, options.trust, self._pump)
         self._upstream: Address | None = None
         self._upstream_channels: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
@@ -131,8 +128,7 @@ class RelayNode:
         relay._pump.start(datagrams)
         watch = JoinWatch(options.parents, options.news)
         relay._tasks.append(asyncio.create_task(watch.run(engine.member.time)))
-        if relay._requester is not None:
-            relay._tasks.append(asyncio.create_task(relay._requester.run()))
+        relay._tasks.append(asyncio.create_task(relay._requester.run()))
         return relay
 
     async def __aenter__(self) -> Self:
@@ -240,8 +236,7 @@ class RelayNode:
         now_ns = self._clock.now_ns()
         send_due_beacon(self.options.beacons, self._engine.leader, now_ns, self._sealed)
         self._enrolment.look(now_ns)
-        if self._requester is not None:
-            self._requester.look()
+        self._requester.look()
         while (event := self._engine.next_event()) is not None and not self._is_leaving:
             if isinstance(event, Joined):
                 self._change_upstream(Address(self._engine.member.parent[0], event.transfer_port))

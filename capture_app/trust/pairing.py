@@ -33,14 +33,6 @@ class Invitation:
     tries_left: int = TRIES
 
 
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """A machine that has said its word, and now must prove that it knew the code."""
-
-    invitation: Invitation
-    key: bytes
-
-
 class Invitations:
     """A leader's codes: each for one machine, a few tries and some minutes; several are good side by side.
 
@@ -68,8 +60,12 @@ class Invitations:
     def _good(self) -> list[Invitation]:
         return [one for one in self._invitations if one.tries_left > 0 and self._now_s() < one.ends_s]
 
-    def answer(self, pin: str, share: bytes, own_pin: str, digit: str = "") -> tuple[bytes, Attempt]:
-        """Take a machine's word, and return the leader's and what the machine must prove; one try is spent.
+    def answer(
+        self, pin: str, share: bytes, own_pin: str, digit: str = ""
+    ) -> tuple[bytes, Invitation, bytes]:
+        """Take a machine's word; return the leader's, which code it tries, and the key that it must prove.
+
+        One try is spent.
 
         `digit` is the first of the code that the machine has; without, the newest is meant.
         Raises UnknownMachineError where no code begins so, BadInputError for what is no such word.
@@ -83,19 +79,19 @@ class Invitations:
 
         half = SPAKE2_B(invitation.code.encode(), idA=pin.encode(), idB=own_pin.encode())
         own_share: bytes = half.start()
-        return own_share, Attempt(invitation, _finish(half, share))
+        return own_share, invitation, _finish(half, share)
 
-    def accept(self, attempt: Attempt, proof: bytes) -> bytes:
+    def accept(self, invitation: Invitation, key: bytes, proof: bytes) -> bytes:
         """Return the leader's own proof for a machine that knew the code, which is spent by that.
 
         Raises UnknownMachineError where it did not, or another has used the code meanwhile.
         """
-        known = any(one is attempt.invitation for one in self._invitations)
-        current = known and self._now_s() < attempt.invitation.ends_s
-        if not current or not hmac.compare_digest(proof, _proof(attempt.key, b"machine")):
+        known = any(one is invitation for one in self._invitations)
+        current = known and self._now_s() < invitation.ends_s
+        if not current or not hmac.compare_digest(proof, _proof(key, b"machine")):
             raise UnknownMachineError(WRONG_CODE, hint=SHOW_CODE)
-        self._invitations.remove(attempt.invitation)
-        return _proof(attempt.key, b"leader")
+        self._invitations.remove(invitation)
+        return _proof(key, b"leader")
 
 
 class Candidate:

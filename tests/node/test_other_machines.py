@@ -118,7 +118,7 @@ def as_the_camera(field: Field) -> Iterator[Any]:
 
 OPENINGS: dict[str, Callable[[], tuple[Any, ...]]] = {
     "at once": lambda: (),
-    "on its own image stream": lambda: (wire.wire.NodeStream(camera=OWN[0], instance=OWN[1]),),
+    "on its own image stream": lambda: (wire.NodeStream(camera=OWN[0], instance=OWN[1]),),
     "on its own viewfinder": lambda: (wire.NodeStream(camera=OWN[0], instance=OWN[1], shows=True),),
 }
 

@@ -152,12 +152,9 @@ class RigMember:
         self._failover = Failover(self._engine, peers)
         self._sealed = None if options.trust.is_open else SealedClient(self._failover)
         self._pump = Pump(self._sealed or self._failover, self._clock, self._drain)
-        self._keys: KeyRequester | None = None
-        if self._sealed is not None:
-            request = KeyRequest(name=options.name, instance=instance)
-            self._keys = KeyRequester(
-                self._sealed.keys, request, self._engine.time, options.trust, self._pump
-            )
+        request = KeyRequest(name=options.name, instance=instance)
+        keys = None if self._sealed is None else self._sealed.keys
+        self._keys = KeyRequester(keys, request, self._engine.time, options.trust, self._pump)
         self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
         self._viewfinder = Viewfinder(self)
         self._host_rate = HostRate()
@@ -171,8 +168,7 @@ class RigMember:
         try:
             with ungrouped_errors():
                 async with asyncio.TaskGroup() as tasks:
-                    if self._keys is not None:
-                        tasks.create_task(self._keys.run())
+                    tasks.create_task(self._keys.run())
                     tasks.create_task(self._camera.keep_open())
                     tasks.create_task(self._camera.carry_out_commands())
                     tasks.create_task(self.controls.run())
@@ -242,8 +238,7 @@ class RigMember:
             return
         self._camera.collect_commands()
         self._engine.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
-        if self._keys is not None:
-            self._keys.look()
+        self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
         for refused in () if self._sealed is None else self._sealed.refusals.take_news(self._clock.now_ns()):

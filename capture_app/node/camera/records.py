@@ -113,11 +113,9 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
-    clock_events.ClockStepped: ("clock-stepped", ()),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
     clock_events.WayLonger: ("way-longer", ("longer_ns",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
-    clock_events.ClockRateChanged: ("clock-rate-changed", ()),
 }
 """What a line calls an event, and the fields that it takes over from it."""
 
@@ -130,6 +128,8 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
         case clock_events.ClockSynced(time_map):
             bound_ns = round(time_map.hard_bound_ns)
             return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
+        case clock_events.ClockChanged(jumped):
+            return {"event": "clock-stepped" if jumped else "clock-rate-changed"}
         case clock_events.ClockRateUnusual(None):
             return {"event": "clock-rate-usual"}
         case clock_events.ReferenceCorrected(None):

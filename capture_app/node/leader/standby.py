@@ -67,12 +67,9 @@ class RankedLeader:
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
         self._sealed = None if options.trust.is_open else SealedClient(engine)
         self._pump = Pump(self._sealed or engine, self._clock, self._look)
-        self._keys: KeyRequester | None = None
-        if self._sealed is not None:
-            request = KeyRequest(name=name, instance=instance)
-            self._keys = KeyRequester(
-                self._sealed.keys, request, engine.member.time, options.trust, self._pump
-            )
+        request = KeyRequest(name=name, instance=instance)
+        keys = None if self._sealed is None else self._sealed.keys
+        self._keys = KeyRequester(keys, request, engine.member.time, options.trust, self._pump)
         self._changed = asyncio.Event()
         self._serving: asyncio.Future[None] | None = None
         self._followed: tuple[str, int] | None = None
@@ -82,10 +79,7 @@ class RankedLeader:
 
         `sock` is an unbound UDP socket.
         """
-        asking = [
-            asyncio.create_task(work)
-            for work in ([] if self._keys is None else [self._ask_whom(), self._keys.run()])
-        ]
+        asking = [asyncio.create_task(work) for work in (self._ask_whom(), self._keys.run())]
         self._pump.start(sock)
         try:
             while self._serving is None or not self._serving.done():
@@ -104,8 +98,7 @@ class RankedLeader:
             await _end(*asking, *([] if self._serving is None else [self._serving]))
 
     def _look(self) -> None:
-        if self._keys is not None:
-            self._keys.look()
+        self._keys.look()
         if self._engine.leader not in (self._followed, None):
             self._news.say(f"{Address(*self._engine.leader)} leads: this one follows until it is gone")
         self._followed = self._engine.leader
@@ -127,7 +120,7 @@ class RankedLeader:
         """Ask the one that leads whom it knows, now and then, with the key that comes with the answer."""
         while True:
             await asyncio.sleep(ASK_EVERY_S)
-            if self._sealed is not None and self._keys is not None and self._engine.leader is not None:
+            if self._sealed is not None and self._engine.leader is not None:
                 self._sealed.keys.wanted.add(self._engine.leader)
                 self._keys.look()
 

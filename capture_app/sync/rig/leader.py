@@ -171,45 +171,6 @@ def _near_ns(period_ns: int) -> float:
     return period_ns * HOPELESS_PPM * 1e-6
 
 
-class Outbox:
-    """Messages and where to; `now_ns` is the leader's clock."""
-
-    def __init__(self) -> None:
-        self._times: deque[tuple[bytes, Address, int]] = deque()
-        self._messages: deque[tuple[ControlMessage, Address]] = deque()
-        self._versions: deque[tuple[bytes, Address]] = deque()
-        self.waited_ns = 0.0
-        """How long time requests have waited here for their replies lately, on average."""
-
-    def send(self, message: ControlMessage, address: Address) -> None:
-        """Send a message."""
-        self._messages.append((message, address))
-
-    def reply(self, request: TimeRequest, address: Address, now_ns: int) -> None:
-        """Answer a time request that arrived at `now_ns`."""
-        self._times.append((reply_before_t2(request, now_ns), address, now_ns))
-
-    def tell_version(self, data: bytes, address: Address) -> None:
-        """Answer a datagram of another version with the version that is spoken here."""
-        answer = version_answer(data)
-        if answer is not None:
-            self._versions.append((answer, address))
-
-    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
-        datagrams = []
-        for before, address, arrived_ns in self._times:
-            datagrams.append((reply_at(before, now_ns), address))
-            self.waited_ns += WAITED_SHARE * (now_ns - arrived_ns - self.waited_ns)
-        self._times.clear()
-        while self._messages:
-            message, address = self._messages.popleft()
-            datagrams.append((encode(message), address))
-        datagrams.extend(self._versions)
-        self._versions.clear()
-        return datagrams
-
-
 TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000_000_000, 600_000_000_000, 256
 """Of each machine that is refused one reason is told in so long, the same one again later."""
 SLOWEST_PACE_NS = 60_000_000_000
@@ -273,7 +234,12 @@ class Leader:
         self._review_is_due = False
         """Whether the cameras that the grid suits may not be those that are here."""
         self._update_due_ns = 0
-        self.outbox = Outbox()
+        self._times: deque[tuple[bytes, Address, int]] = deque()
+        """Time replies, with when their requests came."""
+        self._messages: deque[tuple[ControlMessage, Address]] = deque()
+        self._versions: deque[tuple[bytes, Address]] = deque()
+        self._waited_ns = 0.0
+        """How long time requests have waited for their replies lately, on average."""
         self._events: deque[LeaderEvent] = deque()
         self._share, self._adapt_due_ns = 1.0, AT_ONCE_NS
 
@@ -302,7 +268,7 @@ class Leader:
             message = decode(data)
         except WireError:
             self.malformed += 1
-            self.outbox.tell_version(data, address)
+            self.tell_version(data, address)
             return
         if isinstance(message, FromClient):
             self.receive_message(message, address, now_ns, principal)
@@ -319,11 +285,11 @@ class Leader:
             return
         match message:
             case TimeRequest():
-                self.outbox.reply(message, address, now_ns)
+                self._times.append((reply_before_t2(message, now_ns), address, now_ns))
             case ArrivalReport():
                 arrival = self._broadcaster.answer(message, now_ns)
                 if arrival is not None:
-                    self.outbox.send(arrival, address)
+                    self._messages.append((arrival, address))
             case Heartbeat():
                 self._receive_heartbeat(member, message, now_ns)
             case TriggerAck():
@@ -370,10 +336,19 @@ class Leader:
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
-        datagrams = self.outbox.datagrams_to_send(now_ns)
+        datagrams = []
+        for before, address, arrived_ns in self._times:
+            datagrams.append((reply_at(before, now_ns), address))
+            self._waited_ns += WAITED_SHARE * (now_ns - arrived_ns - self._waited_ns)
+        self._times.clear()
+        while self._messages:
+            message, address = self._messages.popleft()
+            datagrams.append((encode(message), address))
+        datagrams.extend(self._versions)
+        self._versions.clear()
         if datagrams and now_ns >= self._adapt_due_ns:
             self._adapt_due_ns = now_ns + ADAPT_EVERY_NS
-            change = RELIEF if self.outbox.waited_ns > LOADED_NS else RISE
+            change = RELIEF if self._waited_ns > LOADED_NS else RISE
             self._share = min(max(change * self._share, LEAST_SHARE), 1.0)
         return datagrams
 
@@ -394,11 +369,17 @@ class Leader:
 
     def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
-        self.outbox.send(message, member.address)
+        self._messages.append((message, member.address))
+
+    def tell_version(self, data: bytes, address: Address) -> None:
+        """Answer a datagram of another version with the version that is spoken here."""
+        answer = version_answer(data)
+        if answer is not None:
+            self._versions.append((answer, address))
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
         """Tell a client why it cannot join; with `retry_here` it should not ask another leader."""
-        self.outbox.send(JoinRefusal(hello.instance, reason, retry_here), address)
+        self._messages.append((JoinRefusal(hello.instance, reason, retry_here), address))
 
     def acknowledge(self, member: Member) -> None:
         """Send a member the present configuration."""
@@ -424,7 +405,7 @@ class Leader:
         member = self.roster.member_by_number(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
-                self.outbox.send(UnknownMember(message.client), address)
+                self._messages.append((UnknownMember(message.client), address))
             return None
         if member.principal != principal:
             self.impostures += 1
@@ -524,5 +505,5 @@ class Leader:
         welcome = Welcome(
             hello.instance, member.number, config.transfer_port, current, member.slot, config.beacons
         )
-        self.outbox.send(welcome, address)
+        self._messages.append((welcome, address))
         self._pass_up(member, hello)

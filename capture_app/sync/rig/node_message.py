@@ -97,7 +97,7 @@ def _sure_to(error_ns: float, wanted_ns: float) -> str:
 def of_event(event: object) -> str:
     """Say what has happened to a clock; empty for what nobody needs to hear."""
     match event:
-        case clock_events.ClockStepped():
+        case clock_events.ClockChanged(jumped=True):
             return "a clock was changed: synchronizing again"
         case clock_events.StepRefused():
             return step_refused(event.times)
@@ -105,7 +105,7 @@ def of_event(event: object) -> str:
             return way_longer(event.longer_ns)
         case clock_events.ClockRateUnusual(fast_ppm) if fast_ppm is not None:
             return fast_clock(fast_ppm)
-        case clock_events.ClockRateChanged():
+        case clock_events.ClockChanged():
             return RATE_CHANGED
     return ""
 

@@ -14,8 +14,13 @@ class ClockSynced:
 
 
 @dataclass(frozen=True, slots=True)
-class ClockStepped:
-    """One of the clocks jumped; the estimate starts anew."""
+class ClockChanged:
+    """One of the two clocks changed: it jumped, so that the estimate starts anew, or runs at another rate.
+
+    Somebody is correcting it then, or has just ceased to.
+    """
+
+    jumped: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +48,6 @@ class ClockRateUnusual:
 
 
 @dataclass(frozen=True, slots=True)
-class ClockRateChanged:
-    """The rate of one of the two clocks changed: somebody is correcting it, or has just ceased to."""
-
-
-@dataclass(frozen=True, slots=True)
 class ReferenceCorrected:
     """The clock is being moved to where all agree that hear the same beacons, or is so no more."""
 
@@ -55,12 +55,4 @@ class ReferenceCorrected:
     """95 % error of this clock against those of the others, in ns; None where nothing was agreed for long."""
 
 
-ClockEvent = (
-    ClockStepped
-    | StepRefused
-    | ClockSynced
-    | WayLonger
-    | ClockRateUnusual
-    | ClockRateChanged
-    | ReferenceCorrected
-)
+ClockEvent = ClockChanged | StepRefused | ClockSynced | WayLonger | ClockRateUnusual | ReferenceCorrected

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
+from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockRateUnusual
 
 USUAL_PPM = 100.0
 """Two ordinary crystals differ by less."""
@@ -28,7 +28,7 @@ class RateWatch:
         """Judge anew: there is another leader, or a clock has stepped."""
         self.fast_ppm = None
 
-    def judge(self, time_map: TimeMap, changed_ns: int | None) -> ClockRateUnusual | ClockRateChanged | None:
+    def judge(self, time_map: TimeMap, changed_ns: int | None) -> ClockRateUnusual | ClockChanged | None:
         """Take in the newest estimate and when the rate last changed; return what is news."""
         # The map is from this clock to the leader's: where its skew is positive, the leader's is faster.
         fast_ppm, doubt_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
@@ -36,7 +36,7 @@ class RateWatch:
         before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > least_ppm else None
         if changed_ns not in (None, self._changed_ns):
             self._changed_ns = changed_ns
-            return ClockRateChanged()
+            return ClockChanged(jumped=False)
         return None if (before is None) is (self.fast_ppm is None) else ClockRateUnusual(self.fast_ppm)
 
     def changed_lately(self, now_ns: int) -> bool:

@@ -9,8 +9,8 @@ from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast import Listener
 from capture_app.sync.timekeeping.clock_events import (
+    ClockChanged,
     ClockEvent,
-    ClockStepped,
     ClockSynced,
     ReferenceCorrected,
     StepRefused,
@@ -147,7 +147,7 @@ class Timekeeper:
             self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
             if not self._stepped:
-                self.events.append(ClockStepped())
+                self.events.append(ClockChanged(jumped=True))
             self._stepped = True
         if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
             self.events.append(WayLonger(self.clock.longer_ns))

@@ -67,7 +67,7 @@ class Relay:
             if address in self.member.parents:
                 self.member.note_unreadable(error, address)
             else:
-                self.leader.outbox.tell_version(data, address)
+                self.leader.tell_version(data, address)
             return
         # An address may be that of a parent and of a client: the kind of message tells which is meant.
         if not isinstance(message, FromClient):

@@ -286,7 +286,7 @@ def measure(tree: Tree) -> TreeResult:
     def sample() -> None:
         now_true_ns, errors = tree.now_true_ns, []
         for member, clock in clients:
-            time_map = member.time_map
+            time_map = member.time.time_map
             if time_map is None:
                 errors.append(nan)
                 continue

@@ -161,7 +161,7 @@ class RelayNode:
         """What this relay knows by itself: its own nodes, or a page of them, and how its time stands."""
         now_ns = self._clock.now_ns()
         member, leader = self._engine.member, self._engine.leader
-        time_map, nodes = member.time_map, leader.roster.by_name()
+        time_map, nodes = member.time.time_map, leader.roster.by_name()
         message = self._holdover_message(now_ns)
         page, further, words = page_of(nodes, after)
         return RigStatus(
@@ -178,7 +178,7 @@ class RelayNode:
 
     def shared_grid(self) -> SharedGrid | None:
         """Return the root's grid, as well as this relay knows the root's time."""
-        grid, time_map = self._engine.leader.grid, self._engine.member.time_map
+        grid, time_map = self._engine.leader.grid, self._engine.member.time.time_map
         return None if grid is None or time_map is None else SharedGrid(grid, time_map)
 
     # Streams
@@ -258,7 +258,7 @@ class RelayNode:
         """Say how this relay stands without a leader; empty while it has one."""
         if self._engine.member.time.is_member:
             return ""
-        time_map = self._engine.member.time_map
+        time_map = self._engine.member.time.time_map
         if time_map is None or self._lost_ns is None:
             return f"relay {self.options.name} has not found a leader yet"
         seconds = (now_ns - self._lost_ns) / 1e9

@@ -75,8 +75,8 @@ def read_pairing_word(data: bytes, folder: Path) -> None:
     desk = Invitations(lambda: 0.0)
     desk.invite(Role.CAMERA)
     with suppress(SimulshotError):
-        _, attempt = desk.answer("a" * 32, data, "b" * 32)
-        desk.accept(attempt, data)
+        _, invitation, key = desk.answer("a" * 32, data, "b" * 32)
+        desk.accept(invitation, key, data)
         raise AssertionError("it was taken for a proof")
 
 

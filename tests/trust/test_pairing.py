@@ -33,8 +33,8 @@ def another(code: str) -> str:
 def attempt(desk: Invitations, code: str, *, pin: str = NODE, seen: str = LEADER, said: str = NODE) -> None:
     """A machine of that pin tries a code at a leader that shows a pin, and hears that machine say one."""
     candidate = Candidate(code, pin, seen)
-    share, begun = desk.answer(said, candidate.share, LEADER)
-    candidate.check(desk.accept(begun, candidate.prove(share)))
+    share, begun, key = desk.answer(said, candidate.share, LEADER)
+    candidate.check(desk.accept(begun, key, candidate.prove(share)))
 
 
 def test_the_code_makes_both_known_to_each_other_once(desk: Invitations) -> None:
@@ -64,10 +64,10 @@ def test_who_leaves_before_proving_anything_has_spent_a_try(desk: Invitations) -
 def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: Invitations, clock: Clock) -> None:
     code = desk.invite(Role.CAMERA).code
     candidate = Candidate(code, NODE, LEADER)
-    share, begun = desk.answer(NODE, candidate.share, LEADER)
+    share, begun, key = desk.answer(NODE, candidate.share, LEADER)
     clock.now_s += GOOD_FOR_S
     with pytest.raises(UnknownMachineError):
-        desk.accept(begun, candidate.prove(share))
+        desk.accept(begun, key, candidate.prove(share))
     with pytest.raises(UnknownMachineError, match="no code"):
         attempt(desk, code)
 
@@ -86,7 +86,7 @@ def test_a_false_leader_cannot_prove_itself(desk: Invitations) -> None:
     candidate = Candidate("12345678", NODE, LEADER)
     false = Invitations(lambda: 0.0)
     false.invite(Role.CAMERA)
-    share, _ = false.answer(NODE, candidate.share, LEADER)
+    share, _, _ = false.answer(NODE, candidate.share, LEADER)
     proof = candidate.prove(share)
     for claimed in (b"", proof, bytes(32)):
         with pytest.raises(UnknownMachineError, match="does not know the code"):
@@ -130,8 +130,8 @@ def test_codes_that_are_good_side_by_side_are_told_apart_by_their_first_digit(de
     assert len({code[0] for code in codes}) == 10
     for code in codes[5:] + codes[:5]:
         candidate = Candidate(code, NODE, LEADER)
-        share, begun = desk.answer(NODE, candidate.share, LEADER, code[0])
-        candidate.check(desk.accept(begun, candidate.prove(share)))
+        share, begun, key = desk.answer(NODE, candidate.share, LEADER, code[0])
+        candidate.check(desk.accept(begun, key, candidate.prove(share)))
     assert desk.invitation is None
 
 
@@ -139,6 +139,6 @@ def test_of_more_than_ten_codes_the_oldest_is_good_no_more(desk: Invitations) ->
     codes = [desk.invite(Role.CAMERA).code for _ in range(11)]
     assert codes[0][0] == codes[10][0]
     candidate = Candidate(codes[0], NODE, LEADER)
-    share, begun = desk.answer(NODE, candidate.share, LEADER, codes[0][0])
+    share, begun, key = desk.answer(NODE, candidate.share, LEADER, codes[0][0])
     with pytest.raises(UnknownMachineError, match="not the code"):
-        desk.accept(begun, candidate.prove(share))
+        desk.accept(begun, key, candidate.prove(share))

@@ -11,7 +11,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, IncompleteError, SimulshotError
 from capture_app.names import check_name
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import CancelledBurstError
@@ -22,7 +22,6 @@ from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import (
-    check_open_bursts,
     check_room,
     coarse_nodes,
     expected_image_bytes,
@@ -127,6 +126,7 @@ SURE_FRAMES = 300
 """There must be room for so many frames of each camera before a recording begins."""
 SILENCE_CHECK_S = 0.25
 SNAPSHOT_EVERY_S = 0.25
+MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
 TELL_EVERY_NS = 1_000_000_000
 
 
@@ -284,7 +284,16 @@ class ActiveBursts:
         """Raise IncompleteError where too many bursts are under way, or ordered ahead."""
         open_bursts = sum(1 for of in self._bursts.values() if not of.finished.is_set())
         is_ahead = at_leader_ns is not None and at_leader_ns > self.now_ns() + SOON_NS
-        check_open_bursts([burst.burst for burst in self.ahead], open_bursts, is_ahead=is_ahead)
+        ahead = [burst.burst for burst in self.ahead]
+        if is_ahead and len(ahead) >= MAX_BURSTS_AHEAD:
+            raise IncompleteError(
+                f"{len(ahead)} bursts are ordered ahead already: {', '.join(map(str, ahead))}",
+                hint="wait for them, or cancel one: capture-app burst --cancel BURST",
+            )
+        if open_bursts - len(ahead) >= MAX_OPEN_BURSTS:
+            raise IncompleteError(
+                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
+            )
 
     async def cancel(self, number: int) -> None:
         """Take a burst back: nodes forget it, and what has come already is saved.

@@ -19,7 +19,6 @@ from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration, megabytes
 
-MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
 CHECK_EVERY_S = 0.1
 COARSE_WAIT_S = 5.0
 """A clock that has just become less accurate than asked for may be better again within so long."""
@@ -111,23 +110,6 @@ def check_room(
             free_text = f"{megabytes(spool.free_bytes)} free in its {spool.spool}"
             without[name] = f"it may need {megabytes(needed)}, and has {free_text}"
     return without
-
-
-def check_open_bursts(ahead: Sequence[int], open_bursts: int, *, is_ahead: bool) -> None:
-    """Check that one more burst may be ordered: `ahead` are the numbers of those that lie ahead.
-
-    Raises IncompleteError where too many are under way, or ordered ahead as this one `is_ahead`.
-    """
-    if is_ahead and len(ahead) >= MAX_BURSTS_AHEAD:
-        numbers = ", ".join(map(str, ahead))
-        raise IncompleteError(
-            f"{len(ahead)} bursts are ordered ahead already: {numbers}",
-            hint="wait for them, or cancel one: capture-app burst --cancel BURST",
-        )
-    if open_bursts - len(ahead) >= MAX_OPEN_BURSTS:
-        raise IncompleteError(
-            f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
-        )
 
 
 _GONE = (NodeState.FAILED, NodeState.LOST)

@@ -220,7 +220,6 @@ class Leader:
         self.current = CurrentConfig(config.instance, config.rig, continues=config.continues)
         if config.grid is not None:
             self.current.grid_choice, self.current.grid_is_of_cameras = GridChoice(config.grid), True
-        self.malformed = 0
         self.impostures = 0
         """Messages in the name of another than who sealed them."""
         self._uplink = uplink
@@ -267,7 +266,6 @@ class Leader:
         try:
             message = decode(data)
         except WireError:
-            self.malformed += 1
             self.tell_version(data, address)
             return
         if isinstance(message, FromClient):

@@ -5,7 +5,6 @@ from collections import deque
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.time_client import TimeClient
@@ -17,7 +16,6 @@ from capture_app.sync.wire.messages import (
     PROBE_NUMBER,
     ControlMessage,
     Goodbye,
-    NodeState,
     UnknownMember,
     Welcome,
 )
@@ -68,16 +66,6 @@ class TreeMember:
     def parent(self) -> Address:
         """The parent that is followed, or asked to join at present."""
         return self._choice.leader
-
-    @property
-    def state(self) -> NodeState:
-        """Joining, syncing, or ready: the clock is synchronized to a parent that answers."""
-        return self.time.state
-
-    @property
-    def time_map(self) -> TimeMap | None:
-        """From this node's clock to the root's; kept without a parent, with an uncertainty that grows."""
-        return self.time.time_map
 
     # In
 

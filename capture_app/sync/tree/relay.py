@@ -50,7 +50,6 @@ class Relay:
         self.member = member
         self.uplink = Uplink(member.time.name)
         self.leader = Leader(replace(leader, instance=member.time.instance), rng, self.uplink)
-        self.malformed = 0
         self._number: int | None = None
 
     def receive_datagram(
@@ -63,7 +62,6 @@ class Relay:
         try:
             message = decode(data)
         except WireError as error:
-            self.malformed += 1
             if address in self.member.parents:
                 self.member.note_unreadable(error, address)
             else:
@@ -163,15 +161,15 @@ class Relay:
             current.in_holdover = in_holdover
             if current.grid_choice is not None:
                 leader.acknowledge_all()
-        if member.time_map is None:
+        if member.time.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
             current.upstream = None
             return
         if above is None or above.path[0] != member.time.timekeeper.path[0]:
             # Another root's grid means nothing before its time is known.
             return
-        if current.upstream is None or current.upstream.epoch_local_ns != member.time_map.epoch_local_ns:
-            current.upstream = upstream_map(member.time.timekeeper.path, member.time_map)
+        if current.upstream is None or current.upstream.epoch_local_ns != member.time.time_map.epoch_local_ns:
+            current.upstream = upstream_map(member.time.timekeeper.path, member.time.time_map)
         grid = FrameGrid(above.anchor_leader_ns, above.period_ns)
         moved = (leader.grid, current.config.align_row) != (grid, above.align_row)
         if current.grid_choice is None or moved:

@@ -17,9 +17,8 @@ from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import CancelledBurstError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.instant_choice import usual_spare
-from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.leader.readiness import MAX_BURSTS_AHEAD
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder

@@ -153,9 +153,9 @@ class FollowerAmongLiars(RuleBasedStateMachine):
         run(peers, honest, self.now_ns, lambda: self.knows(self.member))
 
     def knows(self, member: TreeMember) -> bool:
-        time_map = member.time_map
+        time_map = member.time.time_map
         if (
-            member.state is not NodeState.READY
+            member.time.state is not NodeState.READY
             or time_map is None
             or member.time.timekeeper.path[0] != HONEST
         ):

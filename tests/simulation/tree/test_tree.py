@@ -99,7 +99,7 @@ def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> N
     for number in range(spec.clients):
         member = tree.nodes[f"client{number}", 0].member
         assert member is not None
-        assert member.state is NodeState.READY
+        assert member.time.state is NodeState.READY
         assert member.parent != ("relay0", 0)
         relay = tree.nodes[member.parent].member
         assert relay is not None
@@ -127,7 +127,7 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
         for node, member in zip(nodes, followers, strict=True):
             # Whatever happens, they hold the time.
             if tree.now_true_ns > 5 * S:
-                assert abs(checked_error_ns(member.time_map, node.clock, tree.now_true_ns)) <= 500e3
+                assert abs(checked_error_ns(member.time.time_map, node.clock, tree.now_true_ns)) <= 500e3
 
     tree.run(look)
     at_first = parents[9]
@@ -192,10 +192,10 @@ def test_a_camera_below_a_relay_holds_the_root_time() -> None:
     error_ns = checked_error_ns(client.time_map, clock, tree.now_true_ns)
     relay = tree.nodes[parent].engine
     assert isinstance(relay, Relay)
-    assert relay.member.time_map is not None
+    assert relay.member.time.time_map is not None
     assert abs(error_ns) < 200_000
     assert client.time_map is not None
-    assert client.time_map.hard_bound_ns > relay.member.time_map.hard_bound_ns
+    assert client.time_map.hard_bound_ns > relay.member.time.time_map.hard_bound_ns
     assert relay.leader.grid == tree.root.grid
 
 
@@ -210,7 +210,7 @@ def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None
         77, 6, 0, RigConfigMessage(leader=5, anchor_leader_ns=0, period_ns=33_333_333, upstream=told)
     )
     member.receive_datagram(encode(welcome), ("a", 0), 1000)
-    assert member.state is NodeState.JOINING
+    assert member.time.state is NodeState.JOINING
     member.handle_timer(S)
     assert [address for _, address in member.datagrams_to_send(S)] == [("b", 0)]
 

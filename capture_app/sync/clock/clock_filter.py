@@ -19,7 +19,7 @@ from capture_app.sync.clock.likely_line import (
 from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
 BLOCK_NS, LONG_AGO_NS, SIGMAS_95 = 1_000_000_000, -(2**66), 1.96
-CHANGE_SIGMAS, CHANGE_PPM, SETTLING_NS = 5.0, 20.0, 10_000_000_000
+CHANGE_PPM, SETTLING_NS = 20.0, 10_000_000_000
 """A change of the rate is told from so many ppm on; those that follow each other so quickly are one."""
 PACES, LONGEST_NS = 1200, 90_000_000_000
 """A window has so many of the paces that the leader asks for, as thirty seconds have at the usual one; over
@@ -72,7 +72,7 @@ class ClockFilter:
     """
 
     def __init__(self, *, window_ns: int = 30_000_000_000) -> None:
-        self._least_window_ns = self._window_ns = window_ns
+        self._least_window_ns = window_ns
         self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
         self.refused_steps = 0
@@ -81,8 +81,7 @@ class ClockFilter:
 
     def look_back(self, pace_ns: int) -> None:
         """Keep as many samples as usual where they come so far apart, in ns: quick ones are rare."""
-        self._window_ns = max(self._least_window_ns, min(PACES * pace_ns, LONGEST_NS))
-        self._groups.window_ns = self._window_ns
+        self._groups.window_ns = max(self._least_window_ns, min(PACES * pace_ns, LONGEST_NS))
 
     def reset(self) -> None:
         """Forget all samples."""
@@ -124,9 +123,10 @@ class ClockFilter:
         Those contradict all earlier ones, and agree with each other: a clock has stepped. Fewer are ignored,
         as are samples with a negative round trip, far too slow ones and those older than the window.
         """
-        since_ns = max(self._not_before_ns, self._newest_ns - self._window_ns)
+        window_ns = self._groups.window_ns
+        since_ns = max(self._not_before_ns, self._newest_ns - window_ns)
         turnaround_ns, passed_ns = sample.t2_ns - sample.t1_ns, sample.t3_ns - sample.t0_ns
-        if sample.t0_ns < since_ns or not 0 <= turnaround_ns <= passed_ns <= self._window_ns // 2:
+        if sample.t0_ns < since_ns or not 0 <= turnaround_ns <= passed_ns <= window_ns // 2:
             return True
         if not self._blocks:
             self._anchor_ns = (sample.upper_ns + sample.lower_ns) // 2
@@ -223,7 +223,7 @@ class ClockFilter:
             slope *= (self._fitted or self._line()).skew
             levels = [(value - slope * (t - self._newest_ns), (t, value)) for t, value in bounds]
             bounds.intersection_update(lower_hull(bounds) + [b for _, b in nsmallest(TIGHTEST, levels)])
-        oldest = (self._newest_ns - self._window_ns) // BLOCK_NS
+        oldest = (self._newest_ns - self._groups.window_ns) // BLOCK_NS
         self._blocks = {i: self._blocks[i] for i in sorted(self._blocks) if i >= oldest}
         self._drift = self._find_drift(list(self._blocks))
 

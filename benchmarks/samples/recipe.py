@@ -1,7 +1,12 @@
 """The recipe of a rendered session, `recipe.json`: what to take, and the take once it is made.
 
 With its take, a recipe gives the same bytes for ever, however the engine changes; without, the engine takes
-the burst first.
+the burst in virtual time at `at_s` seconds, with clocks, networks and sensors drawn by `seed`:
+
+    {"name": "mine", "scene": "studio", "created": "2026-01-31T12:00:00Z", "seed": 7, "at_s": 10, "frames": 5,
+     "cameras": [{"name": "cam00", "profile": "phone-a"}, {"name": "left", "view": "cam05", "profile": "pi"}]}
+
+Scenes are `studio`, `pinwheel`, `crossing`, `board`, `led-panel`, and `bars`, a test card without a renderer.
 """
 
 from enum import StrEnum

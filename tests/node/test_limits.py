@@ -47,7 +47,8 @@ from pathlib import Path
 from capture_app.net.address import Address
 from capture_app.net.channel import connect
 from capture_app.node.wire import operating
-from capture_app.node.wire.messages import FromLeader
+from capture_app.node.wire.messages import FromLeader, NodeStream
+from capture_app.node.wire.status import Preview
 from capture_app.trust.trust import Trust
 
 async def send(trust, leader):

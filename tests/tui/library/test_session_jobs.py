@@ -192,10 +192,12 @@ async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path:
         await settle(pilot)
         assert not jobs(pilot), "no folder is there: nothing begins"
         await type_text(pilot, str(films))
+        pilot.app.runs.hold(True)
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot))
         frame = view(pilot.app).query_one("#sessions-frame")
         await until(pilot, lambda: "Import of walk" in str(frame.border_subtitle))
+        pilot.app.runs.hold(False)
         await until(pilot, lambda: jobs(pilot)[0].state.is_over, seconds=60)
         assert jobs(pilot)[0].message.startswith("walk: imported")
         assert any("3 cameras, 9 images" in line for line in pilot.app.runs.log(jobs(pilot)[0]))

@@ -15,8 +15,6 @@ LEAST_ANSWERS, MOST_ANSWERS = 4, 64
 each time that it has failed soon after."""
 SHORT_STAY = 4
 """A leader that stays for less than so many times as long as it was probed before has failed soon."""
-SILENT_OF_SEVERAL_NS = 1_500_000_000
-"""A leader is gone as soon as that where another may lead in its place."""
 _PROBE = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
 
 
@@ -33,8 +31,6 @@ class LeaderChoice:
         self.due_ns = NEVER_NS
         """When the next probes are due."""
         self._leaders, self._time, self._probe_every_ns = leaders, time, probe_every_ns
-        if len(leaders) > 1:
-            time.silent_ns = min(time.silent_ns, SILENT_OF_SEVERAL_NS)
         self._turn = 0
         self._was_member = False
         self._found_by_probes = False

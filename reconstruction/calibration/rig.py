@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from reconstruction.calibration.structure_from_motion import own_or_found
+from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import View
 from reconstruction.common.outputs import StageCache
 from reconstruction.pairs import (
@@ -146,7 +146,7 @@ class Rig:
             BadInputError: none can be found.
         """
         found = self.dataset.calibration() or self.stages.record(
-            "calibration", Calibration, lambda: own_or_found(self.motion)
+            "calibration", Calibration, lambda: guess_calibration(self.motion)
         )
         self.use_calibration(found)
 

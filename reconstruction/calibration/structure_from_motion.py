@@ -90,14 +90,11 @@ FEATURE_SHARE = 0.6
 """Share of the memory budget for all pictures whose features are found at once."""
 
 
-def own_or_found(motion: SceneMotion) -> Calibration:
-    """The session's own calibration, else one from its pictures, and that it is.
+def guess_calibration(motion: SceneMotion) -> Calibration:
+    """A calibration from the pictures of a session that has none, and say so.
 
     Raises as `calibrate_from_images`.
     """
-    own = motion.dataset.calibration()
-    if own is not None:
-        return own
     found = calibrate_from_images(motion)
     talk(f"{motion.dataset.name} has no calibration; this one was found: {found.source}")
     return found

@@ -7,7 +7,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotApplicableError
 from reconstruction.calibration.rig import calibrated_views
-from reconstruction.calibration.structure_from_motion import own_or_found
+from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.memory import memory_budget
@@ -99,7 +99,7 @@ def load_input_images(
         fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
         share=0.9,
     )
-    calibration = own_or_found(SceneMotion(dataset, 1))
+    calibration = dataset.calibration() or guess_calibration(SceneMotion(dataset, 1))
     views = calibrated_views(dataset, calibration)
     images: dict[str, InputImage] = {}
     left_out: dict[str, str] = {}

@@ -32,7 +32,7 @@ from capture_app.session.format.manifest import CALIBRATION
 from capture_app.terminal import Progress
 from capture_app.text import pretty_json
 from reconstruction.calibration.kept import settle_calibration
-from reconstruction.calibration.structure_from_motion import own_or_found
+from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, require_reconstruction
 from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, model_instant
@@ -333,7 +333,7 @@ def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:
     """The session's calibration, or one of its pictures, which all runs to this folder share."""
     calibration = dataset.calibration() or folder.calibration()
     if calibration is None:
-        calibration = own_or_found(SceneMotion(dataset, 1))
+        calibration = guess_calibration(SceneMotion(dataset, 1))
         write_atomic(folder.out / CALIBRATION, pretty_json(calibration))
     dataset.adopt_calibration(calibration)
     return calibration

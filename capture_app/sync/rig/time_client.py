@@ -95,7 +95,7 @@ class TimeClient:
         """How often it has asked to join since a leader said anything to that."""
         self._rng = random.Random(instance)
         self._report = report or self.report
-        self._heartbeat_every_ns, self.silent_ns = heartbeat_every_ns, silent_ns
+        self._heartbeat_every_ns, self._silent_ns = heartbeat_every_ns, silent_ns
         self._heartbeat_due_ns, self._heard_ns = NEVER_NS, 0
         self._hello_due_ns = AT_ONCE_NS
         self._outbox: deque[ControlMessage] = deque()
@@ -288,7 +288,7 @@ class TimeClient:
     @property
     def _silent_from_ns(self) -> int:
         """From when on the leader is gone if it is not heard until then."""
-        return NEVER_NS if self._heartbeat_every_ns is None else self._heard_ns + self.silent_ns
+        return NEVER_NS if self._heartbeat_every_ns is None else self._heard_ns + self._silent_ns
 
     def _objection(self, config: RigConfigMessage) -> str:
         """Say why a leader of such a configuration cannot be followed; empty where it can.

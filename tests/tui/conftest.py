@@ -5,13 +5,15 @@ from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
 import pytest
+from textual.widgets import Input
 
 from tests.tui.driving import stand_still
 
 
 @pytest.fixture
-def snap_compare(snap_compare: Callable[..., bool]) -> Callable[..., bool]:
-    """The plugin's, but a starved machine's screen is compared once it stands still."""
+def snap_compare(snap_compare: Callable[..., bool], monkeypatch: pytest.MonkeyPatch) -> Callable[..., bool]:
+    """The plugin's, but a starved machine's screen is compared once it stands still, and no cursor blinks."""
+    monkeypatch.setattr(Input, "cursor_blink", False)
 
     def compare(app: Any, *, run_before: Callable[[Any], Awaitable[object]], **more: Any) -> bool:
         async def before(pilot: Any) -> None:

@@ -87,6 +87,10 @@ class TryAgainError(BadInputError):
     """What did not go this time and may go later, as it is: a session in use, an image damaged on its way."""
 
 
+class CancelledBurstError(BadInputError):
+    """A node brings images of a burst that was cancelled: it may delete them."""
+
+
 @contextmanager
 def ungrouped_errors() -> Iterator[None]:
     """Raise the first error of this program out of a group, as of tasks that ran side by side, by itself.

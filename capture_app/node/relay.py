@@ -15,7 +15,6 @@ from capture_app.net.interfaces import own_hosts
 from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
-from capture_app.node.burst.answers import refusal_of
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
 from capture_app.node.leader.followers import SharedGrid
@@ -198,7 +197,7 @@ class RelayNode:
                         if await self._pass_on(below, message):
                             return
             except (UnknownMachineError, BadInputError, DiskError) as error:
-                await below.send(refusal_of(error))
+                await below.send(Refusal.of_error(error))
             if below.who.is_stranger:
                 return
 
@@ -215,7 +214,7 @@ class RelayNode:
             if isinstance(message, StatusRequest):
                 await below.send(StatusAnswer(rig=self.status(message.after)))
             else:
-                await below.send(Refusal.of_error(error, retry=True))
+                await below.send(Refusal.of_error(error))
             return False
         self._upstream_channels.add(above)
         try:

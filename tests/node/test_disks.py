@@ -14,7 +14,6 @@ from msgspec.structs import replace
 
 from capture_app.errors import DiskError, SimulshotError
 from capture_app.net.channel import Channel, connect
-from capture_app.node.burst.answers import refusal_of
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.leader import LeaderNode
@@ -171,7 +170,7 @@ async def test_what_a_failing_disk_could_not_take_comes_when_it_can(
     await session.accept_report(bursts.report("a", 0, 1), 0)
     with pytest.raises(DiskError) as failure:
         await bursts.receive_image(session, bursts.upload("a", 0), bursts.pieces(bursts.IMAGE))
-    refusal = refusal_of(failure.value)
+    refusal = Refusal.of_error(failure.value)
     assert refusal.retry, "the node keeps it and asks again"
     await until(session.finished.is_set)
     assert ("full" if fault == errno.ENOSPC else os.strerror(fault)) in session.message

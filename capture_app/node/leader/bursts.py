@@ -11,10 +11,15 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, DiskFullError, IncompleteError, SimulshotError
+from capture_app.errors import (
+    BadInputError,
+    CancelledBurstError,
+    DiskFullError,
+    IncompleteError,
+    SimulshotError,
+)
 from capture_app.names import check_name
 from capture_app.net.udp import Pump
-from capture_app.node.burst.answers import CancelledBurstError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import new_shares
 from capture_app.node.burst.instant_choice import usual_spare

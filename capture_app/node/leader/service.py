@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+from typing import Any
 
 from capture_app.camera_facts import PHONE
 from capture_app.errors import (
@@ -14,7 +15,6 @@ from capture_app.errors import (
     UnknownMachineError,
 )
 from capture_app.net.channel import Channel
-from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
@@ -30,6 +30,47 @@ UNDECIDED_S = 0.1
 """How long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
 WorkingOn = dict[tuple[int, int], tuple[BurstSession, str]]
 """By a leader's run and a burst's number, the session and the camera that a stream brings images of."""
+
+
+STILL_SAVING_EVERY_S = 5.0
+
+
+class ImageAnswers:
+    """Answers to the images of one stream, in their order, while further ones come in."""
+
+    def __init__(self, channel: Channel[Any]) -> None:
+        self._channel = channel
+        self._waiting: asyncio.Queue[asyncio.Future[str]] = asyncio.Queue()
+        self._telling: asyncio.Task[None] | None = None
+
+    def add(self, saving: "asyncio.Future[str]") -> None:
+        """Answer with an image's checksum once it is known, or with what went wrong."""
+        self._waiting.put_nowait(saving)
+        if self._telling is None:
+            self._telling = asyncio.create_task(self._tell_all())
+
+    async def drain(self) -> None:
+        """Wait until all has been answered."""
+        await self._waiting.join()
+
+    async def close(self) -> None:
+        """Answer no more; images that have come are saved all the same."""
+        if self._telling is not None:
+            self._telling.cancel()
+            await asyncio.gather(self._telling, return_exceptions=True)
+
+    async def _tell_all(self) -> None:
+        while True:
+            saving = await self._waiting.get()
+            # A stream that has broken off is noticed by whoever reads it.
+            with contextlib.suppress(NetworkError):
+                while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
+                    await self._channel.send(messages.ImageAck())
+                if not saving.cancelled():
+                    error = saving.exception()
+                    refusal = messages.Refusal.of_error(error) if isinstance(error, SimulshotError) else None
+                    await self._channel.send(refusal or messages.ImageAck(sha256=saving.result()))
+            self._waiting.task_done()
 
 
 class LeaderService:
@@ -77,7 +118,7 @@ class LeaderService:
                     # What the network raises is a NetworkError: this is the disk.
                     what = error if isinstance(error, SimulshotError) else DiskError(f"on its disk: {error}")
                     await answers.drain()
-                    await channel.send(refusal_of(what))
+                    await channel.send(messages.Refusal.of_error(what))
                 if channel.who.is_stranger:
                     return  # it has had its answer, and takes no room
         finally:

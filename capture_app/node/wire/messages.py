@@ -148,10 +148,11 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     """The burst was cancelled: what there is of it may be deleted."""
 
     @classmethod
-    def of_error(cls, error: SimulshotError, *, retry: bool, forget: bool = False) -> Self:
-        """Tell an error of the leader's."""
-        kind = type(error).__name__
-        return cls(what=error.what, hint=error.hint, error=kind, retry=retry, forget=forget)
+    def of_error(cls, error: SimulshotError) -> Self:
+        """Tell an error of the leader's, or of a relay that does not reach it."""
+        retry = isinstance(error, errors.DiskError | errors.TryAgainError | errors.NetworkError)
+        forget = isinstance(error, errors.CancelledBurstError)
+        return cls(what=error.what, hint=error.hint, error=type(error).__name__, retry=retry, forget=forget)
 
     def as_error(self) -> SimulshotError:
         """The leader's error, of its own class where this version knows it."""

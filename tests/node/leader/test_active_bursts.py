@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.errors import BadInputError, CancelledBurstError, IncompleteError
 from capture_app.net.udp import Pump
-from capture_app.node.burst.answers import CancelledBurstError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.instant_choice import usual_spare
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts

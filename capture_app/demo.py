@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct
 
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
-from capture_app.node.burst.instant_choice import usual_spare
+from capture_app.node.burst.plans import usual_spare
 from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes

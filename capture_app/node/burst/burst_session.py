@@ -3,7 +3,7 @@
 import asyncio
 import dataclasses
 import hashlib
-from collections.abc import AsyncIterator, Coroutine, Iterable, Mapping
+from collections.abc import AsyncIterator, Coroutine, Iterable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,22 @@ from typing import Any
 from msgspec.structs import replace
 
 from capture_app.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.node.burst import plans
 from capture_app.node.burst.camera_share import CameraShare, PartialImage
-from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.burst.intake import DiskThreads, Intake
+from capture_app.node.burst.plans import (
+    InstantChoice,
+    burst_of,
+    check_machine,
+    instant_range,
+    plan_of,
+)
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import BurstRecord, MissingImage
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
@@ -25,6 +34,10 @@ from capture_app.text import count
 
 SAID_AFTER_S = 1.0
 """A wait for the disk, or for cameras, that takes longer is told."""
+
+
+Lost = dict[tuple[str, int], MissingImage]
+"""By camera and instant, what an earlier run of the leader did not get, or lost, and why."""
 
 
 class BurstSession:
@@ -37,7 +50,7 @@ class BurstSession:
         writer: SessionWriter,
         disk: DiskThreads,
         *,
-        lost: plans.Lost | None = None,
+        lost: Lost | None = None,
     ) -> None:
         """Begin with these cameras, or go on where an earlier run left off, and what it has `lost`."""
         self.burst = burst
@@ -74,14 +87,14 @@ class BurstSession:
             CameraShare(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
             for plan in writer.plan.cameras
         ]
-        return cls(plans.burst_of(writer.plan), shares, writer, disk, lost=plans.lost_images(writer, shares))
+        return cls(burst_of(writer.plan), shares, writer, disk, lost=lost_images(writer, shares))
 
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
         """Put on disk what this is to become; `leader` is the run of the leader that nodes know it by.
 
         `pins` are the machines that the cameras are of. Raises DiskFullError where there is no room for it.
         """
-        self._plan = plans.plan_of(self.burst, self._writer, leader, note, pins or {})
+        self._plan = plan_of(self.burst, self._writer, leader, note, pins or {})
         await self._save_plan(self._choice.wanted)
 
     # What there is to tell
@@ -144,7 +157,7 @@ class BurstSession:
     def check_machine(self, camera: str, pin: str) -> None:
         """Raise BadInputError for a part that is another machine's to bring."""
         if self._plan is not None:
-            plans.check_machine(self._plan, camera, pin)
+            check_machine(self._plan, camera, pin)
 
     def stream_opened(self, camera: str) -> None:
         """That camera is connected: its images may take their time."""
@@ -285,9 +298,7 @@ class BurstSession:
         if self._plan is None:
             return
         told = tuple(share.plan for share in self._shares.values())
-        self._plan = replace(
-            self._plan, cameras=told, chosen=chosen, streamed=plans.instant_range(self.burst)
-        )
+        self._plan = replace(self._plan, cameras=told, chosen=chosen, streamed=instant_range(self.burst))
         async with self._writing_plan:
             if self._plan != self._writer.plan:
                 await self._disk.call(self._writer.set_plan, self._plan)
@@ -380,13 +391,13 @@ class BurstSession:
         lost = self._lost or {}
         missing = [gap for of in self._shares.values() for gap in of.missing_images(self._choice, lost)]
         burst = self._choice.record(self._told)
-        self.message = plans.result_text(burst, missing)
+        self.message = result_text(burst, missing)
         silent = any(share.silent for share in self._shares.values())
         if self.is_empty() and self._lost is None and not silent:
             self._writer.discard()
             self.message = f"no image came, so no session was made; {self.message}"
             return None
-        return plans.write_manifest(self._writer, self._shares, burst, missing)
+        return write_manifest(self._writer, self._shares, burst, missing)
 
     # Its parts
 
@@ -443,3 +454,52 @@ def _known(sha256: str) -> "asyncio.Future[str]":
 def _disk_reason(error: DiskError) -> str:
     """Why images are missing when the leader's disk failed."""
     return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"
+
+
+def lost_images(writer: SessionWriter, shares: Iterable[CameraShare]) -> Lost:
+    """What the session of an earlier run lacks by its own account. Blocks on the disk.
+
+    Where that was finished no camera is waited for any more; what it gave up may still come.
+    """
+    reason = "its file was damaged or lost after it came"
+    lost = {
+        (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
+        for camera, instant in writer.damaged
+    }
+    try:
+        missing = Session.open(writer.folder).stored_manifest.missing
+    except SimulshotError:
+        return lost
+    for share in shares:
+        share.given_up = next((gap.reason for gap in missing if gap.camera == share.name), "it never came")
+        share.silent = True
+    return lost | {(gap.camera, gap.instant): gap for gap in missing}
+
+
+def write_manifest(
+    writer: SessionWriter,
+    shares: Mapping[str, CameraShare],
+    burst: BurstRecord,
+    missing: Sequence[MissingImage],
+) -> Path:
+    """Finish a session with what has come, and return its folder. Blocks on the disk.
+
+    Raises BadInputError where the records contradict each other, DiskFullError.
+    """
+    plans = {name: share.plan for name, share in shares.items()}
+    calibrated = {name: of.calibration for name, of in plans.items() if of.calibration is not None}
+    if calibrated:
+        writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
+    writer.set_ground_truth_clocks({n: of.true_clock for n, of in plans.items() if of.true_clock is not None})
+    origin = "simulated" if writer.knows_true_times else "captured"
+    note = "" if writer.plan is None else writer.plan.note
+    return writer.finish([of.camera for of in plans.values()], burst, missing, origin, note).folder
+
+
+def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
+    """What a burst lacks and what was skipped, in a line; empty where neither is anything."""
+    told = ""
+    if missing:
+        reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
+        told = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
+    return "; ".join(filter(None, (told, skipped_text(burst.skipped))))

@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import NetworkError, TryAgainError
 from capture_app.names import is_name
-from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.burst.intake import DiskThreads
+from capture_app.node.burst.plans import InstantChoice
 from capture_app.node.wire.messages import ImageReceipt, ImageUpload
 from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.files.disk import disk_error

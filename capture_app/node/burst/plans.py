@@ -1,21 +1,165 @@
-"""What a session keeps of a burst: its plan, to be finished by after a crash, and its manifest."""
+"""A burst's plan: the instants ordered, which of them it gets, and what is on disk to finish it by."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+import asyncio
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.node.burst.camera_share import CameraShare
-from capture_app.session.format.burst_plan import BurstPlan, InstantRange
-from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import BurstRecord, MissingImage
-from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verdict import skipped_text
+from msgspec.structs import replace
+
+from capture_app.errors import BadInputError, TryAgainError
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
+from capture_app.session.format.manifest import (
+    BurstRecord,
+    ImageRecord,
+    SkippedFrame,
+    SkippedInstant,
+    image_path,
+)
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
-from capture_app.text import count
 
-Lost = dict[tuple[str, int], MissingImage]
-"""By camera and instant, what an earlier run of the leader did not get, or lost, and why."""
+FEWEST_SPARE = 4
+
+
+def usual_spare(frames: int) -> int:
+    """How many spare instants a burst gets: as many again, for a camera that loses every other frame."""
+    return max(FEWEST_SPARE, frames)
+
+
+def choose_instants(
+    ordered: int, frames: int, cameras: Collection[CameraPlan | None]
+) -> tuple[int, ...] | None:
+    """Choose `frames` of the instants that were ordered; None where more must be heard first.
+
+    `cameras` are those that are waited for, None for one that has told nothing yet. Where fewer instants are
+    complete than are wanted, those of the most cameras are added, the earliest of equals.
+    """
+    told = [camera for camera in cameras if camera is not None]
+    if len(told) < len(cameras):
+        return None
+    there = [frozenset(camera.instants) for camera in told]
+    missing = {gap.instant for camera in told for gap in camera.missing}
+    complete: list[int] = []
+    undecided = False
+    for instant in range(ordered):
+        if len(complete) == frames:
+            break
+        if instant in missing:
+            continue
+        if all(instant in instants for instants in there):
+            complete.append(instant)
+        else:
+            undecided = True
+    if undecided:
+        return None
+    if len(complete) < frames:
+        others = (instant for instant in range(ordered) if instant not in complete)
+        by_cameras = sorted(others, key=lambda n: sum(n in instants for instants in there), reverse=True)
+        complete += by_cameras[: frames - len(complete)]
+    return tuple(sorted(complete))
+
+
+Reports = Mapping[str, CameraPlan | None]
+"""By camera, what it has told; None where it has told nothing yet."""
+
+
+class InstantChoice:
+    """The instants of a session, numbered from 0, and those that were ordered, numbered by the nodes."""
+
+    def __init__(self, burst: Burst, chosen: tuple[int, ...] | None = None) -> None:
+        """`chosen` are the instants of a burst that was begun before; without spare ones it has all."""
+        self._burst = burst
+        self.chosen: Sequence[int] | None = chosen if burst.spare else range(burst.frames)
+        """Their numbers as ordered; None while the burst is not committed to any."""
+        self._committed = asyncio.Event()
+        if self.chosen is not None:
+            self._committed.set()
+
+    @property
+    def is_committed(self) -> bool:
+        """Whether the instants are known; they never change after that."""
+        return self.chosen is not None
+
+    def commit(self, chosen: Sequence[int]) -> None:
+        """Commit the burst to these instants, by their numbers as ordered."""
+        self.chosen = chosen
+        self._committed.set()
+
+    async def wait(self, timeout_s: float) -> bool:
+        """Wait until the instants are known, at most so long; return whether they are."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await self._committed.wait()
+        return self.is_committed
+
+    @property
+    def wanted(self) -> tuple[int, ...] | None:
+        """What nodes are to send, where that is not all."""
+        return tuple(self.chosen) if self._burst.spare and self.chosen is not None else None
+
+    def end(self, burst: Burst) -> None:
+        """Take note that a burst whose frames are sent as they come ends earlier than it was ordered."""
+        self._burst, self.chosen = burst, range(burst.frames)
+
+    def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:
+        """The instants to commit to by what the cameras that are awaited have told; None for not yet."""
+        return choose_instants(len(self._burst.instants_ns), self._burst.frames, awaited)
+
+    def check_ordered(self, instants: Collection[int]) -> None:
+        """Raise BadInputError for one that was not ordered."""
+        for instant in instants:
+            if not 0 <= instant < len(self._burst.instants_ns):
+                raise BadInputError(f"burst {self._burst.number} has no instant {instant}")
+
+    def numbers(self, ordered: Collection[int]) -> set[int]:
+        """The numbers in the session of those of these instants that it has."""
+        if not self._burst.spare:
+            return {instant for instant in ordered if instant < self._burst.frames}
+        told = frozenset(ordered)
+        return {number for number, instant in enumerate(self.chosen or ()) if instant in told}
+
+    def renumbered(self, record: ImageRecord) -> ImageRecord:
+        """An image's record as the session has it.
+
+        Raises BadInputError for one that no camera may send, TryAgainError while that is not known.
+        """
+        self.check_ordered([record.instant])
+        if self.chosen is None:
+            raise TryAgainError(f"it is not known yet which instants burst {self._burst.number} has")
+        suffix = record.path[record.path.rfind(".") :]
+        if record.path != image_path(record.camera, record.instant, suffix):
+            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
+        if record.instant not in self.chosen:
+            raise BadInputError(f"burst {self._burst.number} does without instant {record.instant}")
+        number = self.chosen.index(record.instant)
+        return replace(record, instant=number, path=image_path(record.camera, number, suffix))
+
+    def skipped(self, reports: Reports) -> tuple[SkippedInstant, ...]:
+        """The instants that later ones have taken the place of, and why."""
+        if not self._burst.spare:
+            return ()
+        chosen = self.chosen or (0,)
+        skipped = []
+        for instant in sorted({*range(chosen[-1])} - {*chosen}):
+            gaps = (
+                SkippedFrame(camera=name, reason=gap.reason, dropped=gap.dropped)
+                for name, report in sorted(reports.items())
+                for gap in (report.missing if report is not None else ())
+                if gap.instant == instant
+            )
+            leader_ns = self._burst.instants_ns[instant]
+            skipped.append(SkippedInstant(leader_ns=leader_ns, missing=tuple(gaps)))
+        return tuple(skipped)
+
+    def record(self, reports: Reports) -> BurstRecord:
+        """The burst as the manifest has it."""
+        burst = self._burst
+        return BurstRecord(
+            instants_ns=tuple(burst.instants_ns[instant] for instant in self.chosen or ()),
+            period_ns=burst.period_ns,
+            requested_ns=burst.requested_ns,
+            skipped=self.skipped(reports),
+        )
 
 
 def plan_of(
@@ -76,52 +220,3 @@ def burst_of(plan: BurstPlan) -> Burst:
         streamed=plan.streamed is not None,
         video=plan.streamed is not None and plan.streamed.video,
     )
-
-
-def lost_images(writer: SessionWriter, shares: Iterable[CameraShare]) -> Lost:
-    """What the session of an earlier run lacks by its own account. Blocks on the disk.
-
-    Where that was finished no camera is waited for any more; what it gave up may still come.
-    """
-    reason = "its file was damaged or lost after it came"
-    lost = {
-        (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
-        for camera, instant in writer.damaged
-    }
-    try:
-        missing = Session.open(writer.folder).stored_manifest.missing
-    except SimulshotError:
-        return lost
-    for share in shares:
-        share.given_up = next((gap.reason for gap in missing if gap.camera == share.name), "it never came")
-        share.silent = True
-    return lost | {(gap.camera, gap.instant): gap for gap in missing}
-
-
-def write_manifest(
-    writer: SessionWriter,
-    shares: Mapping[str, CameraShare],
-    burst: BurstRecord,
-    missing: Sequence[MissingImage],
-) -> Path:
-    """Finish a session with what has come, and return its folder. Blocks on the disk.
-
-    Raises BadInputError where the records contradict each other, DiskFullError.
-    """
-    plans = {name: share.plan for name, share in shares.items()}
-    calibrated = {name: of.calibration for name, of in plans.items() if of.calibration is not None}
-    if calibrated:
-        writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
-    writer.set_ground_truth_clocks({n: of.true_clock for n, of in plans.items() if of.true_clock is not None})
-    origin = "simulated" if writer.knows_true_times else "captured"
-    note = "" if writer.plan is None else writer.plan.note
-    return writer.finish([of.camera for of in plans.values()], burst, missing, origin, note).folder
-
-
-def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
-    """What a burst lacks and what was skipped, in a line; empty where neither is anything."""
-    told = ""
-    if missing:
-        reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
-        told = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
-    return "; ".join(filter(None, (told, skipped_text(burst.skipped))))

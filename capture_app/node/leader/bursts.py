@@ -22,8 +22,8 @@ from capture_app.names import check_name
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import new_shares
-from capture_app.node.burst.instant_choice import usual_spare
 from capture_app.node.burst.intake import DiskThreads
+from capture_app.node.burst.plans import usual_spare
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import (

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from capture_app.errors import BadInputError, CancelledBurstError, IncompleteError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.instant_choice import usual_spare
+from capture_app.node.burst.plans import usual_spare
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.session.reading.reader import Session

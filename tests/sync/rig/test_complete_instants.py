@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.node.burst.instant_choice import choose_instants
+from capture_app.node.burst.plans import choose_instants
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, MissingImage
 from tests.facts import make_facts

@@ -14,7 +14,7 @@ from capture_app import __version__
 from capture_app.clock import SimulatedClock, seeded_clock
 from capture_app.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
-from capture_app.node.camera.records import camera_record, event_line
+from capture_app.node.camera.camera_node import camera_record, event_line
 from capture_app.node.wire.messages import JsonValue
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.simulation.profiles import SensorProfile, facts_of, find_profile

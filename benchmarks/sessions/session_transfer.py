@@ -26,8 +26,7 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import new_shares
 from capture_app.node.burst.intake import DiskThreads
-from capture_app.node.camera.burst_upload import BurstUpload
-from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.news import Log

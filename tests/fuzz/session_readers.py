@@ -6,8 +6,8 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import SimulshotError
+from capture_app.node.camera.burst_upload import SpooledBurst
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.node.camera.spool import SpooledBurst
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.ground_truth import TIMES, ground_truth_path
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST

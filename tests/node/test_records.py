@@ -5,7 +5,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from capture_app.node.camera.records import camera_record, event_line
+from capture_app.node.camera.camera_node import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import FramesSelected

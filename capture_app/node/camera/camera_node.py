@@ -7,39 +7,36 @@ import random
 import secrets
 import socket
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
-from capture_app.camera_facts import PhaseControl, StampAccuracy
-from capture_app.cameras.base import CapturedFrame
-from capture_app.clock import HostRate
+import msgspec
+
+from capture_app.camera_facts import SIMULATED, CameraFacts, Control, PhaseControl, StampAccuracy
+from capture_app.cameras.base import CapturedFrame, DeviceClock
+from capture_app.clock import HostRate, SimulatedClock
 from capture_app.errors import NetworkError, ungrouped_errors
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
-from capture_app.node.camera.burst_upload import BurstUpload
-from capture_app.node.camera.records import (
-    camera_record,
-    camera_report,
-    event_line,
-    event_words,
-    missing_images,
-    true_clock,
-    with_device_clock,
-)
-from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
-from capture_app.node.wire.messages import JsonValue, KeyRequest
+from capture_app.node.wire.messages import CameraReport, JsonValue, KeyRequest
 from capture_app.node.wire.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
+from capture_app.session.format.burst_plan import CameraPlan
+from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig import events
+from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
+from capture_app.sync.rig.frame_selection import DROPPED, Gap
 from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 
@@ -281,30 +278,137 @@ class RigMember:
 
     def _upload(self, picked: events.FramesSelected[CapturedFrame]) -> None:
         """Begin the upload of a burst that was picked, or go on with it."""
-        ready, name = with_device_clock(picked), self.options.name
-        facts, camera = self._camera.facts, self._camera.camera
-        if ready.further:
-            missing = missing_images(name, ready.gaps)
-            self._uploader.extend_burst(
-                ready.leader, ready.burst, ready.frames, missing, over=ready.over, ended=ready.ended
-            )
+        name, leader, burst = self.options.name, picked.leader, picked.burst
+        missing, over, ended = missing_images(name, picked.gaps), picked.over, picked.ended
+        if picked.further:
+            self._uploader.extend_burst(leader, burst, picked.frames, missing, over=over, ended=ended)
             return
+        facts, camera, streamed = self._camera.facts, self._camera.camera, picked.trigger is not None
+        true_clock = self._clock if isinstance(self._clock, SimulatedClock) else None
+        if facts.kind == SIMULATED and true_clock is None:
+            true_clock = SimulatedClock(0)
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
         held = self.controls.held
-        record = camera_record(name, facts, ready, corrections, tolerance_ns, camera.device_clock, held)
-        truth = true_clock(self._clock, facts)
-        report = camera_report(record, ready, camera.calibration, truth, tuple(self._happened))
-        self._happened.clear()
-        if ready.trigger is None:
-            forget = functools.partial(self._engine.forget_burst, ready.leader, ready.burst)
-            self._uploader.add_burst(BurstUpload(report, deque(ready.frames), on_commit=forget))
-            return
-        upload = BurstUpload(
-            report.with_plan(instants=(), missing=(), picking=True),
-            deque(),
-            streamed=True,
-            video=ready.trigger.video,
-            most_bytes=self.options.ring_bytes,
+        plan = CameraPlan(
+            camera=camera_record(name, facts, picked, corrections, tolerance_ns, camera.device_clock, held),
+            reported=True,
+            picking=streamed,
+            calibration=camera.calibration,
+            true_clock=true_clock,
         )
-        upload.extend(ready.frames, report.plan.missing, over=ready.over, ended=ready.ended)
+        report = CameraReport(leader=leader, burst=burst, plan=plan, events=tuple(self._happened))
+        self._happened.clear()
+        upload = BurstUpload(
+            report,
+            streamed=streamed,
+            video=picked.trigger is not None and picked.trigger.video,
+            most_bytes=self.options.ring_bytes,
+            on_commit=functools.partial(self._engine.forget_burst, leader, burst),
+        )
+        upload.extend(picked.frames, missing, over=over, ended=ended)
         self._uploader.add_burst(upload)
+
+
+def camera_record(
+    name: str,
+    facts: CameraFacts,
+    ready: events.FramesSelected[Any],
+    corrections: int,
+    tolerance_ns: int,
+    device: DeviceClock | None = None,
+    held: Mapping[Control, float] | None = None,
+) -> CameraRecord:
+    """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
+
+    `tolerance_ns` is how near to the rig's grid the phase was to be held; `device` is the camera's own clock,
+    where it stamps by one; `held` are the controls that somebody set.
+    """
+    time_map, phase = ready.time_map, ready.phase
+    relative_ns = time_map.relative_uncertainty_ns
+    return CameraRecord(
+        name=name,
+        facts=facts,
+        held=dict(held) if held else msgspec.UNSET,
+        clock=ClockRecord(
+            epoch_local_ns=time_map.epoch_local_ns,
+            offset_ns=time_map.offset_ns,
+            skew_ppm=time_map.skew * 1e6,
+            uncertainty_ns=round(time_map.uncertainty_ns),
+            hard_bound_ns=round(time_map.hard_bound_ns),
+            round_trip_ns=time_map.round_trip_ns,
+            samples=time_map.samples,
+            reference_correction_ns=time_map.reference_correction_ns,
+            relative_uncertainty_ns=None if relative_ns is None else round(relative_ns),
+            device_uncertainty_ns=None if device is None else device.uncertainty_ns,
+            device_hard_bound_ns=None if device is None else device.hard_bound_ns,
+        ),
+        phase=None
+        if phase is None
+        else PhaseRecord(
+            residual_ns=phase.error_ns,
+            period_ns=round(phase.period_ns),
+            drift_ppm=phase.drift_ppm,
+            corrections=corrections,
+            uncertainty_ns=round(1.96 * phase.sigma_ns),
+            tolerance_ns=tolerance_ns,
+        ),
+    )
+
+
+def missing_images(camera: str, gaps: Iterable[Gap]) -> tuple[MissingImage, ...]:
+    """What a camera tells of instants that it has no frame of."""
+    return tuple(
+        MissingImage(camera=camera, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
+        for gap in gaps
+    )
+
+
+_LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
+_EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
+    events.Joined: ("joined", ("leader",)),
+    events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
+    events.FramesDropped: ("frames-dropped", ("count", "sequence")),
+    events.AlignmentFailed: ("alignment-failed", ("reason",)),
+    clock_events.StepRefused: ("clock-step-refused", ("times",)),
+    clock_events.WayLonger: ("way-longer", ("longer_ns",)),
+    clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
+}
+"""What a line calls an event, and the fields that it takes over from it."""
+
+
+def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
+    """An event as a flat line of JSON."""
+    match event:
+        case events.LeaderNews(what, text):
+            return {"event": _LEADER_LINES[what], "text" if what == "said" else "reason": text}
+        case clock_events.ClockSynced(time_map):
+            bound_ns = round(time_map.hard_bound_ns)
+            return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
+        case clock_events.ClockChanged(jumped):
+            return {"event": "clock-stepped" if jumped else "clock-rate-changed"}
+        case clock_events.ClockRateUnusual(None):
+            return {"event": "clock-rate-usual"}
+        case clock_events.ReferenceCorrected(None):
+            return {"event": "reference-correction-ended"}
+        case clock_events.ReferenceCorrected(uncertainty_ns):
+            return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
+        case events.PhaseCorrected(command, before):
+            error_ns = None if before is None else before.error_ns
+            fields = msgspec.to_builtins(command) | {"phase_error_ns": error_ns}
+            return {"event": "phase-corrected", "command": type(command).__name__, **fields}
+    name, taken = _EVENT_FIELDS.get(type(event), (type(event).__name__, ()))
+    return {"event": name} | {field: getattr(event, field) for field in taken}
+
+
+def event_words(event: events.ClientEvent[Any]) -> str:
+    """Return what a user should hear of an event; empty where nothing."""
+    match event:
+        case events.LeaderNews("said"):
+            return f"the leader says: {event.text}"
+        case events.LeaderNews():
+            return f"{_LEADER_LINES[event.what]}: {event.text}"
+        case events.AlignmentFailed():
+            return f"alignment-failed: {event.reason}"
+        case events.StrangeTrigger():
+            return f"refused a trigger for burst {event.burst}: it is not of the leader that is followed"
+    return node_message.of_event(event)

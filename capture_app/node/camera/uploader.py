@@ -13,8 +13,7 @@ from capture_app.errors import CameraError, NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_sender import BurstSender, PostponedError
-from capture_app.node.camera.burst_upload import BurstUpload, encode_frame
-from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.burst_upload import BurstUpload, Spool, encode_frame
 from capture_app.node.news import Log
 from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream, Refusal
 from capture_app.session.format.manifest import MissingImage

@@ -12,7 +12,7 @@ from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAg
 from capture_app.net.address import Address
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
-from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.burst_upload import Spool
 from capture_app.node.leader.readiness import check_room
 from capture_app.node.leader.repair import repair
 from capture_app.node.news import Log

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from capture_app.errors import DiskFullError
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import encode_frame
-from capture_app.node.camera.spool import Spool, SpooledBurst
+from capture_app.node.camera.burst_upload import Spool, SpooledBurst, encode_frame
 from capture_app.node.wire.messages import (
     CameraReport,
     Refusal,

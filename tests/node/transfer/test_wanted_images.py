@@ -4,7 +4,7 @@ import asyncio
 from pathlib import Path
 
 from capture_app.net.channel import Channel
-from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.burst_upload import Spool
 from capture_app.node.wire.messages import (
     CameraReport,
     ImageAck,

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import CapturedFrame
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import BurstUpload
-from capture_app.node.camera.spool import Spool
+from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.news import Log
 from capture_app.node.wire.messages import (

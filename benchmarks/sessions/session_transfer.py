@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.sessions.slow_disk import SlowDisk
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.net.address import Address
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.burst.burst_session import BurstSession

@@ -4,63 +4,14 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
 from capture_app.camera_facts import CameraFacts, Control, ControlState
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-
-class FramePicture(Protocol):
-    """A frame's picture, encoded only when it is saved."""
-
-    @property
-    def held_bytes(self) -> int:
-        """How much memory it takes."""
-
-    def encode(self) -> bytes:
-        """Return the image file's bytes (JPEG). May take a second: call it off the event loop."""
-
-    def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture, BGR uint8 (H, W, 3), about `width` pixels wide or wider, as is cheap.
-
-        Raises ValueError for a picture that cannot be decoded. Call it off the event loop.
-        """
-
-
-@dataclass(frozen=True, slots=True)
-class GroundTruth:
-    """What the simulator knows of a frame."""
-
-    true_ns: int
-    """True start of the first row's exposure, in the host's monotonic clock."""
-    encode: Callable[[], bytes]
-    """Renders the bytes of an .npz with `depth_m` (float32 HxW), `objects` (uint8), `movers` (bool)."""
-
-
-@dataclass(frozen=True, slots=True)
-class CapturedFrame:
-    """One frame as the driver delivered it; times in ns of the node's own clock."""
-
-    sequence: int
-    """The driver's frame number since the stream started; a gap is a dropped frame."""
-    stream: int
-    """Counts the stream's starts: sequence numbers compare only within one stream."""
-    timestamp_ns: int
-    picture: FramePicture
-    exposure_ns: int | None = None
-    gain: float | None = None
-    white_balance: tuple[float, float] | None = None
-    """Red and blue gains over green."""
-    truth: GroundTruth | None = None
-    clock_uncertainty_ns: int = 0
-    """95 % error of the timestamp's way into the node's clock, where the device stamps by one of its own."""
 
 
 @dataclass(frozen=True, slots=True)

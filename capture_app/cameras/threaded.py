@@ -8,7 +8,8 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import TypeVar
 
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, OnFailure, OnFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.errors import CameraError
 
 T = TypeVar("T")

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame, wait_for_start
-from capture_app.cameras.pictures import PixelPicture, step_to
+from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
 from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.clock import NodeClock

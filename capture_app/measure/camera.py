@@ -10,7 +10,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
-from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.cameras.base import Camera
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.node.camera.device_profiles import DeviceProfiles

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts, Control, ControlState
-from capture_app.cameras.base import Camera, CapturedFrame, DeviceClock, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, DeviceClock, OnFailure, OnFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.camera.camera_node import CameraNode

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from capture_app.camera_facts import KELVIN, MICROSECONDS, TIMES, Control, ControlState
-from capture_app.cameras.base import Camera, CapturedFrame, GroundTruth, OnFailure, OnFrame
-from capture_app.cameras.pictures import JpegPicture
+from capture_app.cameras.base import Camera, OnFailure, OnFrame
+from capture_app.cameras.frames import CapturedFrame, GroundTruth, JpegPicture
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration

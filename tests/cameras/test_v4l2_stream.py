@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from capture_app.camera_facts import PhaseControl, TimestampSource
-from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.pictures import JpegPicture, PixelPicture, raw_picture
+from capture_app.cameras.frames import CapturedFrame, JpegPicture, PixelPicture, raw_picture
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.errors import CameraError

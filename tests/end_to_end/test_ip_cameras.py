@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.cameras.pictures import JpegPicture
+from capture_app.cameras.frames import JpegPicture
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.cameras.rtsp.ip_camera import IpCamera, number_shown

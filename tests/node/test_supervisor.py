@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 from msgspec.structs import replace
 
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.sync.phase.stamps import FrameStamp

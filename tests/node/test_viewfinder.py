@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.viewfinder import small_jpeg

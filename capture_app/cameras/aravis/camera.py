@@ -23,7 +23,8 @@ from capture_app.camera_facts import (
 from capture_app.cameras.aravis.device import KIND, AravisDevice
 from capture_app.cameras.aravis.machine_device import DeviceFrame, machine_picture
 from capture_app.cameras.arrival_clock import ArrivalClock
-from capture_app.cameras.base import CapturedFrame, DeviceClock, OnFailure, OnFrame
+from capture_app.cameras.base import DeviceClock, OnFailure, OnFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.errors import CameraError
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample

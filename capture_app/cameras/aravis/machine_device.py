@@ -5,7 +5,7 @@ from functools import partial
 from math import prod
 from typing import TYPE_CHECKING
 
-from capture_app.cameras.pictures import PixelPicture, step_to
+from capture_app.cameras.frames import PixelPicture, step_to
 
 if TYPE_CHECKING:
     import numpy as np

@@ -22,7 +22,8 @@ from typing import Any
 from msgspec import structs
 
 from capture_app.camera_facts import Control, ControlState, PhaseControl
-from capture_app.cameras.base import CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import OnFailure, OnFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import (
     KIND,
     configure,

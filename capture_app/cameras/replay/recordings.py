@@ -9,7 +9,7 @@ from statistics import median
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.cameras.pictures import JpegPicture
+from capture_app.cameras.frames import JpegPicture
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.journal import frame_record

@@ -10,8 +10,8 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
-from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame
-from capture_app.cameras.pictures import PixelPicture, step_to
+from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame
+from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.rtsp.connection import GONE, Connection, VideoStream
 from capture_app.cameras.rtsp.packets import AccessUnit, AccessUnits, reported_ticks
 from capture_app.cameras.rtsp.passwords import reveal_password

@@ -27,8 +27,8 @@ from capture_app.camera_facts import (
     TimestampSource,
     steps_of,
 )
-from capture_app.cameras.base import CapturedFrame, OnFailure, OnFrame, wait_for_start
-from capture_app.cameras.pictures import picture_from_buffer
+from capture_app.cameras.base import OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.frames import CapturedFrame, picture_from_buffer
 from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error

@@ -19,7 +19,7 @@ from pathlib import Path
 import msgspec
 from msgspec.structs import replace
 
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
 from capture_app.names import check_name
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace

@@ -13,7 +13,8 @@ from typing import Any
 import msgspec
 
 from capture_app.camera_facts import SIMULATED, CameraFacts, Control, PhaseControl, StampAccuracy
-from capture_app.cameras.base import CapturedFrame, DeviceClock
+from capture_app.cameras.base import DeviceClock
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.clock import HostRate, SimulatedClock
 from capture_app.errors import NetworkError, ungrouped_errors
 from capture_app.net.address import Address, resolve

@@ -22,7 +22,8 @@ from capture_app.camera_facts import (
     ControlValue,
     StampAccuracy,
 )
-from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.cameras.base import Camera
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.pictures import lower_priority
+from capture_app.cameras.frames import CapturedFrame, lower_priority
 from capture_app.errors import CameraError, NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect

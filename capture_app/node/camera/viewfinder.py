@@ -10,8 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.pictures import lower_priority
+from capture_app.cameras.frames import CapturedFrame, lower_priority
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect

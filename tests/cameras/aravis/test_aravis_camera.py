@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.camera_facts import Control, PhaseControl, StampSource, TimestampSource
 from capture_app.cameras.aravis.camera import AravisCamera, FrameNumbers
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, machine_picture, split_format
-from capture_app.cameras.pictures import PixelPicture
+from capture_app.cameras.frames import PixelPicture
 
 WIDTH, HEIGHT = 64, 48
 BGR = (40, 120, 220)

@@ -11,7 +11,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any, cast
 
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.camera import LibcameraCamera
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import StampClock

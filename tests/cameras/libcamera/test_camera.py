@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from capture_app.camera_facts import MICROSECONDS, Control, PhaseControl, StampSource
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import parse_options
 from capture_app.cameras.libcamera.driver import listings
 from capture_app.cameras.libcamera.library import Library

@@ -10,7 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.camera_facts import PhaseControl, StampAccuracy, StampSource
-from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.cameras.base import Camera
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import list_cameras, open_camera
 from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import BadInputError, CameraError

@@ -19,7 +19,7 @@ from functools import cache
 import av
 import numpy as np
 
-from capture_app.cameras.base import FramePicture
+from capture_app.cameras.frames import FramePicture
 
 FPS, WIDTH, HEIGHT = 25, 160, 96
 GOP = 5

@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from capture_app.camera_facts import PhaseControl, StampSource
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.rtsp.camera import RtspCamera
 from capture_app.cameras.rtsp.passwords import hide_password, reveal_password
 from capture_app.cameras.specs import open_camera, parse_spec

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from capture_app.camera_facts import PhaseControl, StampSource, TimestampSource
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import CameraRequest, list_cameras, open_camera
 from capture_app.cameras.webcam import Webcam, WebcamCamera
 from capture_app.clock import HostClock

@@ -6,7 +6,8 @@ from collections.abc import Callable, Coroutine
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
-from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.cameras.base import Camera
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
 from capture_app.clock import SimulatedClock
 

@@ -4,7 +4,7 @@ from itertools import pairwise
 import pytest
 
 from capture_app.camera_facts import PhaseControl, TimestampSource
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, CameraError

@@ -1,7 +1,7 @@
 import pytest
 
 from capture_app.camera_facts import MICROSECONDS, Control
-from capture_app.cameras.base import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.simulation.driver import open_camera

@@ -20,8 +20,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Missi
 from capture_app.simulation.profiles import SensorProfile, facts_of, find_profile
 from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.simulation.sensor import Sensor, SensorFrame
-from capture_app.sync.rig.events import FramesSelected
-from capture_app.sync.rig.frame_selection import DROPPED
+from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
 
 _READY_WITHIN_NS = 120_000_000_000
 _PICKED_WITHIN_NS = 30_000_000_000

@@ -8,7 +8,7 @@ import pytest
 from capture_app.node.camera.camera_node import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.events import FramesSelected
+from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping.clock_events import ReferenceCorrected
 from tests.facts import make_facts
 

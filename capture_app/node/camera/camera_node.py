@@ -35,7 +35,7 @@ from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
-from capture_app.sync.rig.frame_selection import DROPPED, Gap
+from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected, Gap
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.wire.messages import NodeState
@@ -259,7 +259,7 @@ class RigMember:
 
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
-        if isinstance(event, events.FramesSelected):
+        if isinstance(event, FramesSelected):
             self._upload(event)
             return
         if isinstance(event, events.BurstCancelled):
@@ -277,7 +277,7 @@ class RigMember:
         if words := event_words(event):
             self._log.say(words)
 
-    def _upload(self, picked: events.FramesSelected[CapturedFrame]) -> None:
+    def _upload(self, picked: FramesSelected[CapturedFrame]) -> None:
         """Begin the upload of a burst that was picked, or go on with it."""
         name, leader, burst = self.options.name, picked.leader, picked.burst
         missing, over, ended = missing_images(name, picked.gaps), picked.over, picked.ended
@@ -313,7 +313,7 @@ class RigMember:
 def camera_record(
     name: str,
     facts: CameraFacts,
-    ready: events.FramesSelected[Any],
+    ready: FramesSelected[Any],
     corrections: int,
     tolerance_ns: int,
     device: DeviceClock | None = None,

@@ -16,17 +16,11 @@ from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import node_message
-from capture_app.sync.rig.events import (
-    BurstCancelled,
-    ClientEvent,
-    FramesDropped,
-    FramesSelected,
-    Joined,
-    StrangeTrigger,
-)
+from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined, StrangeTrigger
 from capture_app.sync.rig.frame_selection import (
     NO_FRAME_OF_ITS_OWN,
     CameraGrid,
+    FramesSelected,
     Gap,
     RingBuffer,
     SelectedFrame,

@@ -4,14 +4,13 @@ Unlike messages they never leave the process, so they carry time maps, estimates
 """
 
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from typing import Literal, TypeVar
 
-from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.stamps import PhaseEstimate
-from capture_app.sync.rig.frame_selection import Gap, SelectedFrame
+from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping.clock_events import ClockEvent
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.sync.wire.messages import Group, Trigger
+from capture_app.sync.wire.messages import Group
 
 F = TypeVar("F")
 
@@ -66,35 +65,6 @@ class AlignmentFailed:
 
     reason: str
     """Why, in a sentence for the user."""
-
-
-@dataclass(frozen=True, slots=True)
-class FramesSelected(Generic[F]):
-    """Frames of a burst are picked: save and send them."""
-
-    leader: int
-    """The run of the leader that ordered it."""
-    burst: int
-    """Its number within that run."""
-    frames: tuple[SelectedFrame[F], ...]
-    """In the order of their instants."""
-    gaps: tuple[Gap, ...]
-    """The instants without a frame."""
-    time_map: TimeMap
-    """By which the frames were picked."""
-    phase: PhaseEstimate | None
-    """The stream's phase at the last instant; None where it was not known."""
-    further: bool = False
-    """They add to what was told of the burst before: spare instants, or the next of one that is streamed."""
-    trigger: Trigger | None = None
-    """What was ordered of a burst that is streamed, as it stands now."""
-    over: int = 0
-    """How many instants of a burst that is streamed have been told, these included."""
-
-    @property
-    def ended(self) -> bool:
-        """Whether no further frames of a burst that is streamed will come."""
-        return self.trigger is None or self.over >= self.trigger.count
 
 
 @dataclass(frozen=True, slots=True)

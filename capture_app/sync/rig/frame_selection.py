@@ -9,8 +9,8 @@ from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.stamps import StampError
-from capture_app.sync.wire.messages import RigConfigMessage
+from capture_app.sync.phase.stamps import PhaseEstimate, StampError
+from capture_app.sync.wire.messages import RigConfigMessage, Trigger
 
 F = TypeVar("F")
 
@@ -131,6 +131,35 @@ class Gap:
 
     instant: int
     reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class FramesSelected(Generic[F]):
+    """Frames of a burst are picked: save and send them."""
+
+    leader: int
+    """The run of the leader that ordered it."""
+    burst: int
+    """Its number within that run."""
+    frames: tuple[SelectedFrame[F], ...]
+    """In the order of their instants."""
+    gaps: tuple[Gap, ...]
+    """The instants without a frame."""
+    time_map: TimeMap
+    """By which the frames were picked."""
+    phase: PhaseEstimate | None
+    """The stream's phase at the last instant; None where it was not known."""
+    further: bool = False
+    """They add to what was told of the burst before: spare instants, or the next of one that is streamed."""
+    trigger: Trigger | None = None
+    """What was ordered of a burst that is streamed, as it stands now."""
+    over: int = 0
+    """How many instants of a burst that is streamed have been told, these included."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether no further frames of a burst that is streamed will come."""
+        return self.trigger is None or self.over >= self.trigger.count
 
 
 def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:

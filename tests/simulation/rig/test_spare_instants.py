@@ -11,8 +11,8 @@ from capture_app.node.camera.camera_node import missing_images
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.simulation.profiles import PROFILES
-from capture_app.sync.rig.events import BurstCancelled, FramesSelected
-from capture_app.sync.rig.frame_selection import Burst
+from capture_app.sync.rig.events import BurstCancelled
+from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from tests.simulation.rig.rigs import LAN, S, ready_rig
 
 

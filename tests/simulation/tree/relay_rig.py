@@ -11,9 +11,9 @@ from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstAnswered, FramesSelected, LeaderEvent
+from capture_app.sync.rig.events import BurstAnswered, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
-from capture_app.sync.rig.frame_selection import Burst
+from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.phase_loop import ClientConfig

@@ -12,8 +12,8 @@ from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.frames import JpegPicture
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.journal import frame_record
-from capture_app.session.format.manifest import CameraRecord, ImageRecord
+from capture_app.session.format.journal import frame_of_line
+from capture_app.session.format.manifest import NO_INSTANT, CameraRecord, ImageRecord
 from capture_app.session.importers.embedded_times import has_video_times
 from capture_app.session.importers.sources import JPEG_BEGIN, Source, Video
 from capture_app.session.reading.decoding import decode_image, encode_image
@@ -237,11 +237,11 @@ def _images_of(session: Session, camera: str, *, with_others: bool) -> list[Imag
     images = [image for image in session.manifest.images if image.camera == camera]
     if with_others:
         images += [
-            frame_record(video, frame, 0, frame.leader_ns)
+            replace(frame_of_line(video, frame, frame.leader_ns), instant=0)
             for video in session.stored_manifest.videos
             if video.camera == camera
             for frame in session.video_frames(video)
-            if frame.instant is None
+            if frame.instant == NO_INSTANT
         ]
     return images
 

@@ -24,6 +24,8 @@ RECIPE = "recipe.json"
 IMAGES = "images"
 VIDEOS = "videos"
 RIG = "rig1"
+NO_INSTANT = -1
+"""The instant of a frame that belongs to none of the recording."""
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
@@ -145,17 +147,25 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """It was taken further from its instant, before or after, than the camera's tolerance."""
 
 
-class FrameRecord(ImageRecord, frozen=True, kw_only=True):
-    """A frame of a video as an image of its session: `path` is the video's; no manifest lists one."""
+class FrameRecord(ImageRecord, frozen=True, kw_only=True, omit_defaults=True):
+    """A frame of a video as an image of its session: `path` is the video's; no manifest lists one.
+
+    The file beside the video has a line of it, without what that video and the instants tell.
+    """
 
     offset: Count
     """Where its first byte is in the video."""
+    camera: Name = ""
+    path: str = ""
+    instant: Count = NO_INSTANT
+    true_ns: int | None = None
+    """True start of the first row's exposure, of a simulated frame, in the host's clock."""
 
 
 class VideoRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One camera's recording: every frame is a JPEG file of its own, one behind the other (MJPEG).
 
-    Where each begins, and when it was taken, is in the file beside it (`video_frames.VideoFrame`).
+    Where each begins, and when it was taken, is in the file beside it, a `FrameRecord` a line.
     """
 
     camera: Name

@@ -14,11 +14,12 @@ from capture_app.session.files.strangers import read_arrays, read_regular
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, inside, read_struct
 from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
-from capture_app.session.format.journal import VideoFrame, frame_records, frames_path
+from capture_app.session.format.journal import frame_of_line, frames_path
 from capture_app.session.format.manifest import (
     CALIBRATION,
     JOURNAL,
     MANIFEST,
+    NO_INSTANT,
     SCHEMA_VERSION,
     CameraRecord,
     FrameRecord,
@@ -69,11 +70,12 @@ class Session:
     @cached_property
     def manifest(self) -> Manifest:
         """The manifest, the frames of videos among the images. Raises BadInputError where they are broken."""
-        stored = self.stored_manifest
+        stored, instants_ns = self.stored_manifest, self.stored_manifest.burst.instants_ns
         frames = [
-            record
+            frame_of_line(video, frame, instants_ns[frame.instant])
             for video in stored.videos
-            for record in frame_records(video, self.video_frames(video), stored.burst.instants_ns)
+            for frame in self.video_frames(video)
+            if 0 <= frame.instant < len(instants_ns)
         ]
         frames.sort(key=lambda record: (record.instant, record.camera))
         return msgspec.structs.replace(stored, images=(*stored.images, *frames)) if frames else stored
@@ -113,11 +115,11 @@ class Session:
             video.seek(offset)
             return video.read(record.bytes)
 
-    def video_frames(self, video: VideoRecord) -> list[VideoFrame]:
-        """All frames of a video, in their order. Raises BadInputError where their file is broken."""
+    def video_frames(self, video: VideoRecord) -> list[FrameRecord]:
+        """The lines of a video's frames, in their order. Raises BadInputError where their file is broken."""
         path = inside(self.folder, frames_path(video.path))
         try:
-            return msgspec.json.Decoder(VideoFrame).decode_lines(read_regular(path))
+            return msgspec.json.Decoder(FrameRecord).decode_lines(read_regular(path))
         except OSError as error:
             raise BadInputError(f"cannot read {path}: {error.strerror}") from error
         except UNREADABLE as error:
@@ -169,7 +171,7 @@ class Session:
             TrueTime(camera=video.camera, instant=frame.instant, true_ns=frame.true_ns)
             for video in self.stored_manifest.videos
             for frame in self.video_frames(video)
-            if frame.instant is not None and frame.true_ns is not None
+            if frame.instant != NO_INSTANT and frame.true_ns is not None
         ]
         if not frames and not path.exists():
             return None

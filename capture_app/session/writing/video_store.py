@@ -26,13 +26,12 @@ from capture_app.session.files.durable import (
 )
 from capture_app.session.format.journal import (
     FRAMES_SUFFIX,
-    VideoFrame,
     frame_line,
-    frame_record,
+    frame_of_line,
     frames_path,
     record_of_line,
 )
-from capture_app.session.format.manifest import VIDEOS, FrameRecord, VideoRecord, video_path
+from capture_app.session.format.manifest import NO_INSTANT, VIDEOS, FrameRecord, VideoRecord, video_path
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import SET_ASIDE
 
@@ -56,9 +55,9 @@ class _Video:
         place = bisect_left(self.instants, instant)
         return place if place < len(self.instants) and self.instants[place] == instant else None
 
-    def note(self, instant: int | None, line_bytes: int, frame_end: int) -> None:
+    def note(self, instant: int, line_bytes: int, frame_end: int) -> None:
         """Take note of a frame's line, and of where the frame ends."""
-        if instant is not None and self.find(instant) is None:
+        if instant != NO_INSTANT and self.find(instant) is None:
             place = bisect_left(self.instants, instant)
             self.instants.insert(place, instant)
             self.starts.insert(place, self.length)
@@ -101,8 +100,8 @@ class VideoStore:
             record, start = video.record, video.starts[place]
         with (self._folder / frames_path(record.path)).open("rb") as file:
             file.seek(start)
-            frame = msgspec.json.decode(file.readline(), type=VideoFrame)
-        return frame_record(record, frame, instant, frame.leader_ns)
+            frame = msgspec.json.decode(file.readline(), type=FrameRecord)
+        return frame_of_line(record, frame, frame.leader_ns)
 
     def instants(self, camera: str) -> "array[int]":
         """The instants of which a camera's video has a frame, in their order."""
@@ -156,8 +155,8 @@ class VideoStore:
                     file.seek(start)
                 line = file.readline()
                 at = start + len(line)
-                frame = msgspec.json.decode(line, type=VideoFrame)
-                yield frame_record(video.record, frame, instant, instants_ns[instant])
+                frame = msgspec.json.decode(line, type=FrameRecord)
+                yield frame_of_line(video.record, frame, instants_ns[instant])
 
     def _append(self, video: _Video, given: Sequence[StoredImage]) -> None:
         end, frames = video.record.bytes, []
@@ -198,7 +197,7 @@ class VideoStore:
     def _recover(self, camera: str, lines: Path) -> None:
         path = self._folder / video_path(camera)
         size = path.stat().st_size if path.exists() else 0
-        kept: list[tuple[int | None, int, int]] = []
+        kept: list[tuple[int, int, int]] = []
         for line, frame in _whole_frames(lines, size):
             kept.append((frame.instant, len(line), frame.offset + frame.bytes))
             self.knows_true_times |= frame.true_ns is not None
@@ -224,13 +223,13 @@ class VideoStore:
         os.truncate(path, end)
 
 
-def _whole_frames(lines: Path, size: int) -> Iterator[tuple[bytes, VideoFrame]]:
+def _whole_frames(lines: Path, size: int) -> Iterator[tuple[bytes, FrameRecord]]:
     """Yield the whole lines, and their frames, which follow each other in a video of `size` bytes."""
     end = 0
     with lines.open("rb") as file:
         for line in file:
             # A line that a crash has torn has no end.
-            frame = record_of_line(line, VideoFrame) if line.endswith(b"\n") else None
+            frame = record_of_line(line, FrameRecord) if line.endswith(b"\n") else None
             if frame is not None and end <= frame.offset and frame.offset + frame.bytes <= size:
                 end = frame.offset + frame.bytes
                 yield line, frame

@@ -15,6 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 import msgspec
 from msgspec.structs import replace
@@ -276,6 +277,19 @@ class BurstUpload:
     """Which of its instants are missing."""
     end_is_kept: bool = False
     """Whether the spool has what is known at its end."""
+
+    @classmethod
+    def of_spool(cls, spooled: SpooledBurst) -> Self:
+        """What an earlier run of the node has left of a burst, with spare instants. Raises SimulshotError."""
+        report, images = spooled.read_report(), deque(spooled.read_images())
+        here, plan = {image.record.instant for image in images}, report.plan
+        missing = plan.missing
+        if not plan.picking and plan.picked is None:
+            # Of frames that are sent as they come the leader has what is not here any more.
+            here |= {*plan.instants}
+            missing = tuple(gap for gap in missing if gap.instant not in here)
+        report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
+        return cls(report, images=images, spooled=spooled)
 
     @property
     def is_picking(self) -> bool:

@@ -3,18 +3,30 @@
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from capture_app.cameras.frames import CapturedFrame, lower_priority
-from capture_app.errors import CameraError, NetworkError, SimulshotError
+from capture_app.errors import CameraError, DiskError, NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_sender import BurstSender, PostponedError
 from capture_app.node.camera.burst_upload import BurstUpload, Spool, encode_frame
 from capture_app.node.news import Log
-from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream, Refusal
+from capture_app.node.wire.messages import (
+    CameraReport,
+    FromLeader,
+    ImageAck,
+    ImageReceipt,
+    ImageUpload,
+    NodeStream,
+    Refusal,
+    ReportAck,
+    SpoolSpace,
+)
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig.frame_selection import SelectedFrame
 from capture_app.text import count
@@ -23,6 +35,210 @@ from capture_app.trust.trust import Trust
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
+ANSWER_TIMEOUT_S = 30.0
+MAX_IN_FLIGHT = 64
+"""How many images are sent ahead of the leader's answers: its disk is synced for many at a time."""
+ASK_AGAIN_S = 0.05
+
+Answer = ImageAck | ReportAck | Refusal
+
+
+class PostponedError(NetworkError):
+    """The leader cannot take a burst now, and may later."""
+
+
+class BurstSender:
+    """Sends bursts over one open stream to the leader; `news` is set whenever there is more to send.
+
+    Of each its report, then each image until the leader has it on its disk.
+    """
+
+    def __init__(
+        self, channel: Channel[Any], news: asyncio.Event, log: Log, waiting: Collection[BurstUpload]
+    ) -> None:
+        """`waiting` are all bursts that are to be sent, over one such stream after the other."""
+        self._channel, self._news, self._log, self._waiting = channel, news, log, waiting
+        self._in_flight: deque[ImageUpload] = deque()
+        self._answer: asyncio.Task[Answer] | None = None
+        self._receipts: dict[int, ImageReceipt] = {}
+        """By instant, what the leader has of images of which the rest is to be sent."""
+
+    async def aclose(self) -> None:
+        """Wait for no answer any more."""
+        if self._answer is not None:
+            self._answer.cancel()
+            await asyncio.gather(self._answer, return_exceptions=True)
+
+    async def ask(
+        self,
+        message: NodeStream | CameraReport | SpoolSpace,
+    ) -> ReportAck | Refusal:
+        """Send a message and wait until the leader has what it tells.
+
+        Raises NetworkError where the stream breaks off or the leader does not answer.
+        """
+        await self._send(message)
+        answer = await self._next_answer()
+        if isinstance(answer, ImageAck):
+            raise NetworkError("the leader sent an unexpected answer")
+        return answer
+
+    async def send_burst(self, burst: BurstUpload) -> Refusal | None:
+        """Send a burst as it is encoded; returns when the leader has all it wants, or its refusal for good.
+
+        Returns, too, where one that is still being picked has nothing to send at present, and another has.
+        Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off.
+        """
+        # A leader that was away has kept what it acknowledged; only the stream's own state is new.
+        told: CameraReport | None = None
+        burst.reopen()
+        while not burst.is_over:
+            self._news.clear()
+            refusal = None
+            if told is not burst.report or not burst.is_committed:
+                first, told = told is None, burst.report
+                refusal = await self._tell(burst, first=first)
+            elif len(burst.images) > len(self._in_flight) < MAX_IN_FLIGHT:
+                await self._send_image(burst, burst.images[len(self._in_flight)])
+            elif self._in_flight:
+                refusal = await self._take_answer(burst)
+            elif (
+                burst.is_picking
+                and not burst.frames
+                and any(other.has_work for other in self._waiting if other is not burst)
+            ):
+                return None
+            elif burst.frames or burst.is_picking:
+                await self._news.wait()
+            elif burst.disputed:
+                numbers = ", ".join(str(image.record.instant) for image in burst.disputed)
+                return Refusal(what=f"the leader has other pictures than these of instants {numbers}")
+            else:
+                return None
+            if refusal is not None:
+                await self._take_all_answers(burst)
+                if refusal.retry:
+                    raise PostponedError(refusal.what, hint=refusal.hint)
+                return refusal
+        await self._take_all_answers(burst)
+        return None
+
+    async def _tell(self, burst: BurstUpload, *, first: bool) -> Refusal | None:
+        """Tell what the node has of the burst, its events only at first.
+
+        Let go of what the leader does not want or has already, and note what it has of the rest.
+        """
+        refusal = await self._take_all_answers(burst)
+        if refusal is not None:
+            return refusal
+        report = burst.report_now()
+        answer = await self.ask(report if first else replace(report, events=()))
+        if isinstance(answer, Refusal):
+            return answer
+        self._receipts = {receipt.instant: receipt for receipt in answer.receipts if not receipt.stored}
+        if answer.undecided:
+            # The leader takes its time before it says so; another one may not.
+            await asyncio.sleep(ASK_AGAIN_S)
+            return None
+        unwanted = burst.commit(answer.wanted)
+        stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
+        await _delete([*unwanted, *burst.confirm(stored)])
+        if lost := burst.lost_instants():
+            await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
+        return None
+
+    async def _send_image(self, burst: BurstUpload, image: ImageUpload) -> None:
+        record = image.record
+        try:
+            data = await asyncio.to_thread(burst.load, image)
+        except DiskError as error:
+            raise PostponedError(error.what, hint=error.hint) from error
+        if data is None:
+            with contextlib.suppress(ValueError):
+                burst.images.remove(image)
+            await self._report_lost(burst, [record.instant], "its file in the spool is damaged")
+            return
+        receipt = self._receipts.pop(record.instant, None)
+        resumes = receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data)
+        offset = receipt.bytes if receipt is not None and resumes else 0
+        self._in_flight.append(image)
+        await self._send(replace(image, offset=offset), memoryview(data)[offset:])
+
+    async def _take_answer(self, burst: BurstUpload) -> Refusal | None:
+        """Wait for the answer to the image that was sent first, or for news of the burst."""
+        if self._answer is None:
+            self._answer = asyncio.create_task(self._receive())
+        news = asyncio.create_task(self._news.wait())
+        try:
+            await asyncio.wait({self._answer, news}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            news.cancel()
+        return await self._take_next(burst) if self._answer.done() else None
+
+    async def _take_all_answers(self, burst: BurstUpload) -> Refusal | None:
+        """Wait for the answers to all images that were sent; return the first refusal."""
+        refusal = None
+        while self._in_flight:
+            refused = await self._take_next(burst)
+            refusal = refusal or refused
+        return refusal
+
+    async def _take_next(self, burst: BurstUpload) -> Refusal | None:
+        answer, image = await self._next_answer(), self._in_flight.popleft()
+        if isinstance(answer, Refusal):
+            return answer
+        if not isinstance(answer, ImageAck):
+            raise NetworkError("the leader sent an unexpected answer")
+        if answer.sha256 != image.record.sha256:
+            raise NetworkError("the leader has another checksum than the image sent")
+        await _delete(burst.confirm({image.record.instant: answer.sha256}))
+        return None
+
+    async def _next_answer(self) -> Answer:
+        answer, self._answer = self._answer or asyncio.create_task(self._receive()), None
+        return await answer
+
+    async def _send(
+        self,
+        message: NodeStream | CameraReport | ImageUpload | SpoolSpace,
+        *payloads: memoryview,
+    ) -> None:
+        await self._channel.send(message, *payloads, stall_s=ANSWER_TIMEOUT_S)
+
+    async def _receive(self) -> Answer:
+        while True:
+            try:
+                async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                    received = await self._channel.receive()
+            except TimeoutError as error:
+                raise NetworkError(f"the leader did not answer within {ANSWER_TIMEOUT_S:g} s") from error
+            match received:
+                case None:
+                    raise NetworkError("the leader closed the stream")
+                case (ImageAck(sha256=None), _):
+                    continue
+                case (ReportAck() | ImageAck() | Refusal() as answer, _):
+                    return answer
+            raise NetworkError("the leader sent an unexpected answer")
+
+    async def _report_lost(self, burst: BurstUpload, instants: Collection[int], reason: str) -> None:
+        burst.report_lost(instants, reason)
+        numbers = ", ".join(map(str, instants))
+        self._log.say(f"burst {burst.report.burst}: instants {numbers} are lost: {reason}")
+        if burst.spooled is not None:
+            with contextlib.suppress(SimulshotError):
+                await asyncio.to_thread(burst.spooled.write_report, burst.report)
+
+
+async def _delete(files: Collection[Path]) -> None:
+    def delete() -> None:
+        for file in files:
+            # On a disk that is read-only now it stays, and is offered again when the node is started again.
+            with contextlib.suppress(OSError):
+                file.unlink(missing_ok=True)
+
+    if files:
+        await asyncio.to_thread(delete)
 
 
 class Uploader:
@@ -67,17 +283,16 @@ class Uploader:
         """Take on what an earlier run of this node has left in the spool. Raises SimulshotError."""
         for spooled in self.spool.open() if self.spool is not None else ():
             try:
-                report, images = spooled.read_report(), deque(spooled.read_images())
+                burst = BurstUpload.of_spool(spooled)
             except SimulshotError as error:
                 self._log.say(f"left in the spool: {error}")
                 continue
-            if not images:
+            if not burst.images:
                 spooled.remove()
                 continue
-            waiting = count(len(images), "image")
-            self._log.say(f"burst {report.burst}: {waiting} still in {spooled.folder}")
-            report = _with_images(report, images)
-            self._waiting.append(BurstUpload(report, deque(), images, spooled=spooled))
+            waiting = count(len(burst.images), "image")
+            self._log.say(f"burst {burst.report.burst}: {waiting} still in {spooled.folder}")
+            self._waiting.append(burst)
 
     def add_burst(self, burst: BurstUpload) -> None:
         """Take on a burst; the oldest is given up where a leader has been away for too many."""
@@ -294,14 +509,3 @@ class Uploader:
             await asyncio.sleep(SPACE_EVERY_S)
             self._space_is_due = True
             self._news.set()
-
-
-def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraReport:
-    """A report with the spare instants, too, that were picked after it was written."""
-    here = {image.record.instant for image in images}
-    if report.plan.picking or report.plan.picked is not None:
-        # What is not here any more the leader has: it was sent as it came.
-        return report.with_plan(instants=tuple(sorted(here)), picking=False)
-    instants = sorted({*report.plan.instants, *here})
-    missing = tuple(gap for gap in report.plan.missing if gap.instant not in instants)
-    return report.with_plan(instants=tuple(instants), missing=missing)

@@ -22,7 +22,7 @@ from capture_app.net.discovery import FoundLeader, LeaderBrowser, announced_host
 from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
 from capture_app.net.reach import find_obstacle
 from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power, wifi_interfaces
-from capture_app.node.requests import ask_status
+from capture_app.node.rig_link import ask_status
 from capture_app.session.files.disk import disk_error, free_bytes
 from capture_app.sync.rig.node_message import slewing
 from capture_app.sync.wire.codec import VERSION

@@ -13,7 +13,7 @@ from typing import Any, Self, TypeVar
 
 from capture_app.errors import BadInputError, IncompleteError, NotAvailableError, SimulshotError
 from capture_app.net.address import Address, parse_address
-from capture_app.node.requests import ask_burst, ask_status, give_order, present_cameras
+from capture_app.node.rig_link import ask_burst, ask_status, give_order, present_cameras
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.operating import AddSimulated, StopRig
 from capture_app.node.wire.status import RigStatus

@@ -21,7 +21,7 @@ from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import LOOPBACK_HOSTS, Address, parse_address
 from capture_app.net.interfaces import own_hosts
 from capture_app.node.child import error_of_exit
-from capture_app.node.requests import ask_status, give_order
+from capture_app.node.rig_link import ask_status, give_order
 from capture_app.node.wire.operating import AddCamera
 from capture_app.session.files.durable import write_atomic
 

@@ -35,7 +35,7 @@ from benchmarks.endurance.soak import CAMERA, JOIN_S, Soak, Watched, are_ready, 
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.net.address import Address, parse_address
 from capture_app.net.channel import connect
-from capture_app.node.requests import ask_status
+from capture_app.node.rig_link import ask_status
 from capture_app.node.wire import messages as wire
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.trust import Trust

@@ -14,7 +14,7 @@ from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.net.udp import client_socket
-from capture_app.node.requests import ask_status
+from capture_app.node.rig_link import ask_status
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire.status import Preview
 from capture_app.session.format.burst_plan import CameraPlan

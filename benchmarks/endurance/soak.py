@@ -29,7 +29,7 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address, parse_address
 from capture_app.node.child import Child
-from capture_app.node.requests import ask_burst, ask_status
+from capture_app.node.rig_link import ask_burst, ask_status
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

@@ -31,7 +31,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.standby import lead_in_turn
 from capture_app.node.news import Log
-from capture_app.node.requests import ask_burst, ask_status
+from capture_app.node.rig_link import ask_burst, ask_status
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

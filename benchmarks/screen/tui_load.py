@@ -28,8 +28,7 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
 from capture_app.node.news import Log
-from capture_app.node.requests import ask_burst, ask_status, give_order
-from capture_app.node.rig_link import RigLink
+from capture_app.node.rig_link import RigLink, ask_burst, ask_status, give_order
 from capture_app.node.wire.messages import BurstRequest, StatusAnswer, StatusRequest, ToLeader
 from capture_app.node.wire.operating import StopRig
 from capture_app.node.wire.status import RigStatus

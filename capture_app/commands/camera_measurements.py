@@ -118,7 +118,7 @@ async def _calibrate(
 ) -> "tuple[MeasuredTimes, dict[str, StampAccuracy], dict[str, bool]]":
     """Measure, and tell each camera's node; what was found, the stamps, and by whom they are kept."""
     from capture_app.measure.camera_times import choose_reference, measure_session, measured_stamps
-    from capture_app.node.requests import ask_leader
+    from capture_app.node.rig_link import ask_leader
     from capture_app.node.wire.operating import KeepStamp, StampKept
 
     records = {record.name: record for record in session.manifest.cameras}

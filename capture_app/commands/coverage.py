@@ -69,8 +69,7 @@ async def _count(
     show: "Callable[[BoardCoverage], None]",
 ) -> "BoardCoverage":
     from capture_app.board.coverage import CoverageCount, PreviewCount
-    from capture_app.node.requests import ask_status
-    from capture_app.node.rig_link import LinkLost, RigLink
+    from capture_app.node.rig_link import LinkLost, RigLink, ask_status
     from capture_app.node.wire.status import Preview
 
     nodes = (await ask_status(leader)).nodes

@@ -184,7 +184,7 @@ async def _run_leader(
 ) -> None:
     from capture_app.doctor import warnings_for_leader
     from capture_app.net.discovery import announced, announced_hosts
-    from capture_app.node.requests import ask_leader
+    from capture_app.node.rig_link import ask_leader
     from capture_app.node.wire.operating import AddCamera, InvitePhone, PhoneInvited
     from capture_app.rig_process import recorded_rig
 

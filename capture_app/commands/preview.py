@@ -51,8 +51,7 @@ def preview(camera: str, out: Path | None, width: int, wait_s: float, leader: Ad
 
 
 async def _next_preview(leader: Address, camera: str, width: int, wait_s: float) -> "Preview":
-    from capture_app.node.requests import ask_status
-    from capture_app.node.rig_link import LinkLost, RigLink
+    from capture_app.node.rig_link import LinkLost, RigLink, ask_status
     from capture_app.node.wire.status import Preview
 
     known = [node.name for node in (await ask_status(leader)).nodes]

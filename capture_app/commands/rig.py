@@ -65,7 +65,7 @@ def stop(leader: Address, as_json: bool) -> None:
 
     Bursts under way are saved with what has come.
     """
-    from capture_app.node.requests import give_order
+    from capture_app.node.rig_link import give_order
     from capture_app.node.wire.operating import StopRig
 
     asyncio.run(give_order(leader, StopRig()))

@@ -36,7 +36,7 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
     With --watch a line follows for all that happens; with --json an object a line, and a new status whenever
     it has changed, at most ten a second.
     """
-    from capture_app.node.requests import ask_status
+    from capture_app.node.rig_link import ask_status
 
     rig = asyncio.run(ask_status(leader))
     if as_json and watch:

@@ -70,7 +70,7 @@ async def take_burst(
     Raises NetworkError, and the leader's own errors.
     """
     from capture_app.node.news import burst_line
-    from capture_app.node.requests import ask_burst
+    from capture_app.node.rig_link import ask_burst
 
     last, said, counted_s = None, "", 0.0
     try:
@@ -274,7 +274,7 @@ def burst(
 
 
 def _cancel(leader: Address, number: int, as_json: bool) -> None:
-    from capture_app.node.requests import give_order
+    from capture_app.node.rig_link import give_order
     from capture_app.node.wire.operating import CancelBurst
 
     asyncio.run(give_order(leader, CancelBurst(burst=number)))
@@ -420,7 +420,7 @@ def record(
 
 
 def _stop(leader: Address, as_json: bool) -> None:
-    from capture_app.node.requests import give_order
+    from capture_app.node.rig_link import give_order
     from capture_app.node.wire.operating import EndBurst
 
     asyncio.run(give_order(leader, EndBurst()))
@@ -467,7 +467,7 @@ class _Recording:
             self._began.set()
 
     async def _end_when_wanted(self) -> Any:
-        from capture_app.node.requests import give_order
+        from capture_app.node.rig_link import give_order
         from capture_app.node.wire.operating import EndBurst
 
         await self._end_wanted.wait()

@@ -101,7 +101,7 @@ def remove(machine: str, as_json: bool) -> None:
 @json_option
 def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
     """Show a code by which one machine becomes known to a running leader."""
-    from capture_app.node.requests import ask_leader, ask_status
+    from capture_app.node.rig_link import ask_leader, ask_status
     from capture_app.node.wire.pairing import Invite, Invited
 
     role = Role(role)

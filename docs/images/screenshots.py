@@ -11,8 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from capture_app.node.requests import ask_status
-from capture_app.node.rig_link import RigLink
+from capture_app.node.rig_link import RigLink, ask_status
 from capture_app.node.wire.operating import StopRig
 from capture_app.rig_process import start_rig
 from capture_app.sync.wire.messages import NodeState

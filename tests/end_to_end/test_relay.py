@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.errors import ExitCode
 from capture_app.net.address import parse_address
-from capture_app.node.requests import ask_burst, ask_status
+from capture_app.node.rig_link import ask_burst, ask_status
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, NodeStatus
 from capture_app.session.format.manifest import JOURNAL

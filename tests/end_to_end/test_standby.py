@@ -9,7 +9,7 @@ import pytest
 
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.net.address import parse_address
-from capture_app.node.requests import ask_burst
+from capture_app.node.rig_link import ask_burst
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.reading.reader import Session

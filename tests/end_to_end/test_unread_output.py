@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.net.address import Address
-from capture_app.node.requests import ask_burst
+from capture_app.node.rig_link import ask_burst
 from capture_app.node.wire.messages import BurstRequest
 
 ROOT = Path(__file__).resolve().parents[2]

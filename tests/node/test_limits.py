@@ -14,7 +14,7 @@ from capture_app.net.channel import MAX_HEADER_BYTES, connect
 from capture_app.net.server import MOST_OF_ONE_MACHINE
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.snapshots import MOST_OF_A_PAGE
-from capture_app.node.requests import ask_status
+from capture_app.node.rig_link import ask_status
 from capture_app.node.wire import messages as wire
 from capture_app.node.wire import operating
 from capture_app.node.wire.messages import BurstRequest, FromLeader, NodeStream, SpoolSpace, StatusAnswer

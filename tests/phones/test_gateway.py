@@ -12,7 +12,7 @@ import pytest
 
 from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
 from capture_app.errors import SimulshotError
-from capture_app.node.requests import ask_controls, give_order
+from capture_app.node.rig_link import ask_controls, give_order
 from capture_app.node.wire.operating import RemoveCamera
 from capture_app.phones.gateway import MOST_GREETED, REPLACED
 from capture_app.session.reading.verify import verify

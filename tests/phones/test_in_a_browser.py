@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from capture_app.camera_facts import Control
-from capture_app.node.requests import ask_controls
+from capture_app.node.rig_link import ask_controls
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from tests.browser import CHROMIUM, Browser

@@ -9,8 +9,7 @@ import msgspec
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.node.requests import A, CamerasControls
-from capture_app.node.rig_link import LinkLost, RigLink, Update
+from capture_app.node.rig_link import A, CamerasControls, LinkLost, RigLink, Update
 from capture_app.node.wire import operating
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.messages import BurstRequest

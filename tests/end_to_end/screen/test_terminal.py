@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.requests import ask_status, give_order
+from capture_app.node.rig_link import ask_status, give_order
 from capture_app.node.wire.operating import StopRig
 from capture_app.rig_process import list_rigs
 from capture_app.session.reading.reader import Session

@@ -15,8 +15,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.news import Log
-from capture_app.node.requests import ask_status, give_order
-from capture_app.node.rig_link import LinkLost, RigLink, Update
+from capture_app.node.rig_link import LinkLost, RigLink, Update, ask_status, give_order
 from capture_app.node.wire.operating import (
     AddCamera,
     AddSimulated,

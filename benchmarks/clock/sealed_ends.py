@@ -20,12 +20,11 @@ from capture_app.clock import HostClock
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, client_socket
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import ClientKeys, Grant
 from capture_app.trust.sealed_engines import SealedClient, SealedLeader

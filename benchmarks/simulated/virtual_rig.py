@@ -17,12 +17,11 @@ from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.stamps import FrameStamp
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.wire.messages import Group, NodeState

@@ -4,10 +4,9 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.messages import NodeState
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.keys import Address, ClientKeys

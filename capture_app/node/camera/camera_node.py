@@ -33,10 +33,9 @@ from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events, node_message
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected, Gap
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient

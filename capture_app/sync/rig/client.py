@@ -6,28 +6,36 @@ Bursts that it has accepted wait until their frames are picked, whether their le
 import random
 from collections import deque
 from collections.abc import MutableSequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.actuators import InjectionProfile
+from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import node_message
-from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined, StrangeTrigger
+from capture_app.sync.rig.events import (
+    AlignmentFailed,
+    BurstCancelled,
+    ClientEvent,
+    FramesDropped,
+    Joined,
+    PhaseCorrected,
+    StrangeTrigger,
+)
 from capture_app.sync.rig.frame_selection import (
-    NO_FRAME_OF_ITS_OWN,
+    RING_BYTES,
+    RING_NS,
     CameraGrid,
-    FramesSelected,
-    Gap,
+    PendingBursts,
     RingBuffer,
-    SelectedFrame,
     is_possible_burst,
 )
 from capture_app.sync.rig.orders import CANCELLED
-from capture_app.sync.rig.phase_loop import ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -40,164 +48,131 @@ HOLD_BEFORE_BURST_NS = 2_000_000_000
 """No correction of the phase is begun this long before a burst: its long frame would be in the burst."""
 
 
-PATIENCE_PERIODS = 30
-"""How long after an instant a camera without frames is waited for."""
-PAUSE_NS = 5_000_000_000
-"""Between two instants that are so far apart a stream may be moved."""
+@dataclass(frozen=True, slots=True)
+class ClientConfig:
+    """What a client is; times in ns."""
+
+    name: str
+    instance: int
+    camera: CameraFacts
+    tolerance_ns: int
+    ring_ns: int = RING_NS
+    """How far back its frames are kept, to be picked for a burst in the past."""
+    ring_bytes: int = RING_BYTES
+    """The most memory that they may take."""
+    injection_profile: InjectionProfile | None = None
+    """What is known from before about what a long frame does to this camera."""
+    start_latencies_ns: tuple[int, ...] = ()
+    """How long starts of such a camera took before, from the command to the first frame, newest last."""
 
 
-@dataclass(slots=True)
-class _PendingBurst(Generic[F]):
-    """A burst whose frames are set aside as they come: the ring buffer may not reach back to the first."""
+class PhaseLoop:
+    """One camera's aligner with its commands; `now_ns` is the node's own clock."""
 
-    trigger: Trigger
-    picked: list[SelectedFrame[F] | Gap] = field(default_factory=list)
-    """Selected frames and gaps that are not told yet."""
-    told: int = 0
-    """How many instants have been told."""
-    time_map: TimeMap | None = None
-    """The map by which they were told: one burst has one map, but for one that is streamed."""
-    last_stamp_ns: int | None = None
-    """Timestamp of the last frame that was selected."""
+    def __init__(self, config: ClientConfig, rng: random.Random) -> None:
+        camera = config.camera
+        self.aligner = Aligner(
+            camera, tolerance_ns=config.tolerance_ns, rng=rng, profile=config.injection_profile
+        )
+        for latency_ns in config.start_latencies_ns:
+            self.aligner.learn_start_latency(latency_ns)
+        self.can_move = camera.phase_control != PhaseControl.NONE
+        self._restarts = camera.phase_control == PhaseControl.RESET
+        self._reported_problem = ""
+        self._reported = False
+        """Whether the leader was told the phase as it is now."""
+        self._answered = False
+        """Whether it has answered since."""
+        self.commands: deque[CameraCommand] = deque()
+        """For the camera."""
+        self.events: deque[PhaseCorrected | AlignmentFailed] = deque()
 
     @property
-    def over(self) -> int:
-        """How many instants are over."""
-        return self.told + len(self.picked)
+    def ready(self) -> bool:
+        """Whether the stream is aligned as nearly as it can be, or will be by the time of a burst."""
+        aligner = self.aligner
+        return aligner.window.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
 
     @property
-    def has_news(self) -> bool:
-        """Whether there is something to tell.
+    def fleetingness(self) -> str:
+        """For how long the stream stays aligned where that is short, in plain words; empty if it is held."""
+        return self.aligner.window.fleetingness if self.can_move else ""
 
-        Spare instants are told one by one, those before together; of a burst that is streamed each by itself.
-        """
-        if self.trigger.streamed:
-            return bool(self.picked) or self.over >= self.trigger.count
-        return bool(self.picked) and self.over >= self.trigger.count - self.trigger.spare
+    def waits_for_others(self, grid: CameraGrid) -> bool:
+        """Whether this client may not move its stream yet: a restart waits for a time that suits all."""
+        return self._restarts and not (self._answered and grid.meeting_leader_ns is not None)
 
-    @property
-    def span_ns(self) -> tuple[int, int]:
-        """Leader times between which the stream should not be moved, in ns."""
-        if self.trigger.streamed and self.trigger.step_ns >= PAUSE_NS:
-            return self.instant_ns(self.over), self.instant_ns(self.over)
-        return self.instant_ns(0), self.instant_ns(self.trigger.count - 1)
+    def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
+        """The stream's phase error and drift at a local time in ns; None while they are not known."""
+        at_leader_ns = time_map.leader_from_local(local_ns)
+        return self.aligner.estimate(time_map, grid.grid_of_stamps, at_leader_ns)
 
-    def instant_ns(self, instant: int) -> int:
-        """Leader time in ns."""
-        return self.trigger.first_leader_ns + instant * self.trigger.step_ns
-
-    def once(self, picked: SelectedFrame[F] | Gap) -> SelectedFrame[F] | Gap:
-        """The same, but a gap where its frame is that of the instant before: one further away is none."""
-        if isinstance(picked, Gap):
-            return picked
-        if picked.stamp_ns == self.last_stamp_ns:
-            return Gap(picked.instant, NO_FRAME_OF_ITS_OWN)
-        self.last_stamp_ns = picked.stamp_ns
-        return picked
-
-    def tell(
-        self, picks: tuple[SelectedFrame[F], ...], time_map: TimeMap, phase: PhaseEstimate | None
-    ) -> FramesSelected[F]:
-        """What is new of it: the picks with their times by this map, and what is a gap."""
-        trigger, further = self.trigger, self.told > 0
-        gaps = tuple(gap for gap in self.picked if isinstance(gap, Gap))
-        self.told, self.time_map = self.over, time_map
-        self.picked.clear()
-        streamed = trigger if trigger.streamed else None
-        return FramesSelected(
-            trigger.leader, trigger.burst, picks, gaps, time_map, phase, further, streamed, self.told
+    def report(self, report: Report, grid: CameraGrid | None, phase: PhaseEstimate | None) -> Report:
+        """Add the camera's part to a report of a node's time; `phase` is the present one."""
+        report = structs.replace(
+            report,
+            corrections=self.aligner.corrections,
+            frames=self.aligner.phase.frames,
+            drops=self.aligner.phase.drops,
+            tolerance_ns=self.aligner.window.tolerance_ns,
+            stamp_quantum_ns=round(self.aligner.phase.quantum_ns),
+        )
+        if phase is None or grid is None:
+            return report
+        frame_leader_ns = grid.rig_grid.instant(grid.rig_grid.index_of(phase.at_leader_ns)) + phase.error_ns
+        return structs.replace(
+            report,
+            phase_error_ns=phase.error_ns,
+            period_ns=phase.period_ns,
+            drift_ppm=phase.drift_ppm,
+            frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
         )
 
+    def note_join(self) -> None:
+        """Note that another leader is followed, which does not know the phase yet."""
+        self._reported = self._answered = False
 
-class PendingBursts(Generic[F]):
-    """Triggers of one tree's root, by its run and their number, whichever relay has brought them."""
+    def note_report(self) -> None:
+        """Note that the leader is told the phase as it is now."""
+        self._reported = self.aligner.settled
 
-    def __init__(self) -> None:
-        self._pending: dict[tuple[int, int], _PendingBurst[F]] = {}
-        self._done: deque[tuple[int, int]] = deque(maxlen=64)
+    def note_answer(self) -> bool:
+        """Note an answer of the leader; whether it is the first since the phase as it is was reported."""
+        first = self._reported and not self._answered
+        self._answered = self._answered or first
+        return first
 
-    def __bool__(self) -> bool:
-        """Whether any burst is still to be picked."""
-        return bool(self._pending)
+    def step(
+        self, grid: CameraGrid, time_map: TimeMap, now_ns: int, *, burst_leader_ns: tuple[int, int] | None
+    ) -> bool:
+        """Command the camera what its stream needs; whether to report to the leader at once.
 
-    def clear(self) -> list[FramesSelected[F]]:
-        """Forget all bursts, as those of another root are in another time; return how those under way end."""
-        ends = []
-        for burst in self._pending.values():
-            if burst.trigger.streamed and burst.time_map is not None:
-                burst.trigger = structs.replace(burst.trigger, count=burst.told)
-                burst.picked.clear()
-                ends.append(burst.tell((), burst.time_map, None))
-        self._pending.clear()
-        self._done.clear()
-        return ends
-
-    def add(self, trigger: Trigger) -> None:
-        """Add a burst; a trigger that comes again can only end one that is streamed earlier."""
-        key = trigger.leader, trigger.burst
-        if key in self._done:
-            return
-        known = self._pending.setdefault(key, _PendingBurst(trigger))
-        if known.trigger.streamed and trigger.count < known.trigger.count:
-            known.trigger = structs.replace(known.trigger, count=max(trigger.count, known.over))
-
-    def forget(self, leader: int, burst: int) -> None:
-        """Select nothing more of a burst, also should its trigger come again."""
-        self._pending.pop((leader, burst), None)
-        if (leader, burst) not in self._done:
-            self._done.append((leader, burst))
-
-    def first_before(self, leader_ns: int) -> tuple[int, int] | None:
-        """First and last instant of the earliest burst that has begun, or does before a leader time in ns.
-
-        Of one with long pauses it is the next instant alone: between two of them the stream may be moved.
+        `burst_leader_ns` are the first and last instant of a burst that is near, None where none is.
         """
-        spans = [burst.span_ns for burst in self._pending.values() if burst.over < burst.trigger.count]
-        return min((span for span in spans if span[0] <= leader_ns), default=None)
-
-    def select_due(
-        self,
-        ring: RingBuffer[F],
-        loop: PhaseLoop,
-        grid: CameraGrid,
-        time_map: TimeMap,
-        now_ns: int,
-        *,
-        is_member: bool,
-    ) -> list[FramesSelected[F]]:
-        """Select the frames of all bursts whose last frame is there, or waited for no longer.
-
-        Spare instants are told after that, each when it is over; the stream's phase only by a member.
-        """
-        due = []
-        for key, burst in list(self._pending.items()):
-            for instant in range(burst.over, burst.trigger.count):
-                instant_ns = burst.instant_ns(instant)
-                if not _is_over(instant_ns, ring, grid, time_map, now_ns):
-                    break
-                burst.picked.append(burst.once(grid.select(ring, time_map, instant, instant_ns)))
-            if burst.has_news:
-                newest = burst.trigger.streamed or burst.time_map is None
-                by = time_map if newest else burst.time_map or time_map
-                last_ns = grid.wanted_ns(by, burst.instant_ns(max(0, burst.over - 1)))
-                phase = loop.phase(grid, time_map, last_ns) if is_member else None
-                picks = (
-                    grid.pick(by, pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
-                    for pick in burst.picked
-                    if isinstance(pick, SelectedFrame)
-                )
-                due.append(burst.tell(tuple(picks), by, phase))
-            if burst.told == burst.trigger.count:
-                self.forget(*key)
-        return due
-
-
-def _is_over(at_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
-    """Whether the frame of an instant of leader time has come, or is waited for no longer."""
-    newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
-    wanted_ns = grid.wanted_ns(time_map, at_ns)
-    seen = newest_ns is not None and newest_ns > wanted_ns + period_ns // 2
-    return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns
+        was_ready, aligner = self.ready, self.aligner
+        before, corrections = self.phase(grid, time_map, now_ns), aligner.corrections
+        aligner.settle_command(now_ns)
+        if not aligner.settled:
+            self._reported = self._answered = False
+        news = aligner.settled and not self._reported
+        command = aligner.next_command(
+            time_map,
+            grid.grid_of_stamps,
+            now_ns,
+            hold=self.waits_for_others(grid),
+            burst_leader_ns=burst_leader_ns,
+            meeting_leader_ns=grid.meeting_leader_ns,
+        )
+        if command is not None:
+            self.commands.append(command)
+        if aligner.corrections > corrections and command is not None:
+            self.events.append(PhaseCorrected(command, before))
+            news = True
+        if aligner.problem != self._reported_problem:
+            self._reported_problem = aligner.problem
+            if aligner.problem:
+                self.events.append(AlignmentFailed(aligner.problem))
+        return news or was_ready is not self.ready
 
 
 class Client(Generic[F]):
@@ -455,6 +430,6 @@ class Client(Generic[F]):
             return
         self._events.extend(
             self._bursts.select_due(
-                self.ring, self._phase_loop, grid, time_map, now_ns, is_member=self.time.is_member
+                self.ring, self.aligner, grid, time_map, now_ns, is_member=self.time.is_member
             )
         )

@@ -2,11 +2,14 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Generic, TypeVar
+
+from msgspec import structs
 
 from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import PhaseEstimate, StampError
@@ -247,3 +250,164 @@ class CameraGrid:
             late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
             return Gap(instant, "it had left the ring buffer" if late else DROPPED)
         return pick
+
+
+PATIENCE_PERIODS = 30
+"""How long after an instant a camera without frames is waited for."""
+PAUSE_NS = 5_000_000_000
+"""Between two instants that are so far apart a stream may be moved."""
+
+
+@dataclass(slots=True)
+class _PendingBurst(Generic[F]):
+    """A burst whose frames are set aside as they come: the ring buffer may not reach back to the first."""
+
+    trigger: Trigger
+    picked: list[SelectedFrame[F] | Gap] = field(default_factory=list)
+    """Selected frames and gaps that are not told yet."""
+    told: int = 0
+    """How many instants have been told."""
+    time_map: TimeMap | None = None
+    """The map by which they were told: one burst has one map, but for one that is streamed."""
+    last_stamp_ns: int | None = None
+    """Timestamp of the last frame that was selected."""
+
+    @property
+    def over(self) -> int:
+        """How many instants are over."""
+        return self.told + len(self.picked)
+
+    @property
+    def has_news(self) -> bool:
+        """Whether there is something to tell.
+
+        Spare instants are told one by one, those before together; of a burst that is streamed each by itself.
+        """
+        if self.trigger.streamed:
+            return bool(self.picked) or self.over >= self.trigger.count
+        return bool(self.picked) and self.over >= self.trigger.count - self.trigger.spare
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Leader times between which the stream should not be moved, in ns."""
+        if self.trigger.streamed and self.trigger.step_ns >= PAUSE_NS:
+            return self.instant_ns(self.over), self.instant_ns(self.over)
+        return self.instant_ns(0), self.instant_ns(self.trigger.count - 1)
+
+    def instant_ns(self, instant: int) -> int:
+        """Leader time in ns."""
+        return self.trigger.first_leader_ns + instant * self.trigger.step_ns
+
+    def once(self, picked: SelectedFrame[F] | Gap) -> SelectedFrame[F] | Gap:
+        """The same, but a gap where its frame is that of the instant before: one further away is none."""
+        if isinstance(picked, Gap):
+            return picked
+        if picked.stamp_ns == self.last_stamp_ns:
+            return Gap(picked.instant, NO_FRAME_OF_ITS_OWN)
+        self.last_stamp_ns = picked.stamp_ns
+        return picked
+
+    def tell(
+        self, picks: tuple[SelectedFrame[F], ...], time_map: TimeMap, phase: PhaseEstimate | None
+    ) -> FramesSelected[F]:
+        """What is new of it: the picks with their times by this map, and what is a gap."""
+        trigger, further = self.trigger, self.told > 0
+        gaps = tuple(gap for gap in self.picked if isinstance(gap, Gap))
+        self.told, self.time_map = self.over, time_map
+        self.picked.clear()
+        streamed = trigger if trigger.streamed else None
+        return FramesSelected(
+            trigger.leader, trigger.burst, picks, gaps, time_map, phase, further, streamed, self.told
+        )
+
+
+class PendingBursts(Generic[F]):
+    """Triggers of one tree's root, by its run and their number, whichever relay has brought them."""
+
+    def __init__(self) -> None:
+        self._pending: dict[tuple[int, int], _PendingBurst[F]] = {}
+        self._done: deque[tuple[int, int]] = deque(maxlen=64)
+
+    def __bool__(self) -> bool:
+        """Whether any burst is still to be picked."""
+        return bool(self._pending)
+
+    def clear(self) -> list[FramesSelected[F]]:
+        """Forget all bursts, as those of another root are in another time; return how those under way end."""
+        ends = []
+        for burst in self._pending.values():
+            if burst.trigger.streamed and burst.time_map is not None:
+                burst.trigger = structs.replace(burst.trigger, count=burst.told)
+                burst.picked.clear()
+                ends.append(burst.tell((), burst.time_map, None))
+        self._pending.clear()
+        self._done.clear()
+        return ends
+
+    def add(self, trigger: Trigger) -> None:
+        """Add a burst; a trigger that comes again can only end one that is streamed earlier."""
+        key = trigger.leader, trigger.burst
+        if key in self._done:
+            return
+        known = self._pending.setdefault(key, _PendingBurst(trigger))
+        if known.trigger.streamed and trigger.count < known.trigger.count:
+            known.trigger = structs.replace(known.trigger, count=max(trigger.count, known.over))
+
+    def forget(self, leader: int, burst: int) -> None:
+        """Select nothing more of a burst, also should its trigger come again."""
+        self._pending.pop((leader, burst), None)
+        if (leader, burst) not in self._done:
+            self._done.append((leader, burst))
+
+    def first_before(self, leader_ns: int) -> tuple[int, int] | None:
+        """First and last instant of the earliest burst that has begun, or does before a leader time in ns.
+
+        Of one with long pauses it is the next instant alone: between two of them the stream may be moved.
+        """
+        spans = [burst.span_ns for burst in self._pending.values() if burst.over < burst.trigger.count]
+        return min((span for span in spans if span[0] <= leader_ns), default=None)
+
+    def select_due(
+        self,
+        ring: RingBuffer[F],
+        aligner: Aligner,
+        grid: CameraGrid,
+        time_map: TimeMap,
+        now_ns: int,
+        *,
+        is_member: bool,
+    ) -> list[FramesSelected[F]]:
+        """Select the frames of all bursts whose last frame is there, or waited for no longer.
+
+        Spare instants are told after that, each when it is over; the stream's phase only by a member.
+        """
+        due = []
+        for key, burst in list(self._pending.items()):
+            for instant in range(burst.over, burst.trigger.count):
+                instant_ns = burst.instant_ns(instant)
+                if not _is_over(instant_ns, ring, grid, time_map, now_ns):
+                    break
+                burst.picked.append(burst.once(grid.select(ring, time_map, instant, instant_ns)))
+            if burst.has_news:
+                newest = burst.trigger.streamed or burst.time_map is None
+                by = time_map if newest else burst.time_map or time_map
+                last_ns = grid.wanted_ns(by, burst.instant_ns(max(0, burst.over - 1)))
+                at_ns = time_map.leader_from_local(last_ns)
+                phase = aligner.estimate(time_map, grid.grid_of_stamps, at_ns) if is_member else None
+                picks = (
+                    grid.pick(by, pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
+                    for pick in burst.picked
+                    if isinstance(pick, SelectedFrame)
+                )
+                due.append(burst.tell(tuple(picks), by, phase))
+            if burst.told == burst.trigger.count:
+                self.forget(*key)
+        return due
+
+
+def _is_over(at_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
+    """Whether the frame of an instant of leader time has come, or is waited for no longer."""
+    newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
+    wanted_ns = grid.wanted_ns(time_map, at_ns)
+    seen = newest_ns is not None and newest_ns > wanted_ns + period_ns // 2
+    return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns

@@ -1,15 +1,19 @@
 """The one sentence with which a node says why it is not ready, and what a person can do about it."""
 
+from typing import TYPE_CHECKING
+
 from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.phase.stamps import PhaseEstimate
 from capture_app.sync.rig.frame_selection import CameraGrid
-from capture_app.sync.rig.phase_loop import PhaseLoop
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration
+
+if TYPE_CHECKING:
+    from capture_app.sync.rig.client import PhaseLoop
 
 RATE_CHANGED = (
     "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"
@@ -24,7 +28,7 @@ NETWORK_NS = 200_000
 def of_state(
     state: NodeState,
     keeper: Timekeeper,
-    loop: PhaseLoop,
+    loop: "PhaseLoop",
     grid: CameraGrid | None,
     phase: PhaseEstimate | None,
     now_ns: int,

@@ -20,9 +20,8 @@ from capture_app.net.udp import Pump
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.news import Log
 from capture_app.simulation.links import Link
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.messages import NodeState
 from tests.cameras.libcamera.double import libcamera_double
 from tests.cameras.libcamera.double_camera import Camera, Sensor

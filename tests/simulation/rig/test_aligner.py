@@ -15,7 +15,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.stamps import FrameStamp
-from capture_app.sync.rig.phase_loop import ClientConfig, PhaseLoop
+from capture_app.sync.rig.client import ClientConfig, PhaseLoop
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
 

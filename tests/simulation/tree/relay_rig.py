@@ -10,13 +10,12 @@ from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.stamps import FrameStamp
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay

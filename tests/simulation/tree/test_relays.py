@@ -6,10 +6,9 @@ import pytest
 from msgspec import structs
 
 from benchmarks.simulated.clock_tree import ROOT
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
 from capture_app.sync.rig.leader import RigConfig
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, NodeState
 from tests.simulation.rig.rigs import checked_error_ns

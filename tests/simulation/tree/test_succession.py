@@ -9,11 +9,10 @@ import pytest
 from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import Tree, TreeSpec
 from capture_app.sync.engine import Address
-from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.tree.succession import Succession

@@ -24,7 +24,6 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.net.address import Address
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import new_shares
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.uploader import Uploader
@@ -107,8 +106,7 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     disk = slow_disk()
     writer = SessionWriter.create(root, "received")
     threads = DiskThreads()
-    shares = new_shares(burst, dict.fromkeys(cameras_of_burst, CAMERA))
-    session = BurstSession(burst, shares, writer, threads)
+    session = BurstSession.begin(burst, dict.fromkeys(cameras_of_burst, CAMERA), writer, threads)
     await session.write_plan(1)
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()

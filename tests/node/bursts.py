@@ -7,7 +7,6 @@ from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import new_shares
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.burst_plan import CameraPlan
@@ -34,8 +33,8 @@ def burst_session(
     """A burst of two instants, and so many spare ones; `short_timeouts` were silent in the burst before."""
     instants_ns = tuple(INSTANTS_NS[0] + PERIOD_NS * n for n in range(len(INSTANTS_NS) + spare))
     burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], names, spare)
-    shares = new_shares(burst, dict.fromkeys(names, CAMERA), short_timeouts=short_timeouts)
-    return BurstSession(burst, shares, kind.create(folder, "burst-001"), DISK)
+    writer, cameras = kind.create(folder, "burst-001"), dict.fromkeys(names, CAMERA)
+    return BurstSession.begin(burst, cameras, writer, DISK, short_timeouts=short_timeouts)
 
 
 def report(name: str, *instants: int, missing: tuple[MissingImage, ...] = ()) -> CameraReport:

@@ -3,15 +3,16 @@
 import asyncio
 import dataclasses
 import hashlib
-from collections.abc import AsyncIterator, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Coroutine, Iterable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.node.burst.camera_share import CameraShare, PartialImage
+from capture_app.node.burst.camera_share import AFTER_LAST_INSTANT_NS, CameraShare, PartialImage
 from capture_app.node.burst.intake import DiskThreads, Intake
 from capture_app.node.burst.plans import (
     InstantChoice,
@@ -19,14 +20,14 @@ from capture_app.node.burst.plans import (
     check_machine,
     instant_range,
     plan_of,
+    result_text,
 )
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import BurstRecord, MissingImage
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
@@ -73,6 +74,28 @@ class BurstSession:
         self._writing_plan = asyncio.Lock()
         self._intake = Intake(writer, disk, in_videos=burst.video)
         self._background: set[asyncio.Task[None]] = set()
+
+    @classmethod
+    def begin(
+        cls,
+        burst: Burst,
+        cameras: Mapping[str, CameraFacts],
+        writer: SessionWriter,
+        disk: DiskThreads,
+        *,
+        short_timeouts: Collection[str] = (),
+    ) -> "BurstSession":
+        """Begin with a burst that is ordered, of those of the cameras that take it.
+
+        The `short_timeouts` are waited for less.
+        """
+        heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
+        records = (CameraRecord(name=n, facts=facts) for n, facts in cameras.items() if n in burst.clients)
+        shares = [
+            CameraShare(CameraPlan(camera=camera), heard_ns, short_timeout=camera.name in short_timeouts)
+            for camera in records
+        ]
+        return cls(burst, shares, writer, disk)
 
     @classmethod
     def resume(cls, folder: Path, heard_ns: int, disk: DiskThreads) -> "BurstSession":
@@ -494,12 +517,3 @@ def write_manifest(
     origin = "simulated" if writer.knows_true_times else "captured"
     note = "" if writer.plan is None else writer.plan.note
     return writer.finish([of.camera for of in plans.values()], burst, missing, origin, note).folder
-
-
-def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
-    """What a burst lacks and what was skipped, in a line; empty where neither is anything."""
-    told = ""
-    if missing:
-        reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
-        told = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
-    return "; ".join(filter(None, (told, skipped_text(burst.skipped))))

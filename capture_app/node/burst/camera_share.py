@@ -4,13 +4,12 @@ import asyncio
 import hashlib
 import os
 import threading
-from collections.abc import AsyncIterator, Collection, Iterator, Mapping
+from collections.abc import AsyncIterator, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts
 from capture_app.errors import NetworkError, TryAgainError
 from capture_app.names import is_name
 from capture_app.node.burst.intake import DiskThreads
@@ -20,11 +19,10 @@ from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import PART
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import CameraRecord, MissingImage
+from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_selection import Burst
 
 _BLOCK = 1 << 20
 
@@ -289,19 +287,3 @@ class CameraShare:
             for number in range(len(chosen))
             if number not in self.instants
         ]
-
-
-def new_shares(
-    burst: Burst, cameras: Mapping[str, CameraFacts], *, short_timeouts: Collection[str] = ()
-) -> list[CameraShare]:
-    """The shares of a burst's cameras, new ones; the `short_timeouts` are waited for less."""
-    begin_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
-    return [
-        CameraShare(
-            CameraPlan(camera=CameraRecord(name=name, facts=facts)),
-            begin_ns,
-            short_timeout=name in short_timeouts,
-        )
-        for name, facts in cameras.items()
-        if name in burst.clients
-    ]

@@ -11,12 +11,15 @@ from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, Instant
 from capture_app.session.format.manifest import (
     BurstRecord,
     ImageRecord,
+    MissingImage,
     SkippedFrame,
     SkippedInstant,
     image_path,
 )
+from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
+from capture_app.text import count
 
 FEWEST_SPARE = 4
 
@@ -220,3 +223,12 @@ def burst_of(plan: BurstPlan) -> Burst:
         streamed=plan.streamed is not None,
         video=plan.streamed is not None and plan.streamed.video,
     )
+
+
+def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
+    """What a burst lacks and what was skipped, in a line; empty where neither is anything."""
+    told = ""
+    if missing:
+        reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
+        told = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
+    return "; ".join(filter(None, (told, skipped_text(burst.skipped))))

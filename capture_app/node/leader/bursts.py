@@ -21,7 +21,6 @@ from capture_app.errors import (
 from capture_app.names import check_name
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import new_shares
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import usual_spare
 from capture_app.node.burst.resumed_bursts import ResumedBursts
@@ -252,8 +251,8 @@ class ActiveBursts:
             await asyncio.to_thread(writer.discard)
             raise
         facts = {member.name: member.camera for member in self.engine.roster.by_name()}
-        shares = new_shares(burst, facts, short_timeouts=self._silent)
-        session = self._bursts[number] = self.newest = BurstSession(burst, shares, writer, self._disk)
+        session = BurstSession.begin(burst, facts, writer, self._disk, short_timeouts=self._silent)
+        self._bursts[number] = self.newest = session
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.

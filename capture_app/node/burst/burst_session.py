@@ -2,7 +2,6 @@
 
 import asyncio
 import dataclasses
-import hashlib
 from collections.abc import AsyncIterator, Collection, Coroutine, Iterable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -12,8 +11,8 @@ from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.node.burst.camera_share import AFTER_LAST_INSTANT_NS, CameraShare, PartialImage
-from capture_app.node.burst.intake import DiskThreads, Intake
+from capture_app.node.burst.camera_share import AFTER_LAST_INSTANT_NS, CameraShare
+from capture_app.node.burst.intake import DiskThreads, Intake, known
 from capture_app.node.burst.plans import (
     InstantChoice,
     burst_of,
@@ -28,7 +27,6 @@ from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.text import count
@@ -72,7 +70,7 @@ class BurstSession:
         self._plan: BurstPlan | None = writer.plan
         """What is to be on disk of it."""
         self._writing_plan = asyncio.Lock()
-        self._intake = Intake(writer, disk, in_videos=burst.video)
+        self._intake = Intake(writer, disk, self.finished, in_videos=burst.video)
         self._background: set[asyncio.Task[None]] = set()
 
     @classmethod
@@ -238,64 +236,29 @@ class BurstSession:
             # The node heard late that the burst ends earlier.
             async for _ in payload:
                 pass
-            return _known(upload.record.sha256)
+            return known(upload.record.sha256)
         upload = replace(upload, record=self._choice.renumbered(upload.record))
         share = self._share(upload.record.camera)
-        if (known := self._find_known(share, upload.record.instant)) is not None:
-            return known
-        if self.burst.video:
-            frame = await _receive_frame(upload, payload)
-            self._check_open()
-            known = self._find_known(share, upload.record.instant)
-            saving = known or self._save(share, frame)
-        else:
-            saving = await self._take_file(share, upload, payload)
-        share.note_heard(now_ns, advanced=True)
-        return saving
-
-    async def _take_file(
-        self, share: CameraShare, upload: ImageUpload, payload: AsyncIterator[bytes]
-    ) -> "asyncio.Future[str]":
-        partial = PartialImage(self._writer.folder, upload)
+        if (others := self._intake.find(share, upload.record.instant)) is not None:
+            return others
         try:
-            async with share.writing:
-                self._check_open()
-                share.interrupt()
-                share.partial = partial
-                await self._disk.call(partial.open)
-            await share.receive(partial, payload, self._disk)
-            async with share.writing:
-                self._check_open()
-                if (known := self._find_known(share, upload.record.instant)) is not None:
-                    return known
-                truth = await self._disk.call(partial.split_off_truth)
-                return self._save(share, StoredImage(upload.record, partial.file, truth, upload.true_ns))
+            saving = await self._intake.receive(share, upload, payload)
         except DiskError as error:
             self._spawn(self.finish_now(_disk_reason(error)))
             raise
-
-    def _find_known(self, share: CameraShare, instant: int) -> "asyncio.Future[str] | None":
-        """The answer for an image that is saved, or on its way to the disk; None for any other."""
-        saved = self._writer.image(share.name, instant)
-        return share.saving.get(instant) if saved is None else _known(saved.sha256)
-
-    def _save(self, share: CameraShare, image: StoredImage) -> "asyncio.Future[str]":
-        """Queue an image for the disk; from now on a second upload of it joins this one."""
-        instant, saving = image.record.instant, self._intake.add(image)
-
-        def note(saved: "asyncio.Future[str]") -> None:
-            del share.saving[instant]
-            error = None if saved.cancelled() else saved.exception()
-            if error is None and not saved.cancelled():
-                share.instants.add(instant)
-                # The node hears of its image before the session is finished, which takes the disk some time.
-                self._spawn(self.finish_if_complete())
-            elif isinstance(error, DiskError):
-                self._spawn(self.finish_now(_disk_reason(error)))
-
-        share.saving[instant] = saving
-        saving.add_done_callback(note)
+        saving.add_done_callback(self._note_saved)
+        share.note_heard(now_ns, advanced=True)
         return saving
+
+    def _note_saved(self, saved: "asyncio.Future[str]") -> None:
+        if saved.cancelled():
+            return
+        error = saved.exception()
+        if error is None:
+            # The node hears of its image before the session is finished, which takes the disk some time.
+            self._spawn(self.finish_if_complete())
+        elif isinstance(error, DiskError):
+            self._spawn(self.finish_now(_disk_reason(error)))
 
     # Which instants it gets, and its plan
 
@@ -456,22 +419,6 @@ class BurstSession:
         if not late or self.burst.streamed or self._lost is not None or since_ns < SAID_AFTER_S * 1e9:
             return ""
         return f"waiting for pictures of {', '.join(of.name for of in late)}"
-
-
-async def _receive_frame(upload: ImageUpload, payload: AsyncIterator[bytes]) -> StoredImage:
-    """Take a frame in. Raises TryAgainError where it is not what the upload tells, NetworkError."""
-    data, record = b"".join([chunk async for chunk in payload]), upload.record
-    whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
-    if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
-        raise TryAgainError(f"the frame of {record.camera} at instant {record.instant} arrived damaged")
-    return StoredImage(record, data, true_ns=upload.true_ns)
-
-
-def _known(sha256: str) -> "asyncio.Future[str]":
-    """The answer for an image that need not be saved."""
-    done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    done.set_result(sha256)
-    return done
 
 
 def _disk_reason(error: DiskError) -> str:

@@ -1,115 +1,19 @@
 """What one camera owes to a burst: what it has told, the image that comes in, how long it is waited for."""
 
 import asyncio
-import hashlib
-import os
-import threading
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from msgspec.structs import replace
 
-from capture_app.errors import NetworkError, TryAgainError
-from capture_app.names import is_name
-from capture_app.node.burst.intake import DiskThreads
+from capture_app.node.burst.intake import PartialImage, partial_receipts
 from capture_app.node.burst.plans import InstantChoice
-from capture_app.node.wire.messages import ImageReceipt, ImageUpload
+from capture_app.node.wire.messages import ImageReceipt
 from capture_app.node.wire.status import CameraTransfer
-from capture_app.session.files.disk import disk_error
-from capture_app.session.files.durable import PART
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.instant_set import InstantSet
-from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
-
-_BLOCK = 1 << 20
-
-
-class PartialImage:
-    """The file that one upload is written to; `camera.instant.sha256.part`, so that it can be found again."""
-
-    def __init__(self, session: Path, upload: ImageUpload) -> None:
-        record = upload.record
-        self.upload = upload
-        self.file = session / INCOMING / f"{record.camera}.{record.instant:06d}.{record.sha256}{PART}"
-        self._handle = -1
-        self._mutex = threading.Lock()
-
-    def open(self) -> None:
-        """Go on at the upload's offset. Raises TryAgainError where less than that has come before."""
-        try:
-            self.file.parent.mkdir(exist_ok=True)
-            self._handle = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
-            length = os.fstat(self._handle).st_size
-            if length >= self.upload.offset:
-                os.ftruncate(self._handle, self.upload.offset)
-                os.lseek(self._handle, self.upload.offset, os.SEEK_SET)
-                return
-        except OSError as error:
-            self.close()
-            raise disk_error(error, self.file.parent) from error
-        self.close()
-        raise TryAgainError(
-            f"this image goes on at byte {self.upload.offset}, but only {length} have arrived"
-        )
-
-    def add(self, chunk: bytes) -> None:
-        """Write what has come. Raises DiskFullError, NetworkError after `close`."""
-        left = memoryview(chunk)
-        try:
-            with self._mutex:
-                if self._handle < 0:
-                    raise NetworkError("this image is already arriving on another connection")
-                while left:
-                    left = left[os.write(self._handle, left) :]
-        except OSError as error:
-            self.close()
-            raise disk_error(error, self.file.parent) from error
-
-    def close(self) -> None:
-        """Write no more. Calling it twice is harmless."""
-        with self._mutex:
-            if self._handle >= 0:
-                os.close(self._handle)
-                self._handle = -1
-
-    def split_off_truth(self) -> bytes:
-        """Check what has come, leave the image alone in the file, and return the ground truth.
-
-        Raises TryAgainError, and deletes the file, where it is not what the upload tells; DiskError.
-        """
-        self.close()
-        upload, record = self.upload, self.upload.record
-        sha256 = hashlib.sha256()
-        try:
-            with self.file.open("rb") as file:
-                length = os.fstat(file.fileno()).st_size
-                left = record.bytes
-                while left and (block := file.read(min(left, _BLOCK))):
-                    sha256.update(block)
-                    left -= len(block)
-                truth = file.read(upload.truth_bytes)
-            whole = length == record.bytes + upload.truth_bytes and sha256.hexdigest() == record.sha256
-            if whole and upload.truth_sha256 is not None:
-                whole = hashlib.sha256(truth).hexdigest() == upload.truth_sha256
-            if whole:
-                os.truncate(self.file, record.bytes)
-                return truth
-            self.file.unlink()
-        except OSError as error:
-            raise disk_error(error, self.file.parent) from error
-        raise TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")
-
-
-def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
-    """Yield what has come of a camera's images whose streams broke off."""
-    for file in sorted((session / INCOMING).glob(f"{camera}.*{PART}")):
-        name, instant, sha256 = file.name.removesuffix(PART).rsplit(".", 2)
-        if name == camera and is_name(camera):
-            yield ImageReceipt(instant=int(instant), sha256=sha256, bytes=file.stat().st_size, stored=False)
-
 
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""
@@ -231,20 +135,6 @@ class CameraShare:
         """End the image that is coming in: a stream that the node has left may not have noticed yet."""
         if self.partial is not None:
             self.partial.close()
-
-    async def receive(self, partial: PartialImage, payload: AsyncIterator[bytes], disk: DiskThreads) -> None:
-        """Write an image into its file as it comes in.
-
-        What came of it stays where the stream breaks off. Raises what `PartialImage` raises.
-        """
-        instant, end = partial.upload.record.instant, partial.upload.offset
-        try:
-            async for chunk in payload:
-                await disk.call(partial.add, chunk)
-                end += len(chunk)
-                self.arrived[instant] = max(self.arrived.get(instant, 0), end)
-        finally:
-            partial.close()
 
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
         """What is here of its images, whole or in part, numbered as ordered. Blocks on the disk.

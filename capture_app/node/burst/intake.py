@@ -1,18 +1,34 @@
-"""A leader's disk as its bursts see it: threads that wait for it, and a queue of images to each session."""
+"""An image from the stream to the disk: received into a file, then saved with all that wait for a sync."""
 
 import asyncio
 import functools
-from collections.abc import Callable
+import hashlib
+import os
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
-from typing import ParamSpec, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
+from capture_app.errors import NetworkError, TryAgainError
+from capture_app.names import is_name
+from capture_app.node.wire.messages import ImageReceipt, ImageUpload
+from capture_app.session.files.disk import disk_error
+from capture_app.session.files.durable import PART
+from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.image_store import StoredImage
+from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
+
+if TYPE_CHECKING:
+    from capture_app.node.burst.camera_share import CameraShare
 
 DISK_THREADS = 8
 MAX_BATCH = 128
 """How many images are synced together at most: the first of them waits for the last."""
+
+_BLOCK = 1 << 20
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -34,14 +50,144 @@ class DiskThreads:
         self._threads.shutdown(wait=False)
 
 
-class Intake:
-    """The images of one burst that wait for the disk: all that come during one sync share the next."""
+class PartialImage:
+    """The file that one upload is written to; `camera.instant.sha256.part`, so that it can be found again."""
 
-    def __init__(self, writer: SessionWriter, disk: DiskThreads, *, in_videos: bool) -> None:
-        self._writer, self._disk, self._in_videos = writer, disk, in_videos
+    def __init__(self, session: Path, upload: ImageUpload) -> None:
+        record = upload.record
+        self.upload = upload
+        self.file = session / INCOMING / f"{record.camera}.{record.instant:06d}.{record.sha256}{PART}"
+        self._handle = -1
+        self._mutex = threading.Lock()
+
+    def open(self) -> None:
+        """Go on at the upload's offset. Raises TryAgainError where less than that has come before."""
+        try:
+            self.file.parent.mkdir(exist_ok=True)
+            self._handle = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            length = os.fstat(self._handle).st_size
+            if length >= self.upload.offset:
+                os.ftruncate(self._handle, self.upload.offset)
+                os.lseek(self._handle, self.upload.offset, os.SEEK_SET)
+                return
+        except OSError as error:
+            self.close()
+            raise disk_error(error, self.file.parent) from error
+        self.close()
+        raise TryAgainError(
+            f"this image goes on at byte {self.upload.offset}, but only {length} have arrived"
+        )
+
+    def add(self, chunk: bytes) -> None:
+        """Write what has come. Raises DiskFullError, NetworkError after `close`."""
+        left = memoryview(chunk)
+        try:
+            with self._mutex:
+                if self._handle < 0:
+                    raise NetworkError("this image is already arriving on another connection")
+                while left:
+                    left = left[os.write(self._handle, left) :]
+        except OSError as error:
+            self.close()
+            raise disk_error(error, self.file.parent) from error
+
+    def close(self) -> None:
+        """Write no more. Calling it twice is harmless."""
+        with self._mutex:
+            if self._handle >= 0:
+                os.close(self._handle)
+                self._handle = -1
+
+    def split_off_truth(self) -> bytes:
+        """Check what has come, leave the image alone in the file, and return the ground truth.
+
+        Raises TryAgainError, and deletes the file, where it is not what the upload tells; DiskError.
+        """
+        self.close()
+        upload, record = self.upload, self.upload.record
+        sha256 = hashlib.sha256()
+        try:
+            with self.file.open("rb") as file:
+                length = os.fstat(file.fileno()).st_size
+                left = record.bytes
+                while left and (block := file.read(min(left, _BLOCK))):
+                    sha256.update(block)
+                    left -= len(block)
+                truth = file.read(upload.truth_bytes)
+            whole = length == record.bytes + upload.truth_bytes and sha256.hexdigest() == record.sha256
+            if whole and upload.truth_sha256 is not None:
+                whole = hashlib.sha256(truth).hexdigest() == upload.truth_sha256
+            if whole:
+                os.truncate(self.file, record.bytes)
+                return truth
+            self.file.unlink()
+        except OSError as error:
+            raise disk_error(error, self.file.parent) from error
+        raise damaged(record)
+
+
+def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
+    """Yield what has come of a camera's images whose streams broke off."""
+    for file in sorted((session / INCOMING).glob(f"{camera}.*{PART}")):
+        name, instant, sha256 = file.name.removesuffix(PART).rsplit(".", 2)
+        if name == camera and is_name(camera):
+            yield ImageReceipt(instant=int(instant), sha256=sha256, bytes=file.stat().st_size, stored=False)
+
+
+class Intake:
+    """The images of one burst, from when they come; all that are whole during one sync share the next."""
+
+    def __init__(
+        self, writer: SessionWriter, disk: DiskThreads, over: asyncio.Event, *, in_videos: bool
+    ) -> None:
+        """Nothing more is taken in once the burst is `over`."""
+        self._writer, self._disk, self._over, self._in_videos = writer, disk, over, in_videos
         self._waiting: dict[asyncio.Future[str], tuple[StoredImage, float]] = {}
         """By what is answered, the images in the order that they came, and when that was."""
         self._work: asyncio.Task[None] | None = None
+
+    def find(self, share: "CameraShare", instant: int) -> "asyncio.Future[str] | None":
+        """The answer for an image that is saved, or on its way to the disk; None for any other."""
+        saved = self._writer.image(share.name, instant)
+        return share.saving.get(instant) if saved is None else known(saved.sha256)
+
+    async def receive(
+        self, share: "CameraShare", upload: ImageUpload, payload: AsyncIterator[bytes]
+    ) -> "asyncio.Future[str]":
+        """Take an image in as it comes, and save it, unless another upload of it was quicker: see `add`.
+
+        What came of it stays where the stream breaks off, with NetworkError. Raises TryAgainError for a
+        damaged one or once the burst is over, DiskError.
+        """
+        record = upload.record
+        if self._in_videos:
+            data = b"".join([chunk async for chunk in payload])
+            self._check_open(upload)
+            whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
+            if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
+                raise damaged(record)
+            frame = StoredImage(record, data, true_ns=upload.true_ns)
+            return self.find(share, record.instant) or self._save(share, frame)
+        partial = PartialImage(self._writer.folder, upload)
+        async with share.writing:
+            self._check_open(upload)
+            share.interrupt()
+            share.partial = partial
+            await self._disk.call(partial.open)
+        try:
+            end = upload.offset
+            async for chunk in payload:
+                await self._disk.call(partial.add, chunk)
+                end += len(chunk)
+                share.arrived[record.instant] = max(share.arrived.get(record.instant, 0), end)
+        finally:
+            partial.close()
+        async with share.writing:
+            self._check_open(upload)
+            if (others := self.find(share, record.instant)) is not None:
+                return others
+            truth = await self._disk.call(partial.split_off_truth)
+            return self._save(share, StoredImage(record, partial.file, truth, upload.true_ns))
 
     def add(self, image: StoredImage) -> "asyncio.Future[str]":
         """Save an image; what is returned has its checksum once it is safe, or what went wrong."""
@@ -76,3 +222,32 @@ class Intake:
             for saved in self._waiting:
                 saved.cancel()
             self._waiting, self._work = {}, None
+
+    def _check_open(self, upload: ImageUpload) -> None:
+        if self._over.is_set():
+            raise TryAgainError(f"burst {upload.burst} is over")
+
+    def _save(self, share: "CameraShare", image: StoredImage) -> "asyncio.Future[str]":
+        """Queue an image for the disk; from now on a second upload of it joins this one."""
+        instant, saving = image.record.instant, self.add(image)
+
+        def note(saved: "asyncio.Future[str]") -> None:
+            del share.saving[instant]
+            if not saved.cancelled() and saved.exception() is None:
+                share.instants.add(instant)
+
+        share.saving[instant] = saving
+        saving.add_done_callback(note)
+        return saving
+
+
+def known(sha256: str) -> "asyncio.Future[str]":
+    """The answer for an image that need not be saved."""
+    done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    done.set_result(sha256)
+    return done
+
+
+def damaged(record: ImageRecord) -> TryAgainError:
+    """What is wrong with an image that is not what its upload tells."""
+    return TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")

@@ -23,8 +23,8 @@ from capture_app.sync.rig.orders import BurstOrder
 from capture_app.text import UNREADABLE, ProgressStep
 
 FRAMES = 5
-CAMERA_OPTIONS = "drops=0,scale=0.75"
-"""Nothing lost; pictures of 480x360 show all that larger ones do, in half the time."""
+CAMERA_OPTIONS = "drops=0,scale=0.75,samples=2"
+"""Nothing lost; pictures of 480x360, two rays a pixel, show all that finer ones do, and are quickly made."""
 QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
 TOLERANCE_US = 50

@@ -27,6 +27,7 @@ OPTIONS = {
     "view": "the scene's view; default: the one named like the node",
     "replay": "an MJPEG file whose pictures it gives, instead of a scene",
     "scale": "size of the pictures, 0.1 to 1 of the full size",
+    "samples": "rays of each pixel of a scene, 1 to 4 (default): fewer are quicker and rougher",
     "calibration": "none: sessions do not get the scene's true calibration",
     "seed": "whole number; with the node's name it chooses crystal, noise and drops",
     "exposure_ms": "exposure of every frame",
@@ -82,6 +83,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
             height=model.image_rows,
             row_time_ns=model.row_time_ns,
             scale=1.0 if scale is None else scale,
+            samples=int(read_number(options, "samples", _CAMERA, least=1, most=4) or 4),
         )
     sensor = Sensor(
         replace(model, image_rows=source.height),

@@ -143,13 +143,22 @@ class SceneView(PictureSource):
 
 
 def open_picture_source(
-    scene: str, view: str, *, camera: str, width: int, height: int, row_time_ns: int, scale: float = 1.0
+    scene: str,
+    view: str,
+    *,
+    camera: str,
+    width: int,
+    height: int,
+    row_time_ns: int,
+    scale: float = 1.0,
+    samples: int = 4,
 ) -> PictureSource:
     """The test card of that size for the scene `bars`, a source of `SOURCES_ELSEWHERE`, else that view of a
     rendered scene, each at its own size.
 
-    `scale` shrinks either. An empty `view` is the one named like the camera. Raises BadInputError for a scene
-    or view that does not exist and NotAvailableError where this machine cannot render scenes.
+    `scale` shrinks either; a scene has `samples` rays of each pixel. An empty `view` is the one named like
+    the camera. Raises BadInputError for a scene or view that does not exist and NotAvailableError where this
+    machine cannot render scenes.
     """
     if scene == TEST_CARD:
         if view:
@@ -165,7 +174,7 @@ def open_picture_source(
         return source
     from capture_app.simulation.rendering.scene import load
 
-    loaded = load(scene, scale=scale)
+    loaded = load(scene, scale=scale, samples=samples)
     view = view or camera
     if view not in loaded.views:
         raise BadInputError(

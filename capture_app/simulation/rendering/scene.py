@@ -40,7 +40,9 @@ _WHITE = 6.0
 class Scene:
     """A room with moving things and the cameras that look at it; what stands still is kept once drawn."""
 
-    def __init__(self, name: str, definition: SceneDefinition, *, scale: float = 1.0) -> None:
+    def __init__(
+        self, name: str, definition: SceneDefinition, *, scale: float = 1.0, samples: int = 4
+    ) -> None:
         self._definition = definition
         stage = definition.stage()
         textures = {name: Texture(picture) for name, picture in stage.pictures.items()}
@@ -60,7 +62,7 @@ class Scene:
         self._still_light: dict[str, Floats] = {}
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
         self._lock = threading.Lock()
-        self._samples = len(SUBPIXELS)
+        self._samples = samples
         """How many of each pixel, and again for long exposures."""
         self._drafts: dict[float, Scene] = {}
 
@@ -166,19 +168,21 @@ def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterat
         yield layers[number % len(layers)], exposure_ns * (2 * number + 1) // (2 * count)
 
 
-def load(name: str, *, scale: float = 1.0) -> Scene:
+def load(name: str, *, scale: float = 1.0, samples: int = len(SUBPIXELS)) -> Scene:
     """Scene of that name, built once a process; `scale` shrinks its pictures from 640x480.
+
+    `samples`: of each pixel, and again for long exposures.
 
     Raises BadInputError for a scene that does not exist, NotAvailableError without Open3D.
     """
     if name not in SCENES:
         raise BadInputError(f"there is no scene named {name!r}", hint=f"one of {', '.join(SCENES)}")
-    return _built(name, scale)
+    return _built(name, scale, samples)
 
 
 @functools.cache
-def _built(name: str, scale: float) -> Scene:
-    return Scene(name, DEFINITIONS[name], scale=scale)
+def _built(name: str, scale: float, samples: int) -> Scene:
+    return Scene(name, DEFINITIONS[name], scale=scale, samples=samples)
 
 
 @functools.cache

@@ -79,7 +79,7 @@ class StripedScene:
 def striped(monkeypatch: pytest.MonkeyPatch) -> StripedScene:
     scene = StripedScene()
     module: Any = types.ModuleType("scene")
-    module.load = lambda name, *, scale: scene
+    module.load = lambda name, *, scale, samples: scene
     for name in ("open3d", "capture_app.simulation.rendering.scene"):
         monkeypatch.setitem(sys.modules, name, module)
     return scene

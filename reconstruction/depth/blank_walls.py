@@ -240,7 +240,7 @@ def choose_planes(
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
     """The sources' matching cost along a surface, and where enough of them see it at all (bool)."""
-    warped = [one.warp_by_depth(level) for one in source_views]
+    warped = [CPU.warp(one, level) for one in source_views]
     seeing = len(warped) - np.sum([one < 0 for one in warped], axis=0)
     # What lies outside says nothing, rather than being like nothing: wide windows often reach beyond.
     inside = [np.where(one < MIDDLE / 2, np.float32(MIDDLE), one) for one in warped]

@@ -118,12 +118,6 @@ class SourceView:
         far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
         return (xs + shift[0] * inverse_depth) * far, (ys + shift[1] * inverse_depth) * far, z
 
-    def warp_by_depth(self, inverse_depth: Array) -> Array:
-        """The source's grey levels seen through a map of inverse depths."""
-        x, y, _ = self.project(inverse_depth)
-        np.nan_to_num(x, copy=False, nan=-1e4)
-        return np.asarray(cv2.remap(self.source.grey, x, y, cv2.INTER_LINEAR, borderValue=OUTSIDE))
-
     def pixels_per_inverse_depth(self, x: Array, y: Array) -> Array:
         """How many px of the reference a change of the source's inverse depth by 1 moves its pixel x, y."""
         back = -self.rotation.T @ self.translation

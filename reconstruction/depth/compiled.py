@@ -39,12 +39,7 @@ class CompiledEngine(SweepEngine):
         reference = source_views[0].reference
         height, width = reference.grey.shape
         volume = np.empty((height, len(offsets), width), np.uint8)
-        sources = (_Source * len(source_views))()
-        for at, one in enumerate(source_views):
-            rows, columns = one.source.grey.shape
-            sources[at] = _Source(
-                one.source.bordered.ctypes.data, columns, rows, (ctypes.c_float * 13)(*one.numbers)
-            )
+        sources = (_Source * len(source_views))(*map(_source, source_views))
         self._call(
             "costs",
             *(height, width, len(offsets), reference.window // 2, len(sources)),
@@ -56,6 +51,13 @@ class CompiledEngine(SweepEngine):
             volume,
         )
         return volume
+
+    def warp(self, source_view: SourceView, inverse_depth: Array) -> Array:
+        """As of NumPy, whose places are rounded to a 32nd of a pixel."""
+        out = np.empty(inverse_depth.shape, np.float32)
+        source = ctypes.byref(_source(source_view))
+        self._call("warp", *out.shape, _floats(inverse_depth), source, out)
+        return out
 
     def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """As NumPy's, to the last bit."""
@@ -125,6 +127,12 @@ class CompiledEngine(SweepEngine):
         given = [ctypes.c_void_p(arg.ctypes.data) if isinstance(arg, np.ndarray) else arg for arg in args]
         if self._library[name](*given):
             raise MemoryError(f"no memory left for the matching ({name})")
+
+
+def _source(source_view: SourceView) -> _Source:
+    """The picture stays in memory for as long as its view does."""
+    picture, numbers = source_view.source, (ctypes.c_float * 13)(*source_view.numbers)
+    return _Source(picture.bordered.ctypes.data, picture.view.width, picture.view.height, numbers)
 
 
 def _floats(array: Array) -> Array:

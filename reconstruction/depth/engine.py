@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import SourceView
+from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.cost_volume import cost_volume
 from reconstruction.depth.plane_fitting import fit_planes
 
@@ -158,6 +158,13 @@ class SweepEngine:
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
         """Costs along one surface (height x width, uint8)."""
         return np.ascontiguousarray(self.cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
+
+    def warp(self, source_view: SourceView, inverse_depth: Array) -> Array:
+        """The source's grey levels seen through inverse depths, `OUTSIDE` where it does not reach."""
+        x, y, _ = source_view.project(inverse_depth)
+        np.nan_to_num(x, copy=False, nan=-1e4)
+        picture = source_view.source.grey
+        return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderValue=(OUTSIDE,)))
 
     fit_planes = staticmethod(fit_planes)
     compare = staticmethod(compare_surfaces)

@@ -154,7 +154,7 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
 
 def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) -> Array:
     """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
-    seen = source_view.warp_by_depth(inverse_depth)
+    seen = CPU.warp(source_view, inverse_depth)
     reference = source_view.reference.grey
     gain, bias = _brightness_match(seen.reshape(-1), reference.reshape(-1), np.flatnonzero(same))
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))

@@ -52,8 +52,9 @@ def _first_line(error: Exception) -> str:
 class GpuEngine(SweepEngine):
     """The sweep's engine on the current CUDA device; `cupy` is the module, or what has its interface."""
 
-    # Plane fits and votes are made on the CPU.
+    # Plane fits, votes and what is seen through a surface are made on the CPU.
     fit_planes = staticmethod(CPU.fit_planes)
+    warp = staticmethod(CPU.warp)
     compare = staticmethod(CPU.compare)
 
     def __init__(self, cupy: Any, note: str = "") -> None:

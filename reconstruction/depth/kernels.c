@@ -153,6 +153,13 @@ FOR_ALL int costs(int height, int width, int depths, int half, int count, const 
   return 0;
 }
 
+/* A source's grey levels as the reference sees them through its inverse depths. */
+FOR_ALL int warp(int height, int width, const float *level, const Source *source, float *out) {
+  for (int y = 0; y < height; y++)
+    warp_row(source, width, y, level + (size_t)y * width, 0.f, out + (size_t)y * width);
+  return 0;
+}
+
 /* ---- Semi-global scan (Hirschmueller 2008): 8 paths through a volume, then each pixel's cheapest depth ---- */
 
 enum { TURNED = 32, FAR = 16000 }; /* rows that are walked along at once; what no path reaches */

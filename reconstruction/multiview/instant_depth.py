@@ -12,6 +12,7 @@ from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.compiled import CPU
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_matcher import ViewDepth
@@ -86,7 +87,7 @@ def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Arr
     """Median over the sources of their difference in brightness, once they are made equally bright."""
     differences = []
     for source_view in source_views:
-        seen = source_view.warp_by_depth(inverse_depth)
+        seen = CPU.warp(source_view, inverse_depth)
         seen = np.where((seen < 0) | (inverse_depth <= 0), np.nan, seen).astype(np.float32)
         reference = source_view.reference.grey
         differences.append(np.abs(reference - match_brightness(reference, seen)))

@@ -38,7 +38,7 @@ def render_longer(session: Path, instants: int, scratch: Path) -> Path:
     recipe |= {"frames": instants, "name": f"{recipe['name']}-{instants}"}
     recipe.pop("take", None)
     (scratch / "recipe.json").write_text(json.dumps(recipe))
-    command = [sys.executable, "-m", "capture_app.cli", "sessions", "render", str(scratch / "recipe.json")]
+    command = [sys.executable, "-m", "benchmarks.samples", str(scratch / "recipe.json")]
     subprocess.run([*command, "--out", str(scratch)], check=True, stdout=sys.stderr)
     return scratch / str(recipe["name"])
 

@@ -3,18 +3,20 @@
     python -m benchmarks.reconstruction.every_instant --instants 60 --out DIR
 
 Five simulated cameras (*simulated*; 640x480, or less by `--scale`) before a child that jumps. Prints how
-right and how complete what moves is in the cloud of each instant, and the memory of the process over time.
+right and how complete what moves is in the cloud of each instant, the memory of the process over time, and
+what it costs beside sweeping every instant whole (`--whole`).
 """
 
 import argparse
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 
 import msgspec
 
@@ -32,10 +34,23 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
     session = render(asked.out, asked.instants, asked.scale)
-    clouds = asked.out / "clouds"
+    clouds, whole, before = asked.out / "clouds", asked.out / "whole", cpu_s()
     runs = [follow(session, clouds, asked.kill_after)] if asked.kill_after else []
     runs.append(follow(session, clouds, None))
+    between = cpu_s()
+    runs.append(follow(session, whole, None, "--whole"))
     show(clouds, runs)
+    for folder, cost_s in ((clouds, between - before), (whole, cpu_s() - between)):
+        told = json.loads((folder / "sequence.json").read_text())["instants"]
+        shares = (100 * mean(one[name] for one in told) for name in ("within_2pct", "mover_within_2pct"))
+        right = ", movers ".join(f"{share:.2f} %" for share in shares)
+        print(f"{folder.name}: {cost_s / len(told):.2f} CPU-s an instant; within 2 %: {right}")
+
+
+def cpu_s() -> float:
+    """Processor time of all children that have ended, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def render(out: Path, instants: int, scale: float) -> Path:
@@ -48,15 +63,15 @@ def render(out: Path, instants: int, scale: float) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         file = out / "recipe.json"
         file.write_bytes(msgspec.json.encode(recipe))
-        run = [sys.executable, "-m", "capture_app.cli", "sessions", "render", "--out", str(out), str(file)]
+        run = [sys.executable, "-m", "benchmarks.samples", "--out", str(out), str(file)]
         subprocess.run(run, check=True)
     return session
 
 
-def follow(session: Path, clouds: Path, kill_after: int | None) -> list[tuple[int, float]]:
+def follow(session: Path, clouds: Path, kill_after: int | None, *more: str) -> list[tuple[int, float]]:
     """Run the command, killed once so many instants are done; memory, MB, at each number of them."""
     command = [sys.executable, "-m", "reconstruction.cli", "multiview", str(session)]
-    running = subprocess.Popen([*command, "--instants", "all", "--out", str(clouds), "--quiet"])
+    running = subprocess.Popen([*command, "--instants", "all", "--out", str(clouds), "--quiet", *more])
     seen: list[tuple[int, float]] = []
     while running.poll() is None:
         done = len(list((clouds / "instants").glob("*.json")))

@@ -93,6 +93,9 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
     "--calibrated", is_flag=True, help="Refuse where no calibration of the rig is known that holds."
 )
 @click.option("--depth", is_flag=True, help="With --instants, keep the depth maps, too.")
+@click.option(
+    "--whole", is_flag=True, help="With --instants, sweep what stands still again for every instant."
+)
 @click.option("--rrd", is_flag=True, help="With --instants, also write a recording that Rerun plays.")
 @options.time_shift_option
 @options.out_option
@@ -109,6 +112,7 @@ def multiview(
     as_json: bool,
     instants: tuple[int, ...] | None,
     depth: bool,
+    whole: bool,
     rrd: bool,
     **chosen: Any,
 ) -> None:
@@ -121,8 +125,8 @@ def multiview(
 
     if instants is not None and chosen["page"]:
         raise click.UsageError("--page is for one instant")
-    if instants is None and (depth or rrd):
-        raise click.UsageError("--depth and --rrd are for --instants")
+    if instants is None and (depth or whole or rrd):
+        raise click.UsageError("--depth, --whole and --rrd are for --instants")
     if instants is not None and ctx.get_parameter_source("instant") is not click.core.ParameterSource.DEFAULT:
         raise click.UsageError("--instant is one, --instants are many: leave one out")
     if chosen["mesh"] is None:
@@ -137,6 +141,7 @@ def multiview(
             condition=condition,
             each=MultiviewOptions(**chosen),
             depth=depth,
+            whole=whole,
             recording=rrd,
         )
         _show_sequence(model_sequence(session, out, wanted, Progress(1)), out, as_json)

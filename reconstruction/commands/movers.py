@@ -21,8 +21,8 @@ def movers(session: Path, out: Path, as_json: bool) -> None:
     What moves is seen by a still camera's pictures of other instants; the masks are a few pixels wider.
     """
     from reconstruction.session.dataset import Dataset
-    from reconstruction.session.motion import write_masks
+    from reconstruction.session.motion import SceneMotion, write_masks
 
-    result = write_masks(Dataset.open(session), out)
+    result = write_masks(SceneMotion(Dataset.open(session), step=1), out)
     moving = (f"{camera}: {100 * share:.1f} % of its pixels move" for camera, share in result.moving.items())
     answer(as_json, result, [*moving, f"{result.masks} masks: {out}"])

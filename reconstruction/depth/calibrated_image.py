@@ -37,6 +37,16 @@ class CalibratedImage:
         grey = cv2.resize(self.grey, (width, height), interpolation=cv2.INTER_AREA)
         return replace(self, view=resize_view(view, width, height), grey=grey, moving=None)
 
+    def cropped(self, box: tuple[slice, slice]) -> "CalibratedImage":
+        """The part of the picture in a box of rows and columns, for matching alone."""
+        grey = np.ascontiguousarray(self.grey[box])
+        if grey.shape == self.grey.shape:
+            return self
+        matrix = self.view.matrix.copy()
+        matrix[:2, 2] -= box[1].start or 0, box[0].start or 0
+        view = replace(self.view, width=grey.shape[1], height=grey.shape[0], matrix=matrix)
+        return replace(self, view=view, grey=grey, moving=None)
+
     @cached_property
     def mean(self) -> Array:
         """Mean of each pixel's window."""

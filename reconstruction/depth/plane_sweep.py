@@ -192,7 +192,8 @@ def _refine_surface(
     for share, steps, edges_share in plan:
         planes = np.stack(surface[:3])
         if edges_share:
-            edges_px = max(1, round(edges_share * reference.view.width))
+            # The reference may be a part of its picture.
+            edges_px = max(1, round(edges_share * source_views[0].source.view.width))
             planes = move_edges(planes, source_views, edges_px, engine)
         offsets = np.arange(-steps, steps + 1) * (step * share)
         volume = engine.cost_volume(source_views, planes[0], offsets)

@@ -27,6 +27,7 @@ from reconstruction.depth.plane_sweep import (
     adopt_proposals,
     sweep_view,
 )
+from reconstruction.depth.still_scene import WHOLE, StillScene, boxes_around, renewed
 
 
 def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tuple[int, int]) -> Array:
@@ -82,12 +83,16 @@ def match_all_views(
     progress: Progress | None = None,
     *,
     quick: bool = False,
+    still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera that has sources.
 
     `depth_ranges`: between which two depths each camera's scene is. `progress` gets a step after each.
     `quick`: a first sweep at half the size, half the time; thin parts and edges lose by it.
+    `still`: what earlier instants found, which has looked at these images, and keeps what is found.
     """
+    still = still or StillScene()
+    new = {name: still.new(name, image) for name, image in images.items()}
     told = progress or Progress(0, silent=True)
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
@@ -97,7 +102,10 @@ def match_all_views(
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
-        found = sweep_view(images[name], others, depth_ranges[name], options)
+        found = still.surface(name, images[name])
+        for box, mine in boxes_around(new[name]):
+            swept = sweep_view(images[name].cropped(box), others, depth_ranges[name], options)
+            found = renewed(found, swept, box, mine)
         told.step(f"depth of {name}")
         return found
 
@@ -116,14 +124,19 @@ def match_all_views(
             # Nobody else could confirm what that camera found, unless this one finds it too.
             matched = {o: _matched_depth(surfaces[o], kept[o]) for o in sources[name]}
             proposed = np.where(sure > 0, sure, from_others(matched))
-        new = np.where(kept[name] > 0, 0, proposed)
-        return adopt_proposals(
-            surfaces[name], new, sure > 0, images[name], others, depth_ranges[name], options
-        )
+        proposed = np.where(kept[name] > 0, 0, proposed)
+        found = surfaces[name]
+        for box, mine in boxes_around(new[name]):
+            before = Surface(*(np.ascontiguousarray(part[box]) for part in surfaces[name]))
+            image, given = images[name].cropped(box), (proposed[box], sure[box] > 0)
+            swept = adopt_proposals(before, *given, image, others, depth_ranges[name], options)
+            found = renewed(found, swept, box, mine)
+        return found
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        surfaces = settle_blank_walls(images, sources, depth_ranges, surfaces, pool)
+        laid = settle_blank_walls(images, sources, depth_ranges, surfaces, pool)
+        surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}
         kept = _kept_depths(pool, images, sources, surfaces, engine)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
         kept = _kept_depths(pool, images, sources, surfaces, engine)
@@ -131,6 +144,7 @@ def match_all_views(
             # What one of two has taken over from the other, the other may now see in turn.
             surfaces |= zip(paired, pool.map(propose, paired), strict=True)
             kept = _kept_depths(pool, images, sources, surfaces, engine)
+        still.keep(images, surfaces)
         facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
         return {
             name: ViewDepth(kept[name], np.where(kept[name][..., None] > 0, normals, 0), surfaces[name])

@@ -12,7 +12,6 @@ from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count
-from reconstruction.depth.blank_walls import MIN_BLANK_SHARE
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
@@ -84,7 +83,7 @@ def find_movers(image: InputImage, motion: SceneMotion) -> Array | None:
 
 
 def load_input_images(
-    dataset: Dataset, instants: dict[str, int]
+    dataset: Dataset, instants: dict[str, int], motion: SceneMotion
 ) -> tuple[dict[str, InputImage], dict[str, str], str, str]:
     """The usable pictures by camera, the others and why they are left out, the calibration's source and unit.
 
@@ -99,7 +98,7 @@ def load_input_images(
         fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
         share=0.9,
     )
-    calibration = dataset.calibration() or guess_calibration(SceneMotion(dataset, 1))
+    calibration = dataset.calibration() or guess_calibration(motion)
     views = calibrated_views(dataset, calibration)
     images: dict[str, InputImage] = {}
     left_out: dict[str, str] = {}
@@ -120,10 +119,8 @@ def load_input_images(
             f"fewer than two cameras can be used ({reasons})",
             hint="depth needs two that are calibrated and see the same from different places",
         )
-    if np.mean([image.calibrated.flat.mean() for image in images.values()]) >= MIN_BLANK_SHARE:
-        # Planes are laid on blank walls, and must not be on what moves before them.
-        motion = SceneMotion(dataset, 1)
-        for camera, image in images.items():
-            known = replace(image.calibrated, moving=find_movers(image, motion))
-            images[camera] = replace(image, calibrated=known)
+    # Planes are laid on blank walls, and must not be on what moves before them; nor does that stand still.
+    for camera, image in images.items():
+        known = replace(image.calibrated, moving=find_movers(image, motion))
+        images[camera] = replace(image, calibrated=known)
     return images, left_out, calibration.source_words, calibration.unit

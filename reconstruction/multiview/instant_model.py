@@ -22,6 +22,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
 from reconstruction.depth.mesh import build_mesh
+from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import (
     choose_reference_view,
@@ -77,20 +78,26 @@ def model_instant(
     options: MultiviewOptions,
     part: Path,
     progress: Progress | None = None,
+    motion: SceneMotion | None = None,
+    still: StillScene | None = None,
 ) -> MultiviewResult:
     """Make an instant's depth maps, cloud and mesh in the folder `part`, which is there and empty.
+
+    `motion` and `still`: what moves in the session, and what earlier instants found of the rest.
 
     Raises:
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
     """
     marks = {"begin": time.perf_counter()}
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
-    images, left_out, calibration, unit = load_input_images(dataset, instants)
+    motion, still = motion or SceneMotion(dataset, 1), still or StillScene()
+    images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
     progress = progress or Progress(0, silent=True)
     progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
     progress.step("how near and how far the scene is")
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    scene = find_coarse_scene(calibrated)
+    still.look(calibrated)
+    scene = still.scene = still.scene or find_coarse_scene(calibrated)
     views_seen = {camera: calibrated[camera].view for camera in scene.points}
     sources = choose_source_views(views_seen, scene.points)
     if not any(sources.values()):
@@ -100,7 +107,7 @@ def model_instant(
     progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
     marks["range"] = time.perf_counter()
     workspace = part / "workspace"
-    found = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress)
+    found = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
     if matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), found)
     marks["matching"] = time.perf_counter()
@@ -138,9 +145,7 @@ def model_instant(
         static_within_2pct=main.static_within_2pct,
         median_error_pct=main.median_error_pct,
         movers_1cm=movers,
-        moving_measured=measured_share(images[reference], depth, SceneMotion(dataset, 1))
-        if options.page
-        else None,
+        moving_measured=measured_share(images[reference], depth, motion) if options.page else None,
         nearest=min(scene.depth_ranges[camera][0] for camera in images),
         farthest=max(scene.depth_ranges[camera][1] for camera in images),
         views=views,

@@ -11,6 +11,7 @@ from reconstruction.depth.colmap import CudaGpu, find_gpu, read_maps, run_patch_
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.gpu import find_engine
+from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
 
@@ -67,12 +68,22 @@ def match_cameras(
     sources: Mapping[str, Sequence[str]],
     depth_ranges: Mapping[str, tuple[float, float]],
     progress: Progress | None = None,
+    still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
-    """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there."""
+    """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there.
+
+    `still` as of `match_all_views`; PatchMatch has no use for it.
+    """
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
         return match_all_views(
-            calibrated, sources, depth_ranges, matcher.engine, progress, quick=matcher.quick
+            calibrated,
+            sources,
+            depth_ranges,
+            matcher.engine,
+            progress,
+            quick=matcher.quick,
+            still=still,
         )
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)

@@ -35,6 +35,7 @@ from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, require_reconstruction
+from reconstruction.depth.still_scene import StillScene
 from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, model_instant
 from reconstruction.multiview.matcher import ChosenMatcher, choose_matcher
 from reconstruction.multiview.result import SequenceInstant, SequenceResult
@@ -95,6 +96,7 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     meshes: bool
     depth: bool
     quick: bool = False
+    whole: bool = True
 
     def require_same(self, earlier: "SequencePlan", out: Path) -> None:
         """Raises BadInputError where an earlier plan differs."""
@@ -243,6 +245,8 @@ class SequenceOptions:
     each: MultiviewOptions
     depth: bool = False
     """Keep the depth maps, too."""
+    whole: bool = False
+    """Sweep what stands still again for every instant."""
     recording: bool = False
 
 
@@ -278,14 +282,16 @@ def model_sequence(
         meshes=options.each.mesh,
         depth=options.depth,
         quick=options.each.quick,
+        whole=options.whole,
     )
     with SequenceFolder(out, plan) as folder:
         progress = progress or Progress(1)
+        motion, still = SceneMotion(dataset, step=1), StillScene()
         masks = (out / MASKS).is_dir()
         wanted = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
         progress.total = len(dataset.cameras) * wanted + len(chosen) + options.recording
         if wanted:
-            write_masks(dataset, folder.empty_work() / MASKS, progress)
+            write_masks(motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
             masks = True
         calibration = _calibrate(dataset, folder)
@@ -295,7 +301,8 @@ def model_sequence(
         for instant in chosen:
             if instant not in earlier:
                 progress.step(f"instant {instant}")
-            every.append(earlier.get(instant) or _make(dataset, matcher, options, instant, folder))
+            known = StillScene() if options.whole else still
+            every.append(earlier.get(instant) or _make(motion, known, matcher, options, instant, folder))
         if not any(one.cloud for one in every):
             raise BadInputError(f"no instant gave a cloud; the first: {every[0].reason}")
         if options.recording:
@@ -340,15 +347,20 @@ def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:
 
 
 def _make(
-    dataset: Dataset, matcher: ChosenMatcher, options: SequenceOptions, instant: int, folder: SequenceFolder
+    motion: SceneMotion,
+    still: StillScene,
+    matcher: ChosenMatcher,
+    options: SequenceOptions,
+    instant: int,
+    folder: SequenceFolder,
 ) -> SequenceInstant:
     """Make an instant's files in a folder of their own, then give them their names; last that it is done."""
-    work, out = folder.empty_work(), folder.out
+    work, out, dataset = folder.empty_work(), folder.out, motion.dataset
     leader_ns = dataset.instants_ns[instant]
     try:
         offsets_ms = options.condition.offsets_ms(dataset.cameras, instant)
         wanted = replace(options.each, instant=instant, offsets_ms=offsets_ms, cloud=False)
-        found = model_instant(dataset, matcher, wanted, work)
+        found = model_instant(dataset, matcher, wanted, work, motion=motion, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:

@@ -149,7 +149,7 @@ class MoverMasks(Struct, frozen=True, kw_only=True):
     moving: dict[str, float]
 
 
-def write_masks(dataset: Dataset, out: Path, progress: Progress | None = None) -> MoverMasks:
+def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None) -> MoverMasks:
     """Write OUT/<camera>/<instant>.png for every image, white where something moves and a little around it.
 
     `progress` gets a step for each camera.
@@ -158,7 +158,7 @@ def write_masks(dataset: Dataset, out: Path, progress: Progress | None = None) -
         NotApplicableError: a camera has fewer than two images to compare.
         BadInputError: there is something else at `out`.
     """
-    motion = SceneMotion(dataset, step=1)
+    dataset = motion.dataset
     few = [camera for camera in dataset.cameras if len(dataset.instants(camera)) < 2]
     if few:
         raise NotApplicableError(

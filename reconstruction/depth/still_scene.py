@@ -1,0 +1,92 @@
+"""What stands still needs depth once: later instants sweep boxes around what moves, and what it uncovered."""
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, box_filter
+from reconstruction.depth.coarse_scene import CoarseScene
+from reconstruction.depth.plane_sweep import Surface
+
+CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
+"""Grey levels by which the mean of a window of so many px differs from when a depth was found there."""
+WIDER_PX = 6
+"""Around what has changed, whose windows show some of it."""
+BAND_PX, MARGIN_PX = 160, 12
+"""Rows that have boxes of their own; around what a box is for, where its windows and paths begin."""
+MOST_NEW = 0.6
+"""Share of the pictures from which on all is swept again: the light has changed, or a camera was nudged."""
+
+Box = tuple[slice, slice]
+WHOLE: Box = (slice(None), slice(None))
+
+
+class StillScene:
+    """What earlier instants of a session found, and what of that does not hold for the one looked at."""
+
+    def __init__(self) -> None:
+        self.scene: CoarseScene | None = None
+        """Where the scene is; None where that is to be found."""
+        self._new: dict[str, Array] = {}
+        """What is to be swept (bool); empty: all of all."""
+        self._surfaces: dict[str, Surface] = {}
+        self._cameras: set[str] = set()
+        self._pictures: dict[str, Array] = {}
+        """The grey levels by which each pixel's depth was found, `OUTSIDE` where something moved."""
+
+    def look(self, images: Mapping[str, CalibratedImage]) -> None:
+        """Look at an instant's pictures: what moves, or looks otherwise than when its depth was found?"""
+        before, self._cameras, self._new = self._cameras, set(images), {}
+        for name, known in self._pictures.items() if before == self._cameras else ():
+            moved, grey = known == OUTSIDE, images[name].grey
+            off = np.abs(box_filter(np.where(moved, 0, grey - known), CHANGED_WINDOW)) > CHANGED_GREY
+            wide = cv2.dilate(off.astype(np.uint8), np.ones((2 * WIDER_PX + 1, 2 * WIDER_PX + 1), np.uint8))
+            self._new[name] = (wide > 0) | moved | _moving(images[name])
+        if not self._new or np.mean([one.mean() for one in self._new.values()]) > MOST_NEW:
+            self.scene, self._new, self._pictures = None, {}, {}
+
+    def new(self, name: str, image: CalibratedImage) -> Array:
+        """What is to be swept of a camera's picture (bool)."""
+        return self._new.get(name, np.ones(image.grey.shape, bool))
+
+    def surface(self, name: str, image: CalibratedImage) -> Surface:
+        """What was found of a camera's picture until now."""
+        return self._surfaces.get(name) or Surface(*np.zeros((4, *image.grey.shape), np.float32))
+
+    def keep(self, images: Mapping[str, CalibratedImage], surfaces: Mapping[str, Surface]) -> None:
+        """Keep what was found of these pictures."""
+        self._surfaces |= surfaces
+        for name, image in images.items():
+            shown = np.where(_moving(image), np.float32(OUTSIDE), image.grey)
+            known = self._pictures.get(name, shown)
+            self._pictures[name] = np.where(self._new.get(name, True), shown, known)
+
+
+def _moving(image: CalibratedImage) -> Array:
+    return np.zeros(image.grey.shape, bool) if image.moving is None else image.moving
+
+
+def boxes_around(new: Array) -> list[tuple[Box, Array]]:
+    """Boxes that hold all of a mask (bool) and a margin, and what of the mask each is for (bool)."""
+    found, rows_each = [], len(new) if new.all() else BAND_PX
+    for top in range(0, len(new), rows_each):
+        band = new[top : top + rows_each]
+        wide = cv2.dilate(band.any(0).astype(np.uint8)[None], np.ones((1, 2 * MARGIN_PX + 1), np.uint8))[0]
+        ends = np.flatnonzero(np.diff(wide, prepend=0, append=0))
+        for left, right in ends.reshape(-1, 2).tolist():
+            mine = np.zeros_like(new)
+            mine[top : top + rows_each, left:right] = band[:, left:right]
+            rows = np.flatnonzero(mine.any(1))
+            around = slice(max(int(rows[0]) - MARGIN_PX, 0), int(rows[-1]) + 1 + MARGIN_PX)
+            found.append(((around, slice(left, right)), mine))
+    return found
+
+
+def renewed(surface: Surface, swept: Surface, box: Box, new: Array) -> Surface:
+    """The surface with what was swept in a box where that is new (bool, of the whole picture)."""
+    found = Surface(*(part.copy() for part in surface))
+    for part, now in zip(found, swept, strict=True):
+        np.copyto(part[box], now, where=new[box])
+    return found

@@ -53,9 +53,13 @@ def detect_features(
     return Features(positions, np.asarray(descriptors, np.float32), contrasts)
 
 
-def match_features(a: Features, b: Features, ratio: float = 0.75) -> tuple[Array, Array]:
+STILL_RATIO = 0.75
+"""Greatest distance of a match at rest against that of the second best."""
+
+
+def match_features(a: Features, b: Features) -> tuple[Array, Array]:
     """Positions (n, 2) of points that are each other's best match, in a and in b."""
-    of_a, of_b = match_descriptors(a.descriptors, b.descriptors, ratio)
+    of_a, of_b = match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
     return a.positions[of_a], b.positions[of_b]
 
 

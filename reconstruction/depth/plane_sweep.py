@@ -28,27 +28,23 @@ def move_edges(
     Windows bend with the surface, so that the one whose edges are right matches on both sides.
     """
     cost = _cost_along(planes[0], source_views, engine) - MIN_GAIN * WORST_COST
-    best = planes
+    best = planes.copy()
+    _, height, width = planes.shape
+    # At the border its own last ones.
+    around = np.pad(planes, ((0, 0), (away_px, away_px), (away_px, away_px)), "edge")
     for right, down in WAYS:
         dx, dy = away_px * right, away_px * down
-        moved = _shifted(planes, dx, dy)
-        moved[0] = moved[0] - moved[1] * np.float32(dx) - moved[2] * np.float32(dy)
-        found = _cost_along(moved[0], source_views, engine)
-        best = np.where(found < cost, moved, best)
+        level, *slopes = around[:, away_px + dy :, away_px + dx :][:, :height, :width]
+        level = level - slopes[0] * np.float32(dx) - slopes[1] * np.float32(dy)
+        found = _cost_along(level, source_views, engine)
+        for part, moved in zip(best, (level, *slopes), strict=True):
+            np.copyto(part, moved, where=found < cost)
         cost = np.minimum(found, cost)
     return best
 
 
 def _cost_along(inverse_depth: Array, source_views: Sequence[SourceView], engine: SweepEngine) -> Array:
     return box_filter(engine.costs_along(source_views, inverse_depth).astype(np.float32), SMOOTHING_PX)
-
-
-def _shifted(planes: Array, dx: int, dy: int) -> Array:
-    """The planes that are dx, dy px from each pixel; at the border its own last ones."""
-    _, height, width = planes.shape
-    rows = np.clip(np.arange(height) + dy, 0, height - 1)
-    columns = np.clip(np.arange(width) + dx, 0, width - 1)
-    return np.asarray(planes.take(rows, axis=1).take(columns, axis=2))
 
 
 TOLERANCE = 1.0

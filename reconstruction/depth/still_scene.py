@@ -42,8 +42,7 @@ class StillScene:
         for name, known in self._pictures.items() if before == self._cameras else ():
             moved, grey = known == OUTSIDE, images[name].grey
             off = np.abs(box_filter(np.where(moved, 0, grey - known), CHANGED_WINDOW)) > CHANGED_GREY
-            wide = cv2.dilate(off.astype(np.uint8), np.ones((2 * WIDER_PX + 1, 2 * WIDER_PX + 1), np.uint8))
-            self._new[name] = (wide > 0) | moved | _moving(images[name])
+            self._new[name] = _wider(off, WIDER_PX) | moved | _moving(images[name])
         if not self._new or np.mean([one.mean() for one in self._new.values()]) > MOST_NEW:
             self.scene, self._new, self._pictures = None, {}, {}
 
@@ -68,13 +67,19 @@ def _moving(image: CalibratedImage) -> Array:
     return np.zeros(image.grey.shape, bool) if image.moving is None else image.moving
 
 
+def _wider(mask: Array, radius_px: int) -> Array:
+    side = 2 * radius_px + 1
+    wide = cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8))
+    return np.asarray(wide > 0)
+
+
 def boxes_around(new: Array) -> list[tuple[Box, Array]]:
     """Boxes that hold all of a mask (bool) and a margin, and what of the mask each is for (bool)."""
     found, rows_each = [], len(new) if new.all() else BAND_PX
     for top in range(0, len(new), rows_each):
         band = new[top : top + rows_each]
-        wide = cv2.dilate(band.any(0).astype(np.uint8)[None], np.ones((1, 2 * MARGIN_PX + 1), np.uint8))[0]
-        ends = np.flatnonzero(np.diff(wide, prepend=0, append=0))
+        wide = _wider(np.array([band.any(0)]), MARGIN_PX)[0]
+        ends = np.flatnonzero(np.diff(wide.astype(int), prepend=0, append=0))
         for left, right in ends.reshape(-1, 2).tolist():
             mine = np.zeros_like(new)
             mine[top : top + rows_each, left:right] = band[:, left:right]

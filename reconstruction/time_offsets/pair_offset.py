@@ -11,7 +11,7 @@ from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
-from reconstruction.pairs import match_descriptors, match_features
+from reconstruction.pairs import STILL_RATIO, match_descriptors
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
@@ -123,6 +123,7 @@ class PairOffsets:
         self.most_instants = min(most, max(least, IMAGES // len(self.dataset.cameras)))
         self._points = lru_cache(maxsize=None)(self._find_points)
         self._outlines = lru_cache(maxsize=None)(self._find_outlines)
+        self._stays = lru_cache(maxsize=None)(self._find_staying)
         self._motion = lru_cache(maxsize=None)(partial(measure_camera_motion, rig.dataset))
 
     def moving(self, cameras: Iterable[str]) -> dict[str, CameraMotion]:
@@ -234,17 +235,20 @@ class PairOffsets:
         found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
         some = evenly_spread(self.dataset.instants(first, second), instants) if instants else []
         for place, k in enumerate(some):
-            points = self.rig.features(k)
-            matches = match_features(points[first], points[second])
+            a, b = (self.rig.features(k)[name] for name in (first, second))
+            of_a, of_b = match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
             other = some[(place + len(some) // 2) % len(some)]
-            stays = np.ones(len(matches[0]), bool)
-            for name, at in zip((first, second), matches, strict=True):
-                there = _follow(self.dataset.grey(name, k), self.dataset.grey(name, other), at)
-                with np.errstate(invalid="ignore"):
-                    stays &= np.linalg.norm(there - at, axis=1) < MAX_DRIFT_PX
-            found.append((matches[0][stays], matches[1][stays]))
+            stays = self._stays(first, k, other)[of_a] & self._stays(second, k, other)[of_b]
+            found.append((a.positions[of_a[stays]], b.positions[of_b[stays]]))
         at_a, at_b = (np.concatenate(of) for of in zip(*found, strict=True))
         return at_a, at_b
+
+    def _find_staying(self, camera: str, instant: int, other: int) -> Array:
+        """Which of an image's features are in the same place in another image of the camera (bool)."""
+        at = self.rig.features(instant)[camera].positions
+        there = _follow(self.dataset.grey(camera, instant), self.dataset.grey(camera, other), at)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.linalg.norm(there - at, axis=1) < MAX_DRIFT_PX)
 
 
 class ImageTimes:

@@ -12,8 +12,9 @@ from capture_app.simulation.sensor import SensorFrame
 ROW_NS, EXPOSURE_NS = 10_840, 97_560
 
 
-def view(**more: float) -> PictureSource:
-    return open_picture_source(LED_PANEL, "", camera="cam00", width=1, height=1, row_time_ns=ROW_NS, **more)
+def view(scale: float = 1.0) -> PictureSource:
+    size = {"width": 1, "height": 1, "row_time_ns": ROW_NS}
+    return open_picture_source(LED_PANEL, "", camera="cam00", scale=scale, **size)
 
 
 def frame(start_ns: int) -> SensorFrame:

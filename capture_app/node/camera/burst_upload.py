@@ -31,7 +31,7 @@ from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage, image_path
-from capture_app.sync.rig.frame_selection import RING_BYTES, SelectedFrame
+from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSelected, Gap, SelectedFrame
 from capture_app.text import UNREADABLE
 
 REPORT = "report.json"
@@ -235,6 +235,14 @@ def encode_frame(
     return upload, image + truth
 
 
+def missing_images(camera: str, gaps: Iterable[Gap]) -> tuple[MissingImage, ...]:
+    """What a camera tells of instants that it has no frame of."""
+    return tuple(
+        MissingImage(camera=camera, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
+        for gap in gaps
+    )
+
+
 @dataclass(slots=True)
 class BurstUpload:
     """A burst's frames on their way to the leader: picked, then encoded, then confirmed."""
@@ -334,34 +342,24 @@ class BurstUpload:
         whole = len(data) == record.bytes + image.truth_bytes
         return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
 
-    def extend(
-        self,
-        frames: Iterable[SelectedFrame[CapturedFrame]],
-        missing: Iterable[MissingImage],
-        *,
-        over: int = 0,
-        ended: bool = False,
-    ) -> None:
-        """Add what was picked for further instants, unless the leader does without them.
-
-        Of a burst whose frames are sent as they are picked, `over` instants are decided now; with `ended`
-        these are all.
-        """
+    def extend(self, picked: FramesSelected[CapturedFrame]) -> None:
+        """Add what was picked for further instants, unless the leader does without them."""
         if self.streamed:
-            self.over = max(self.over, over)
-            for gap in missing:
-                self._note_missing(gap.instant, gap.reason, dropped=gap.dropped)
-            self._add_frames(frames)
-            if ended and not self.ended:
+            self.over = max(self.over, picked.over)
+            for gap in picked.gaps:
+                self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
+            self._add_frames(picked.frames)
+            if picked.ended and not self.ended:
                 self.ended = True
                 self.report = replace(self.report)
             return
         if self.is_committed or self.is_over:
             return
-        new = [*frames]
-        self.frames.extend(new)
-        instants = (*self.report.plan.instants, *(frame.instant for frame in new))
-        self.report = self.report.with_plan(instants=instants, missing=(*self.report.plan.missing, *missing))
+        self.frames.extend(picked.frames)
+        plan = self.report.plan
+        instants = (*plan.instants, *(frame.instant for frame in picked.frames))
+        missing = (*plan.missing, *missing_images(plan.camera.name, picked.gaps))
+        self.report = self.report.with_plan(instants=instants, missing=missing)
 
     def commit(self, wanted: Collection[int] | None) -> list[Path]:
         """Keep only what the leader wants, None for all; return the files of the rest."""

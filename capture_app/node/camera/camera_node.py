@@ -7,7 +7,7 @@ import random
 import secrets
 import socket
 from collections import deque
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import msgspec
@@ -30,12 +30,12 @@ from capture_app.node.wire.messages import CameraReport, JsonValue, KeyRequest
 from capture_app.node.wire.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
+from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
-from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected, Gap
+from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
@@ -278,11 +278,10 @@ class RigMember:
 
     def _upload(self, picked: FramesSelected[CapturedFrame]) -> None:
         """Begin the upload of a burst that was picked, or go on with it."""
-        name, leader, burst = self.options.name, picked.leader, picked.burst
-        missing, over, ended = missing_images(name, picked.gaps), picked.over, picked.ended
         if picked.further:
-            self._uploader.extend_burst(leader, burst, picked.frames, missing, over=over, ended=ended)
+            self._uploader.extend_burst(picked)
             return
+        name, leader, burst = self.options.name, picked.leader, picked.burst
         facts, camera, streamed = self._camera.facts, self._camera.camera, picked.trigger is not None
         true_clock = self._clock if isinstance(self._clock, SimulatedClock) else None
         if facts.kind == SIMULATED and true_clock is None:
@@ -305,7 +304,7 @@ class RigMember:
             most_bytes=self.options.ring_bytes,
             on_commit=functools.partial(self._engine.forget_burst, leader, burst),
         )
-        upload.extend(picked.frames, missing, over=over, ended=ended)
+        upload.extend(picked)
         self._uploader.add_burst(upload)
 
 
@@ -352,14 +351,6 @@ def camera_record(
             uncertainty_ns=round(1.96 * phase.sigma_ns),
             tolerance_ns=tolerance_ns,
         ),
-    )
-
-
-def missing_images(camera: str, gaps: Iterable[Gap]) -> tuple[MissingImage, ...]:
-    """What a camera tells of instants that it has no frame of."""
-    return tuple(
-        MissingImage(camera=camera, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
-        for gap in gaps
     )
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,7 @@ from capture_app.node.wire.messages import (
     ReportAck,
     SpoolSpace,
 )
-from capture_app.session.format.manifest import MissingImage
-from capture_app.sync.rig.frame_selection import SelectedFrame
+from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
 from capture_app.text import count
 from capture_app.trust.trust import Trust
 
@@ -304,22 +303,10 @@ class Uploader:
         self._news.set()
         self._to_encode.set()
 
-    def extend_burst(
-        self,
-        leader: int,
-        burst: int,
-        frames: Iterable[SelectedFrame[CapturedFrame]],
-        missing: Iterable[MissingImage],
-        *,
-        over: int = 0,
-        ended: bool = False,
-    ) -> None:
-        """Add further instants to a burst that was taken on before, where they are still of use.
-
-        `over` and `ended` as for `BurstUpload.extend`.
-        """
-        for upload in self._uploads_of(leader, burst):
-            upload.extend(frames, missing, over=over, ended=ended)
+    def extend_burst(self, picked: FramesSelected[CapturedFrame]) -> None:
+        """Add further instants to a burst that was taken on before, where they are still of use."""
+        for upload in self._uploads_of(picked.leader, picked.burst):
+            upload.extend(picked)
         self._news.set()
         self._to_encode.set()
 

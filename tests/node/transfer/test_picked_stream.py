@@ -9,8 +9,8 @@ from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, Spool
 from capture_app.node.wire.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
-from capture_app.session.format.manifest import JOURNAL, MissingImage
-from tests.node.transfer.uploading import Picture, burst_upload, uploading
+from capture_app.session.format.manifest import JOURNAL
+from tests.node.transfer.uploading import Picture, burst_upload, further, uploading
 from tests.waiting import until
 
 
@@ -19,28 +19,24 @@ def streamed(burst: int, *pictures: Picture, most_bytes: int = 1 << 20) -> Burst
     whole = burst_upload(*pictures)
     report = replace(whole.report, burst=burst).with_plan(instants=(), picking=True)
     upload = BurstUpload(report, deque(), streamed=True, most_bytes=most_bytes)
-    upload.extend(whole.frames, [], over=len(pictures))
+    upload.extend(further(*whole.frames, over=len(pictures)))
     return upload
-
-
-def gap(instant: int) -> MissingImage:
-    return MissingImage(camera="a", instant=instant, reason="the camera dropped the frame", dropped=True)
 
 
 def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
     upload = streamed(1, Picture(b"zero"))
     assert upload.report_now().plan.picking
-    upload.extend([], [gap(1), gap(2)], over=3)
-    upload.extend([], [gap(4)], over=5)
+    upload.extend(further(gaps=(1, 2), over=3))
+    upload.extend(further(gaps=(4,), over=5))
     upload.report_lost([5], "its file in the spool is damaged")
     told = upload.report_now().plan
     assert (told.picked, told.missing_runs) == (None, ())
-    upload.extend([], [], over=6, ended=True)
+    upload.extend(further(over=6, ended=True))
     told = upload.report_now().plan
     assert (told.picking, told.picked, told.instants, told.missing) == (False, 6, (), ())
     assert told.missing_runs == (
-        MissingRun(first=1, count=2, reason=gap(1).reason, dropped=True),
-        MissingRun(first=4, count=1, reason=gap(1).reason, dropped=True),
+        MissingRun(first=1, count=2, reason="the camera dropped the frame", dropped=True),
+        MissingRun(first=4, count=1, reason="the camera dropped the frame", dropped=True),
         MissingRun(first=5, count=1, reason="its file in the spool is damaged"),
     )
 
@@ -48,7 +44,7 @@ def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
 def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None:
     upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), most_bytes=250)
     assert [frame.instant for frame in upload.frames] == [0, 1]
-    upload.extend([], [], over=5, ended=True)
+    upload.extend(further(over=5, ended=True))
     assert upload.report_now().plan.missing_runs == (MissingRun(first=2, count=3, reason=TOO_SLOW),)
 
 
@@ -78,10 +74,10 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
         uploader.add_burst(other)
         await until(lambda: (2, 0) in sent)
         third = burst_upload(*(Picture(b"%d" % n) for n in range(3))).frames[2]
-        uploader.extend_burst(1, 1, [third], [], over=3)
+        uploader.extend_burst(further(third, over=3))
         await until(lambda: (1, 2) in sent)
         await until(lambda: not upload.images)
-        uploader.extend_burst(1, 1, [], [gap(3)], over=4, ended=True)
+        uploader.extend_burst(further(gaps=(3,), over=4, ended=True))
         await until(lambda: reports[-1].plan.picked == 4)
         await until(lambda: not list((tmp_path / "a").iterdir()))
     assert reports[-1].plan.missing_runs[0].first == 3

@@ -14,7 +14,7 @@ from capture_app.node.wire.messages import (
     ToLeader,
 )
 from capture_app.session.format.manifest import MissingImage
-from tests.node.transfer.uploading import Picture, burst_upload, images, uploading
+from tests.node.transfer.uploading import Picture, burst_upload, further, images, uploading
 from tests.waiting import until
 
 
@@ -47,8 +47,8 @@ async def test_only_what_the_leader_wants_is_sent_once_it_is_settled(tmp_path: P
         assert not forgotten.is_set()
         # Two spare instants are over meanwhile, of which the camera dropped the first.
         gap = MissingImage(camera="a", instant=2, reason="the camera dropped the frame", dropped=True)
-        uploader.extend_burst(1, 1, [], [gap])
-        uploader.extend_burst(1, 1, [burst_upload(*pictures(4)).frames[3]], [])
+        uploader.extend_burst(further(gaps=(2,)))
+        uploader.extend_burst(further(burst_upload(*pictures(4)).frames[3]))
         await done.wait()
         await until(lambda: not list((tmp_path / "a").iterdir()))
     assert sent == [0, 3]

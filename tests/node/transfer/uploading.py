@@ -3,7 +3,7 @@
 import asyncio
 import hashlib
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
@@ -27,7 +27,9 @@ from capture_app.node.wire.messages import (
 )
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
-from capture_app.sync.rig.frame_selection import SelectedFrame
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected, Gap, SelectedFrame
+from capture_app.sync.wire.messages import Trigger
 from tests.facts import make_facts
 from tests.net.echoes import serving
 
@@ -61,6 +63,21 @@ def burst_upload(*pictures: Picture) -> BurstUpload:
     camera = CameraRecord(name="a", facts=CAMERA)
     plan = CameraPlan(camera=camera, reported=True, instants=tuple(range(len(picks))))
     return BurstUpload(CameraReport(leader=1, burst=1, plan=plan), deque(picks))
+
+
+TIME_MAP = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, samples=1, round_trip_ns=0)
+
+
+def further(
+    *frames: SelectedFrame[CapturedFrame], gaps: Sequence[int] = (), over: int = 0, ended: bool = False
+) -> FramesSelected[CapturedFrame]:
+    """What was picked of the burst after its beginning, and the instants whose frames the camera dropped.
+
+    `over` instants are decided now, and with `ended` these are all.
+    """
+    trigger = Trigger(0, 1, 1, 0, 1, over if ended else over + 1, streamed=True)
+    missing = tuple(Gap(instant, DROPPED) for instant in gaps)
+    return FramesSelected(1, 1, frames, missing, TIME_MAP, None, further=True, trigger=trigger, over=over)
 
 
 Serve = Callable[[Channel[ToLeader]], Awaitable[None]]

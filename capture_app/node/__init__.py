@@ -1,4 +1,4 @@
 """Nodes as processes: a leader, a camera, a relay, built of engine, network, driver and sessions.
 
-From the ground up: `wire`, `transfer`, `burst`, `leader` and `camera`, `relay`.
+From the ground up: `wire`, `burst`, `leader` and `camera`, `relay`.
 """

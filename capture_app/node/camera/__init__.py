@@ -1,5 +1,4 @@
 """The process with one camera: driver, engine, spool and upload.
 
-Imports `burst` (records), `transfer` and `wire`; a sibling of `leader`, which it only meets over the
-network.
+Imports `wire`; a sibling of `leader`, which it only meets over the network.
 """

@@ -79,7 +79,8 @@ def ours(
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
     write_workspace(scratch / "workspace", views, colours, found)
-    points = fuse_depth_maps(scratch / "workspace", scratch / "fused.ply", smallest_group(sources))
+    cloud = scratch / "fused.ply"
+    points = fuse_depth_maps(scratch / "workspace", cloud, views, found, smallest_group(sources))
     fused, fused_cpu = time.perf_counter() - begun, time.process_time() - cpu
     result = _shares(found[reference].depth, condition, reference)
     result |= {"map_s": matched / len(found), "map_cpu_s": matched_cpu / len(found), "all_fused_s": fused}
@@ -88,7 +89,7 @@ def ours(
         name: depth_shares(view.depth, condition.depth[name], condition.movers[name])["within_2pct"]
         for name, view in found.items()
     }}  # fmt: skip
-    result |= cloud_scores(scratch / "fused.ply", views, condition.depth)
+    result |= cloud_scores(cloud, views, condition.depth)
     facing = found[reference].normals
     result["normals_deg"] = normal_error_deg(facing, condition.depth[reference], views[reference])
     return result

@@ -1,7 +1,8 @@
 """Rigs of every kind around one object of the package's own renderer, with exact truth.
 
-The object stands on the origin, y points down, 0.6 m tall: a vase, a crate and a ball on a table in a room,
-or a temple whose columns all look alike before black, as objects are often photographed.
+The object stands on the origin, y points down, 0.6 m tall: a vase, a crate and a ball on a table in a room;
+or before black, as objects are often photographed, a temple whose columns all look alike, or a figure of two
+faces, of which cameras opposite each other take the same picture.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from benchmarks.scenery import materials
 from benchmarks.scenery.meshes import Mesh, box, ellipsoid, lathe, rod
 from capture_app.simulation.rendering import layers as still
 from capture_app.simulation.rendering.layers import View as RenderedView
-from capture_app.simulation.rendering.raycast import Body, Texture
+from capture_app.simulation.rendering.raycast import LINEAR, Body, Texture
 from capture_app.simulation.rendering.scene import develop
 from capture_app.simulation.scenes.moving_bodies import turn
 from reconstruction.common.geometry import Array, View
@@ -23,6 +24,9 @@ from reconstruction.common.native_libraries import load_open3d
 
 AIM = np.array([0.0, -0.28, 0.0])
 """The middle of the object."""
+SIZE_M = 0.6
+AROUND_M = 0.5
+"""What is no farther from the middle is of the object."""
 OBJECT, SURROUNDINGS = 1, 0
 EXPOSURE_NS = 4_000_000
 
@@ -41,10 +45,12 @@ class Placed(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """A kind of rig, and whether it looks at the temple before black instead of the still life in a room."""
+    """A kind of rig, and what it looks at."""
 
     cameras: tuple[Placed, ...]
-    temple: bool = False
+    shows: str = "still life"
+    turned: bool = False
+    """The object is on a turntable before one camera: a dim cloth behind it is the same in all pictures."""
 
 
 def ring(count: int, **changes: Any) -> tuple[Placed, ...]:
@@ -58,8 +64,14 @@ RIGS: dict[str, Rig] = {
     "array": Rig(tuple(Placed(0, 8, 1.5, aside_m=0.12 * k) for k in (-2, -1, 0, 1, 2))),
     "ring of 12": Rig(ring(12)),
     "ring of 16": Rig(ring(16)),
-    "ring of 16, temple": Rig(ring(16, away_m=2.6, focal_px=760.0), temple=True),
-    "ring of 47, temple": Rig(ring(47, up_deg=4.0, away_m=2.6, focal_px=760.0), temple=True),
+    "ring of 16, temple": Rig(ring(16, away_m=2.6, focal_px=760.0), shows="temple"),
+    "ring of 47, temple": Rig(ring(47, up_deg=4.0, away_m=2.6, focal_px=760.0), shows="temple"),
+    **{
+        f"ring of {count}, two faces": Rig(
+            ring(count, up_deg=up_deg, away_m=2.6, focal_px=760.0), shows="two faces", turned=True
+        )
+        for count, up_deg in ((12, 22.0), (16, 22.0), (47, 4.0))
+    },
     "dome": Rig(
         ring(14, up_deg=10.0) + ring(11, up_deg=36.0) + ring(6, up_deg=60.0) + (Placed(0, 88, 1.3),)
     ),
@@ -104,7 +116,7 @@ class RenderedRig:
 
 def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> RenderedRig:
     """All pictures and truths of a rig, `scale` times as large; `samples` (1 to 4) of each pixel."""
-    stage, meshes, things = _stage(rig.temple)
+    stage, meshes, things = _stage(rig.shows)
     rendered = RenderedRig(name, {}, {}, {}, {}, meshes)
     for number, placed in enumerate(rig.cameras):
         camera = f"cam{number:02d}"
@@ -112,6 +124,8 @@ def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> 
         layers = still.still_layers(view, stage, samples)
         light = np.sum([layer.from_sky + layer.from_sun for layer in layers], axis=0) / np.float32(samples)
         depth, thing = still.cast_depth(view, stage, view.directions())
+        if rig.turned:
+            light = np.where((things[thing] == OBJECT)[..., None], light, _cloth(*depth.shape))
         rendered.pictures[camera] = develop(light, EXPOSURE_NS, np.random.default_rng(number))
         rendered.depth[camera] = depth
         rendered.object_mask[camera] = things[thing] == OBJECT
@@ -119,6 +133,14 @@ def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> 
             view.width, view.height, view.matrix, np.zeros(5), view.rotation, view.translation
         )
     return rendered
+
+
+@cache
+def _cloth(height: int, width: int) -> Array:
+    """Its light, of a picture's size."""
+    rng = np.random.default_rng(9)
+    picture = materials.plain(rng, (240, 320), (52, 56, 60), rough=0.3)
+    return np.asarray(cv2.resize(LINEAR[picture], (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _view(name: str, placed: Placed, scale: float) -> RenderedView:
@@ -134,7 +156,7 @@ def _view(name: str, placed: Placed, scale: float) -> RenderedView:
 
 
 @cache
-def _stage(temple: bool) -> tuple[Body, list[Mesh], Array]:
+def _stage(shows: str) -> tuple[Body, list[Mesh], Array]:
     """What is rendered, its meshes, and for each number of a thing whether it is the object."""
     rng = np.random.default_rng(5)
     pictures = {
@@ -147,7 +169,7 @@ def _stage(temple: bool) -> tuple[Body, list[Mesh], Array]:
         "wall": materials.bricks(rng, (700, 1400), brick=(24, 62)),
         "black": np.full((8, 8, 3), 3, np.uint8),
     }
-    things = [(OBJECT, _temple() if temple else _still_life()), (SURROUNDINGS, _surroundings(temple))]
+    things = [(OBJECT, OBJECTS[shows]()), (SURROUNDINGS, _surroundings(shows))]
     meshes = [mesh for _, group in things for mesh in group]
     numbers = [number for number, (_, group) in enumerate(things) for _ in group]
     body = Body(meshes, {name: Texture(picture) for name, picture in pictures.items()}, numbers)
@@ -179,8 +201,24 @@ def _temple() -> list[Mesh]:
     return meshes
 
 
-def _surroundings(temple: bool) -> list[Mesh]:
-    if temple:
+def _two_faces() -> list[Mesh]:
+    """A slab and a head on a foot, which look the same turned by half a turn."""
+    half = [box((0, -0.27, -0.02), (0.34, 0.26, 0.04), "carpet")[0]]
+    half.append(ellipsoid((0.03, 0.05, 0.04), "clay", around=24).moved((0.06, -0.27, -0.04)))
+    half.append(ellipsoid((0.018, 0.018, 0.03), "stone", around=24).moved((-0.035, -0.53, -0.08)))
+    half.append(rod((0.19, -0.42, -0.03), (0.19, -0.12, -0.03), 0.022, "column", around=20))
+    profile = [(0.02, -0.60), (0.075, -0.57), (0.095, -0.51), (0.07, -0.44), (0.04, -0.40)]
+    whole = [lathe(profile, "clay", around=48, window=(0.0, 0.0, 2.0, 1.0))]
+    whole += box((0, -0.27, 0), (0.34, 0.26, 0.04), "stone")[2:]
+    whole.append(lathe([(0.02, -0.14), (0.16, -0.12), (0.2, 0.0)], "stone", window=(0.0, 0.0, 2.0, 1.0)))
+    return whole + [part.moved((0, 0, 0), turn(1, np.pi * side)) for side in (0, 1) for part in half]
+
+
+OBJECTS = {"still life": _still_life, "temple": _temple, "two faces": _two_faces}
+
+
+def _surroundings(shows: str) -> list[Mesh]:
+    if shows != "still life":
         return box((0, 0, 0), (16, 16, 16), "black")
     meshes = box((0, 0.02, 0), (1.3, 0.04, 1.3), "table")
     return meshes + box((0, -0.3, 0), (5.0, 2.6, 5.0), "wall")

@@ -27,6 +27,8 @@ FILM_DIAGONAL_MM = 43.27
 MAX_FOCAL_RATIO = 1.25
 """Equivalent focal lengths are whole millimetres, and lenses' data sheets rounded."""
 WIDEST_DEG = 100.0
+GUESS = "a guess from these pictures alone"
+"""What the source of a calibration says that nothing but pictures is behind."""
 
 
 def likely_focal_lengths(dataset: Dataset, field_of_view_deg: float | None = None) -> dict[str, float]:
@@ -158,7 +160,7 @@ def _found(
         raise NotApplicableError("only one camera could be placed", hint="the views need to overlap more")
     lenses = ", focal lengths taken for granted" if held else _told_lenses(pycolmap, rec)
     if len(focal_px) < len(cameras):
-        lenses = f", a guess from these pictures alone{lenses}"
+        lenses = f", {GUESS}{lenses}"
     missing = [name for name in dataset.cameras if name not in found]
     lenses += f"; not placed: {', '.join(missing)}" if missing else ""
     return Calibration(

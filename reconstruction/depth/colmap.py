@@ -20,6 +20,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.depth.visibility import find_denied
 
 POINTS_PER_VIEW = 300
 """Fusion takes its neighbourhoods from points that views share; without them it finds nothing."""
@@ -169,34 +170,63 @@ MAX_TRAVERSAL_DEPTH = 2
 """Views one after the other that a point is followed through; more of them eat its neighbours."""
 
 
-def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
-    """Fuse a workspace's geometric maps into a PLY; how many points it has.
+def fuse_depth_maps(
+    folder: Path, cloud: Path, views: Mapping[str, View], depth_views: Mapping[str, ViewDepth], group: int
+) -> int:
+    """Fuse a workspace's geometric maps into a PLY, without what other views deny; how many points it has.
 
-    `views`: how many maps the smallest group of cameras has that see the same.
+    `views` and their maps are the workspace's, in its order. `group`: how many maps the smallest group of
+    cameras has that see the same.
 
     Raises:
         BadInputError: no point is consistent in enough views.
     """
     pycolmap = load_pycolmap("fusing depth maps")
     asked = pycolmap.StereoFusionOptions()
-    asked.min_num_pixels = min(MIN_VIEWS, views)
+    asked.min_num_pixels = min(MIN_VIEWS, group)
     asked.max_normal_error = MAX_NORMAL_ERROR_DEG
     asked.max_depth_error = MAX_DEPTH_ERROR
     asked.max_reproj_error = MAX_REPROJECTION_ERROR_PX
     asked.max_traversal_depth = MAX_TRAVERSAL_DEPTH
     # More threads race for the pixels: another cloud every time, and hardly sooner.
     asked.num_threads = 1
-    fused = pycolmap.stereo_fusion(
-        cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply"
-    )
-    count = len(fused.points3D)
+    pycolmap.stereo_fusion(cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply")
+    rows, lists, lengths = _read_fused(cloud)
+    kept = ~find_denied(rows["at"], rows["normal"], views, depth_views)
+    count = int(kept.sum())
     if count == 0:
         raise NotApplicableError(
             "no point of the scene is consistent in enough cameras",
             hint="cameras must see the same things, at the same time, from different places, "
             "and their calibration must be this rig's",
         )
+    header, end, _ = cloud.read_bytes().partition(END)
+    header = header.replace(b"vertex %d" % len(rows), b"vertex %d" % count)
+    cloud.write_bytes(header + end + rows[kept].tobytes())
+    seen_by = lists[np.repeat(kept, lengths + 1)]
+    _seen_file(cloud).write_bytes(np.uint64(count).tobytes() + seen_by.tobytes())
     return count
+
+
+END = b"end_header\n"
+
+
+def _seen_file(cloud: Path) -> Path:
+    return cloud.with_name(cloud.name + ".vis")
+
+
+def _read_fused(path: Path) -> tuple[Array, Array, Array]:
+    """The rows of a fused PLY; the `.vis` file beside it, where each point has a list: its length, then from
+    whose maps it was fused; and these lengths."""
+    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+    rows = np.frombuffer(path.read_bytes().partition(END)[2], vertex)
+    lists = np.frombuffer(_seen_file(path).read_bytes(), "<u4", offset=8)
+    # A point's list ends where the next one's begins.
+    lengths, numbers, at = [], lists.tolist(), 0
+    for _ in rows:
+        lengths.append(numbers[at])
+        at += 1 + numbers[at]
+    return rows, lists[:at], np.array(lengths, int)
 
 
 def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array, Array]:
@@ -204,19 +234,10 @@ def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array, Array]:
 
     And from whose maps each was fused, (n, views) bool, by the `.vis` file beside it.
     """
-    data = path.read_bytes()
-    start = data.index(b"end_header\n") + len(b"end_header\n")
-    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
-    rows = np.frombuffer(data, vertex, offset=start)
-    lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
-    # A point's list begins with its length, and ends where the next one's begins.
-    lengths, numbers, at = [], lists.tolist(), 0
-    for _ in rows:
-        lengths.append(numbers[at])
-        at += 1 + numbers[at]
+    rows, lists, lengths = _read_fused(path)
     heads = np.cumsum([0, *lengths[:-1]]) + np.arange(len(rows))
     seen = np.zeros((len(rows), views), bool)
-    seen[np.repeat(np.arange(len(rows)), lengths), np.delete(lists[:at], heads)] = True
+    seen[np.repeat(np.arange(len(rows)), lengths), np.delete(lists, heads)] = True
     return np.array(rows["at"]), np.array(rows["colour"]), seen
 
 

@@ -12,6 +12,7 @@ from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.colmap import read_fused_cloud
+from reconstruction.depth.visibility import project_points
 from reconstruction.multiview.input_images import InputImage, undistorted_truth
 from reconstruction.multiview.result import CloudScore
 from reconstruction.scores.tally import Measurements
@@ -118,7 +119,7 @@ def points_on_masks(points: Array, views: Mapping[str, View], masks: Mapping[str
 
 def visible_points(view: View, depth: Array, points: Array) -> Array:
     """Points (bool) that a view sees by its true depth: they are not occluded."""
-    rows, columns, z, inside = _pixels(view, points)
+    rows, columns, z, inside = project_points(view, points)
     return np.asarray(inside & (np.abs(depth[rows, columns] - z) < VISIBLE_SHARE * z))
 
 
@@ -129,20 +130,8 @@ def _points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
     return np.asarray((pixels @ back) * depth.astype(np.float32)[:, None] + view.centre.astype(np.float32))
 
 
-def _pixels(view: View, points: Array) -> tuple[Array, Array, Array, Array]:
-    """Rows and columns of the pixels that points fall on, their depth, and which fall into the picture."""
-    onto = (view.matrix @ view.rotation).astype(np.float32)
-    x, y, z = (points.astype(np.float32) @ onto.T + (view.matrix @ view.translation).astype(np.float32)).T
-    ahead = z > 1e-6
-    far = 1 / np.where(ahead, z, 1)
-    columns, rows = np.rint(x * far), np.rint(y * far)
-    inside = ahead & (columns >= 0) & (columns < view.width) & (rows >= 0) & (rows < view.height)
-    rows, columns = (np.where(inside, axis, 0).astype(np.int32) for axis in (rows, columns))
-    return rows, columns, z, inside
-
-
 def _on_mask(view: View, mask: Array, points: Array) -> Array:
-    rows, columns, _, inside = _pixels(view, points)
+    rows, columns, _, inside = project_points(view, points)
     return np.asarray(inside & mask[rows, columns])
 
 

@@ -109,8 +109,9 @@ def _fuse_cloud(
         try:
             kept = {camera: images[camera] for camera in fused}
             maps = {camera: found[camera] for camera in fused}
-            write_workspace(Path(scratch), image_views(kept), image_colours(kept), maps)
-            fuse_depth_maps(Path(scratch), cloud, group)
+            views = image_views(kept)
+            write_workspace(Path(scratch), views, image_colours(kept), maps)
+            fuse_depth_maps(Path(scratch), cloud, views, maps, group)
             points, colours, of_fused = read_fused_cloud(cloud, len(fused))
         except NotAvailableError as error:
             reason = str(error)

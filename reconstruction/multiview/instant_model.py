@@ -112,7 +112,7 @@ def model_instant(
         write_workspace(workspace, image_views(images), image_colours(images), found)
     marks["matching"] = time.perf_counter()
     progress.step("joining the maps to a cloud")
-    fused = fuse_depth_maps(workspace, part / FUSED, smallest_group(sources))
+    fused = fuse_depth_maps(workspace, part / FUSED, image_views(images), found, smallest_group(sources))
     marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
     views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture_app.text import count
+from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.report import wording
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
@@ -187,9 +188,16 @@ def verdict(result: CompareResult) -> str:
         motion_sentence(timing) if timing is not None else "",
         _what_was_found(result),
         rig_sentence(rig, timing) if rig is not None else "",
+        _guess_sentence(result),
         _skipped_sentence(result),
     )
     return " ".join(text for text in told if text)
+
+
+def _guess_sentence(result: CompareResult) -> str:
+    """That the calibration rests on pictures alone, and how far off it may be; empty where it does not."""
+    _, guess, errors = result.calibration.partition(GUESS)
+    return f"The calibration is {guess}{errors}." if guess else ""
 
 
 def _skipped_sentence(result: CompareResult) -> str:

@@ -174,7 +174,21 @@ async def _is_known(leader: Address, trust: Trust) -> bool:
     return await is_known(leader, trust)
 
 
-def find_leader() -> Address:
+def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | None) -> tuple[Address, ...]:
+    """Return the leaders that were named, or those of the rig that is found; make this machine known there.
+
+    Raises what `find_leader` and `make_known` raise.
+    """
+    if named:
+        make_known(named, pin, code)
+        return named
+    found = find_leader()
+    make_known(found.addresses[:1], pin, code)
+    # Of the others it is followed who proves to have the key of a leader; without keys nobody could.
+    return (() if Trust.of_user().is_open else found.among) or found.addresses[:1]
+
+
+def find_leader() -> "FoundLeader":
     """Wait until a leader of this machine or its network answers; ask at the terminal which of several.
 
     Raises NetworkError where there are several and nobody to ask.
@@ -187,9 +201,8 @@ def find_leader() -> Address:
         return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
 
     leader = choose_leader(run_until_stopped(search_leaders(own, log_line)), can_ask=sys.stdin.isatty())
-    address = leader.addresses[0]
-    log_line(f"found a leader at {address} ({leader.name})")
-    return address
+    log_line(f"found a leader at {leader.addresses[0]} ({leader.name})")
+    return leader
 
 
 def choose_leader(found: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLeader":

@@ -171,12 +171,15 @@ def leader(
         )
     if android_app:
         talk(APP_NOTE)
-    run = functools.partial(_run_leader, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json)
+    run = functools.partial(
+        _run_leader, among=leaders, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json
+    )
     run_until_stopped(lead_in_turn(make_options, leaders, run))
 
 
 async def _run_leader(
     node: "LeaderNode",
+    among: tuple[Address, ...],
     cameras: tuple[str, ...],
     with_phones: bool,
     log: Path | None,
@@ -190,7 +193,7 @@ async def _run_leader(
 
     host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:
-        async with announced(host, node.address.port, "leader"):
+        async with announced(host, node.address.port, "leader", among=among):
             talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())

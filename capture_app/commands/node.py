@@ -9,7 +9,7 @@ import click
 from click.core import ParameterSource
 
 from capture_app.clock import NodeClock, parse_clock
-from capture_app.commands.joining import find_leader, make_known, pairing_options
+from capture_app.commands.joining import leaders_to_join, pairing_options
 from capture_app.commands.options import (
     clock_option,
     leaders_option,
@@ -108,8 +108,7 @@ def node(
         _arrange_boot(name, at_boot, yes)
         return
     clock = parse_clock(clock_text, node=name)
-    leaders = leaders or (find_leader(),)
-    make_known(leaders, pin, code)
+    leaders = leaders_to_join(leaders, pin, code)
     from capture_app.node.camera.node_group import run_nodes
     from capture_app.node.news import Log
 

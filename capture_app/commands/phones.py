@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.joining import find_leader, inviting_phones, make_known, pairing_options
+from capture_app.commands.joining import inviting_phones, leaders_to_join, pairing_options
 from capture_app.commands.options import leaders_option, open_option, run_until_stopped, spool_option
 from capture_app.net.address import ANY_HOST, Address, listen_tcp, reachable_host
 from capture_app.terminal import ParsedType, json_option, log_line
@@ -75,8 +75,7 @@ def phones(
     The code is good for one phone and ten minutes; then the next one is shown. The phone's browser warns of a
     certificate that it does not know: the page's fingerprint is shown beside the code.
     """
-    leaders = leaders or (find_leader(),)
-    make_known(leaders, pin, code)
+    leaders = leaders_to_join(leaders, pin, code)
     run_until_stopped(_run(leaders, host, port, size, certificate, spool, as_json), until_eof=until_eof)
 
 

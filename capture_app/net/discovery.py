@@ -22,7 +22,7 @@ from zeroconf.asyncio import AsyncServiceBrowser, AsyncServiceInfo, AsyncZerocon
 
 from capture_app import __version__
 from capture_app.names import name_like
-from capture_app.net.address import ANY_HOST, Address
+from capture_app.net.address import ANY_HOST, Address, parse_address
 from capture_app.net.interfaces import own_hosts
 from capture_app.net.reach import find_obstacle, first_to_answer
 from capture_app.sync.wire.codec import VERSION
@@ -42,15 +42,22 @@ Kind = Literal["leader", "relay"]
 
 @asynccontextmanager
 async def announced(
-    host: str, port: int, kind: Kind, *, name: str | None = None, trust: Trust | None = None
+    host: str,
+    port: int,
+    kind: Kind,
+    *,
+    name: str | None = None,
+    trust: Trust | None = None,
+    among: Sequence[Address] = (),
 ) -> AsyncIterator[None]:
     """Announce what listens on `host` and `port` while the block runs, by `name`, else that of this machine.
 
-    Its pin is that of `trust`, else of its user's; nodes that know it prefer it. One that only this machine
-    can reach, or by IPv6 only, is not announced; a network that does not let it be announced only costs that.
+    Its pin is that of `trust`, else of its user's; nodes that know it prefer it. `among` are all leaders of
+    its rig, the best first. One that only this machine can reach, or by IPv6 only, is not announced; a
+    network that does not let it be announced only costs that.
     """
     own = trust or Trust.of_user()
-    info = _service_info(port, kind, name, "" if own.is_open else own.identity.pin)
+    info = _service_info(port, kind, name, "" if own.is_open else own.identity.pin, among)
     task = asyncio.create_task(_keep_announced(host, info))
     try:
         yield
@@ -69,14 +76,22 @@ def announced_hosts(host: str) -> list[str]:
     return []
 
 
-def _service_info(port: int, kind: Kind, name: str | None, pin: str) -> AsyncServiceInfo:
+def _service_info(
+    port: int, kind: Kind, name: str | None, pin: str, among: Sequence[Address]
+) -> AsyncServiceInfo:
     name = name or name_like(socket.gethostname().split(".")[0], "simulshot")
-    label = f"{name[:MOST_LABEL_LETTERS]}-{port}"
+    label, leaders = f"{name[:MOST_LABEL_LETTERS]}-{port}", ",".join(map(str, among))
     return AsyncServiceInfo(
         SERVICE,
         f"{label}.{SERVICE}",
         port=port,
-        properties={"version": __version__, "protocol": str(VERSION), "kind": kind, "pin": pin},
+        properties={
+            "version": __version__,
+            "protocol": str(VERSION),
+            "kind": kind,
+            "pin": pin,
+            "leaders": leaders if len(leaders) <= MOST_TOLD else "",
+        },
         # A host name of its own: that of this machine is its mDNS daemon's.
         server=f"simulshot-{secrets.token_hex(4)}.local.",
     )
@@ -123,6 +138,8 @@ async def _close(responder: AsyncZeroconf | None) -> None:
 
 
 MOST_LEADERS, MOST_ADDRESSES, MOST_NAME_LETTERS = 32, 16, 80
+MOST_TOLD = 240
+"""Letters of all leaders' addresses that are announced: a property of DNS has 255 with its name."""
 DETAILS_MS = 3000
 """How long to ask for the address of one that was heard of."""
 
@@ -141,6 +158,8 @@ class FoundLeader:
     """That it says it has; its streams have to prove it."""
     is_known: bool = True
     """Whether this machine knows a leader of that pin, or asks nobody for a pin."""
+    among: tuple[Address, ...] = ()
+    """All leaders of its rig as it says, the best first; empty where it is the only one."""
 
 
 class LeaderBrowser:
@@ -217,6 +236,7 @@ class LeaderBrowser:
                     version=_short(told.get("version") or "?"),
                     is_relay=told.get("kind") == "relay",
                     pin=_short(told.get("pin") or ""),
+                    among=tuple(map(parse_address, filter(None, (told.get("leaders") or "").split(",")))),
                 )
         self._asking.pop(name, None)
 

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from capture_app.cli import COMMANDS, run
-from capture_app.commands.joining import choose_leader, find_leader
+from capture_app.commands.joining import choose_leader, find_leader, leaders_to_join
 from capture_app.commands.node import node
 from capture_app.errors import ExitCode, NetworkError
 from capture_app.net.address import Address
@@ -21,6 +21,7 @@ from capture_app.net.discovery import FoundLeader
 from capture_app.net.server import bind_port
 from capture_app.rig_process import recorded_rig
 from capture_app.sync.wire.codec import version_answer
+from capture_app.trust.trust import Trust
 
 USAGE, BAD_INPUT = ExitCode.USAGE, ExitCode.BAD_INPUT
 NO_CAMERA, NETWORK = ExitCode.NO_CAMERA, ExitCode.NETWORK
@@ -174,9 +175,27 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
         answering = threading.Thread(target=answer_questions, args=(sock,))
         answering.start()
         with recorded_rig(own, tmp_path):
-            assert find_leader() == own
+            assert find_leader().addresses == (own,)
         sock.sendto(b"end", own)
         answering.join()
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_a_node_joins_all_leaders_of_the_rig_that_it_finds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_open: bool
+) -> None:
+    trust = Trust.open() if is_open else Trust(tmp_path)
+    joining = sys.modules["capture_app.commands.joining"]
+    first, second = Address("10.0.0.1", 47010), Address("10.0.0.2", 47010)
+    found = FoundLeader("hall-47010", (second,), among=(first, second))
+    introduced: list[Address] = []
+    monkeypatch.setattr(Trust, "of_user", lambda: trust)
+    monkeypatch.setattr(joining, "find_leader", lambda: found)
+    monkeypatch.setattr(joining, "make_known", lambda leaders, pin, code: introduced.extend(leaders))
+    # Anybody can announce anything: where no key tells who leads, only the one that answered is joined.
+    assert leaders_to_join((), None, None) == ((second,) if is_open else (first, second))
+    assert introduced == [second], "a person is asked for the code of no other"
+    assert leaders_to_join((first,), None, None) == (first,)
 
 
 def test_of_several_leaders_the_user_names_one() -> None:

@@ -1,6 +1,6 @@
 """A program that announces leaders and relays, `KIND:PORT:NAME`, and answers at their ports.
 
-One of a trust's folder is `KIND@FOLDER:PORT:NAME`.
+One of a trust's folder is `KIND@FOLDER:PORT:NAME`; one of several leaders `KIND:PORT:NAME:HOST+HOST`.
 A `silent-` one does not answer; a `strange-` one tells a version that would steer a terminal.
 """
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
+from capture_app.net.address import Address
 from capture_app.net.discovery import SERVICE, Kind, announced
 from capture_app.sync.wire.codec import version_answer
 from capture_app.trust.trust import Trust
@@ -39,7 +40,8 @@ async def announce_all(wanted: list[str]) -> None:
     loop = asyncio.get_running_loop()
     async with AsyncExitStack() as stack:
         for one in wanted:
-            text, port, name = one.split(":")
+            text, port, name, *hosts = one.split(":")
+            among = [Address(host, int(port)) for names in hosts for host in names.split("+")]
             is_silent = text.startswith("silent-")
             trust = Trust(Path(text.partition("@")[2])) if "@" in text else Trust.open()
             text = text.partition("@")[0]
@@ -50,7 +52,9 @@ async def announce_all(wanted: list[str]) -> None:
                 responder = await stack.enter_async_context(AsyncZeroconf(interfaces=[LEADER_HOST]))
                 await (await responder.async_register_service(strange_service(int(port), name)))
             else:
-                await stack.enter_async_context(announced("0.0.0.0", int(port), kind, name=name, trust=trust))
+                await stack.enter_async_context(
+                    announced("0.0.0.0", int(port), kind, name=name, trust=trust, among=among)
+                )
         print("announcing", flush=True)
         await loop.run_in_executor(None, sys.stdin.read)
 

@@ -12,5 +12,6 @@ if __name__ == "__main__":
     search = search_leaders(lambda: (), lambda line: print("said", line, flush=True), trust=trust)
     found = asyncio.run(search)
     for leader in found:
-        print("found", leader.addresses[0], leader.name, ascii(leader.version), flush=True)
+        among = ["+".join(address.host for address in leader.among)] if leader.among else []
+        print("found", leader.addresses[0], leader.name, ascii(leader.version), *among, flush=True)
     sys.exit(0)

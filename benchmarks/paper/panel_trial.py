@@ -30,12 +30,11 @@ class OnceSchedule(SteadySchedule):
         super().__init__()
         self._messages = messages
 
-    def request_sent(self, now_ns: int, progress: Progress) -> bool:
+    def request_sent(self, now_ns: int, progress: Progress) -> None:
         """Note a request, and fix when the next is due."""
-        report = super().request_sent(now_ns, progress)
+        super().request_sent(now_ns, progress)
         if progress.samples >= self._messages:
             self.request_due_ns = NEVER_NS
-        return report
 
     def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
         """Note a reply; whether the next request is to be sent at once."""

@@ -37,7 +37,7 @@ from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.tree.relay import OF_CAMERAS, Relay
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
 
@@ -105,9 +105,7 @@ class RelayNode:
             beacons = options.beacons
             rng = random.Random(secrets.randbits(64))
             engine = Relay(
-                TreeMember(
-                    options.name, instance, peers, rng, OF_CAMERAS, heartbeat_every_ns=HEARTBEAT_EVERY_NS
-                ),
+                TreeMember(options.name, instance, peers, rng, OF_CAMERAS),
                 LeaderConfig(
                     instance,
                     transfer_port=listening.getsockname()[1],

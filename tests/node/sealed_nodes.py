@@ -7,14 +7,17 @@ import socket
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from random import Random
 
 from capture_app.clock import HostClock
 from capture_app.net.address import Address
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.node.keys import KeyRequester
 from capture_app.node.wire.messages import KeyRequest
+from capture_app.sync.engine import Engine
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.sync.tree.member import TreeMember
 from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
@@ -31,11 +34,19 @@ class SealedNode:
 
 @asynccontextmanager
 async def sealed_node(
-    leader: Address, trust: Trust, name: str = "cam", instance: int | None = None
+    leader: Address,
+    trust: Trust,
+    name: str = "cam",
+    instance: int | None = None,
+    standbys: tuple[Address, ...] = (),
 ) -> AsyncIterator[SealedNode]:
     """A node of a machine that goes by `trust`, until the block ends."""
     node = SealedNode(name, secrets.randbits(62) if instance is None else instance)
-    node.sealed = SealedClient(SinglePeerEngine(node.time, leader))
+    engine: Engine = SinglePeerEngine(node.time, leader)
+    if standbys:
+        engine = member = TreeMember(name, node.instance, (leader, *standbys), Random(1))
+        node.time = member.time
+    node.sealed = SealedClient(engine)
     pump = Pump(node.sealed, HostClock(), lambda: requester.look())
     request = KeyRequest(name=name, instance=node.instance)
     requester = KeyRequester(node.sealed.keys, request, node.time, trust, pump)

@@ -95,11 +95,16 @@ class LeaderNode:
         await self.stop()
 
     async def stop(self) -> None:
-        """End the nodes of this machine and close the port; bursts under way are saved with what has come."""
+        """Say goodbye to all nodes, end those of this machine and close the port.
+
+        Bursts under way are saved with what has come.
+        """
         if self._local is not None:
             await self._local.close()
         for follower in self.options.followers:
             await follower.close()
+        self._engine.leave()
+        self._pump.turn()
         self._pump.close()
         if self.options.beacons is not None:
             self.options.beacons.close()

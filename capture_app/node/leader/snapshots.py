@@ -10,8 +10,8 @@ from capture_app.net.address import Address
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.node.wire.operating import Vitals
 from capture_app.node.wire.status import NodeStatus
-from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.messages import MAX_DEPTH, WITHOUT_CAMERA, NodeState, Report
+from capture_app.sync.rig.roster import Member, relays_above
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState, Report
 from capture_app.text import count
 
 MOST_OF_A_PAGE = 250
@@ -39,7 +39,7 @@ def node_statuses(
             address=str(Address(*member.address)),
             camera=member.camera,
             parent=member.via,
-            depth=_depth(member, by_name),
+            depth=1 + max(len([*relays_above(member, by_name)]), member.via is not None),
             last_seen_ns=now_ns - member.last_heard_ns,
         )
         for member in members
@@ -92,13 +92,3 @@ def present_cameras(members: Sequence[Member]) -> list[Member]:
         for member in members
         if member.report.state is not NodeState.LOST and member.camera.kind not in WITHOUT_CAMERA
     ]
-
-
-def _depth(member: Member, by_name: Mapping[str, Member]) -> int:
-    depth, at = 1, member
-    while at.via is not None and depth <= MAX_DEPTH:
-        depth += 1
-        if at.via not in by_name:
-            break
-        at = by_name[at.via]
-    return depth

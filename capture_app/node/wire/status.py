@@ -17,7 +17,7 @@ LOST_IS_NEWS_NS = 60_000_000_000
 """That a camera is lost is said of the whole rig so long after its last message; its own line goes on to."""
 
 
-class NodeStatus(Report, frozen=True, kw_only=True):
+class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
     """A node's own report, with what the leader knows of it; times in ns, None where not known yet."""
 
     name: str

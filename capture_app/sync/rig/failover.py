@@ -1,12 +1,12 @@
 """Failover to the next leader when one is gone, and failback to a better one when it is there again."""
 
-from typing import Generic, TypeVar
+from typing import Any
 
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.time_client import HELLOS, TimeClient
 from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
-from capture_app.sync.wire.codec import WireError, decode, encode
+from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import PROBE_NUMBER, Heartbeat, NodeState, Report, UnknownMember
 
 PROBE_EVERY_NS = 15_000_000_000
@@ -16,6 +16,11 @@ each time that it has failed soon after."""
 SHORT_STAY = 4
 """A leader that stays for less than so many times as long as it was probed before has failed soon."""
 _PROBE = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
+
+
+def answers_probe(message: Message | None) -> bool:
+    """Whether a leader says by that that it is there."""
+    return isinstance(message, UnknownMember) and message.client == PROBE_NUMBER
 
 
 class LeaderChoice:
@@ -118,20 +123,17 @@ class LeaderChoice:
         self._probed.clear()
 
 
-F = TypeVar("F")
-
-
-class Failover(Generic[F]):
+class Failover:
     """Gives a client's engine the address of the leader it follows, or asks: no other is listened to.
 
     `now_ns` is the client's own clock.
     """
 
     def __init__(
-        self, client: Client[F], leaders: tuple[Address, ...], probe_every_ns: int = PROBE_EVERY_NS
+        self, client: Client[Any], leaders: tuple[Address, ...], probe_every_ns: int = PROBE_EVERY_NS
     ) -> None:
         """`leaders`, preferred first, must lead to the same root."""
-        self._client = client
+        self._client, self._leaders = client, leaders
         self._choice = LeaderChoice(leaders, client.time, probe_every_ns)
 
     @property
@@ -144,7 +146,7 @@ class Failover(Generic[F]):
         if address == self.leader:
             self._client.receive_datagram(data, now_ns)
             self._choice.update(now_ns)
-        elif _answers_probe(data):
+        elif address in self._leaders and answers_probe(self._client.time.decode(data)):
             self._choice.note_answer(address)
 
     def handle_timer(self, now_ns: int) -> None:
@@ -165,11 +167,3 @@ class Failover(Generic[F]):
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
         datagrams = [(data, self.leader) for data in self._client.datagrams_to_send(now_ns)]
         return datagrams + self._choice.datagrams_to_send()
-
-
-def _answers_probe(data: bytes) -> bool:
-    try:
-        message = decode(data)
-    except WireError:
-        return False
-    return isinstance(message, UnknownMember) and message.client == PROBE_NUMBER

@@ -1,12 +1,12 @@
 """The leader's state machine: take clients in, answer their time requests, order bursts, notice losses.
 
-What it sends is encoded when it leaves: time replies are stamped then, and go first.
+Time replies are stamped when they leave, and go first.
 """
 
 import random
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from msgspec import structs
@@ -35,6 +35,7 @@ from capture_app.sync.wire.codec import (
     version_answer,
 )
 from capture_app.sync.wire.messages import (
+    MOST_OTHERS,
     MOST_TEXT,
     WITHOUT_CAMERA,
     ArrivalReport,
@@ -45,9 +46,12 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
+    MemberReports,
+    NodeState,
     Notice,
     RigConfigMessage,
     TimeRequest,
+    Trigger,
     TriggerAck,
     UnknownMember,
     UpstreamMap,
@@ -235,8 +239,7 @@ class Leader:
         self._update_due_ns = 0
         self._times: deque[tuple[bytes, Address, int]] = deque()
         """Time replies, with when their requests came."""
-        self._messages: deque[tuple[ControlMessage, Address]] = deque()
-        self._versions: deque[tuple[bytes, Address]] = deque()
+        self._outbox: list[tuple[bytes, Address]] = []
         self._waited_ns = 0.0
         """How long time requests have waited for their replies lately, on average."""
         self._events: deque[LeaderEvent] = deque()
@@ -274,30 +277,22 @@ class Leader:
     def receive_message(
         self, message: FromClient, address: Address, now_ns: int, principal: Principal | None = None
     ) -> None:
-        """Take in a message that arrived at `now_ns`, sealed by `principal` where the rig has seals."""
-        if isinstance(message, Hello):
-            self._receive_hello(message, address, now_ns, principal)
-            return
-        member = self._sender(message, address, now_ns, principal)
-        if member is None:
-            return
+        """Take in a message that arrived at `now_ns`, sealed by `principal` where the rig has seals.
+
+        What a relay has summed up is as if each of its members had said it.
+        """
         match message:
-            case TimeRequest():
-                self._times.append((reply_before_t2(message, now_ns), address, now_ns))
-            case ArrivalReport():
-                arrival = self._broadcaster.answer(message, now_ns)
-                if arrival is not None:
-                    self._messages.append((arrival, address))
-            case Heartbeat():
-                self._receive_heartbeat(member, message, now_ns)
-            case TriggerAck():
-                self._pass_up(member, message)
-                answer = self.orders.take_ack(member, message)
-                if answer is not None:
-                    self._events.append(answer)
-            case Goodbye():
-                self._pass_up(member, message)
-                self._note_lost(self.roster.mark_lost(member, "it left"))
+            case Hello():
+                self._receive_hello(message, address, now_ns, principal)
+            case MemberReports():
+                for number, report in message.reports:
+                    self._receive_of_member(Heartbeat(number, report), address, now_ns, principal)
+            case TriggerAck(others=others) if others:
+                for number in (message.client, *others):
+                    one = structs.replace(message, client=number, others=())
+                    self._receive_of_member(one, address, now_ns, principal)
+            case _:
+                self._receive_of_member(message, address, now_ns, principal)
 
     def forget(self, name: str) -> None:
         """Forget a lost member, and whose its name was: any machine may have that from now on.
@@ -311,6 +306,12 @@ class Leader:
             raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
         self._events.append(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
 
+    def leave(self) -> None:
+        """Send the members on to another leader: this one is about to stop."""
+        for member in self.roster.members.values():
+            if not member.lost and member.via is None:
+                self.send(member, UnknownMember(member.number, stops=True))
+
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
         for gone in self.roster.mark_silent_lost(now_ns):
@@ -321,8 +322,8 @@ class Leader:
         if self._review_is_due and self._uplink is None and self._review_grid(now_ns):
             self.acknowledge_all()
         self._events.extend(self.orders.expire(now_ns))
-        for member, trigger in self.orders.triggers_due(now_ns):
-            self.send(member, trigger)
+        for members, trigger in self.orders.triggers_due(now_ns):
+            self.send_trigger(members, trigger)
         self._broadcaster.handle_timer(now_ns, self.roster.pollers)
 
     # Out
@@ -339,11 +340,8 @@ class Leader:
             datagrams.append((reply_at(before, now_ns), address))
             self._waited_ns += WAITED_SHARE * (now_ns - arrived_ns - self._waited_ns)
         self._times.clear()
-        while self._messages:
-            message, address = self._messages.popleft()
-            datagrams.append((encode(message), address))
-        datagrams.extend(self._versions)
-        self._versions.clear()
+        datagrams += self._outbox
+        self._outbox.clear()
         if datagrams and now_ns >= self._adapt_due_ns:
             self._adapt_due_ns = now_ns + ADAPT_EVERY_NS
             change = RELIEF if self._waited_ns > LOADED_NS else RISE
@@ -367,26 +365,40 @@ class Leader:
 
     def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
-        self._messages.append((message, member.address))
+        self._outbox.append((encode(message), member.address))
+
+    def send_trigger(self, members: Iterable[Member], trigger: Trigger) -> None:
+        """Send a trigger to members: to those below one relay together."""
+        below: dict[Address, list[int]] = {}
+        for member in members:
+            if member.via is None:
+                self.send(member, structs.replace(trigger, client=member.number, others=()))
+            else:
+                below.setdefault(member.address, []).append(member.number)
+        for address, numbers in below.items():
+            for i in range(0, len(numbers), MOST_OTHERS):
+                others = tuple(numbers[i + 1 : i + MOST_OTHERS])
+                trigger = structs.replace(trigger, client=numbers[i], others=others)
+                self._outbox.append((encode(trigger), address))
 
     def tell_version(self, data: bytes, address: Address) -> None:
         """Answer a datagram of another version with the version that is spoken here."""
         answer = version_answer(data)
         if answer is not None:
-            self._versions.append((answer, address))
+            self._outbox.append((answer, address))
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
         """Tell a client why it cannot join; with `retry_here` it should not ask another leader."""
-        self._messages.append((JoinRefusal(hello.instance, reason, retry_here), address))
+        self._outbox.append((encode(JoinRefusal(hello.instance, reason, retry_here)), address))
 
     def acknowledge(self, member: Member) -> None:
         """Send a member the present configuration."""
         self.send(member, HeartbeatAck(member.number, self.current.message(self.pace_ns)))
 
     def acknowledge_all(self) -> None:
-        """Send every member the present configuration."""
+        """Send every member that is not below a relay the present configuration."""
         for member in self.roster.members.values():
-            if not member.lost:
+            if not member.lost and member.via is None:
                 self.acknowledge(member)
 
     def drop_member(self, member: Member, reason: str) -> None:
@@ -396,6 +408,30 @@ class Leader:
 
     # The parts
 
+    def _receive_of_member(
+        self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
+    ) -> None:
+        member = self._sender(message, address, now_ns, principal)
+        if member is None:
+            return
+        match message:
+            case TimeRequest():
+                self._times.append((reply_before_t2(message, now_ns), address, now_ns))
+            case ArrivalReport():
+                arrival = self._broadcaster.answer(message, now_ns)
+                if arrival is not None:
+                    self._outbox.append((encode(arrival), address))
+            case Heartbeat():
+                self._receive_heartbeat(member, message, now_ns)
+            case TriggerAck():
+                self._pass_up(member, message, now_ns)
+                answer = self.orders.take_ack(member, message)
+                if answer is not None:
+                    self._events.append(answer)
+            case Goodbye():
+                self._pass_up(member, message, now_ns)
+                self._note_lost(self.roster.mark_lost(member, "it left"))
+
     def _sender(
         self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
     ) -> Member | None:
@@ -403,7 +439,7 @@ class Leader:
         member = self.roster.member_by_number(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
-                self._messages.append((UnknownMember(message.client), address))
+                self._outbox.append((encode(UnknownMember(message.client)), address))
             return None
         if member.principal != principal:
             self.impostures += 1
@@ -414,15 +450,20 @@ class Leader:
             self._review_is_due = True
         return member
 
-    def _pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
-        return self._uplink is not None and self._uplink.pass_up(member, message)
+    def _pass_up(
+        self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye, now_ns: int
+    ) -> bool:
+        return self._uplink is not None and self._uplink.pass_up(member, message, now_ns)
 
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
-        passed_on = self._pass_up(member, message)
+        if message.report.state is NodeState.LOST:
+            self._note_lost(self.roster.mark_lost(member, message.report.message or "it left"))
+            return
+        is_news = self._pass_up(member, message, now_ns)
         member.report = message.report
         if member.name in self.roster.immovable and self._update_grid(now_ns):
             self.acknowledge_all()
-        if not passed_on:
+        if member.via is None and not is_news:
             self.acknowledge(member)
 
     def _review_grid(self, now_ns: int) -> bool:
@@ -503,5 +544,5 @@ class Leader:
         welcome = Welcome(
             hello.instance, member.number, config.transfer_port, current, member.slot, config.beacons
         )
-        self._messages.append((welcome, address))
-        self._pass_up(member, hello)
+        self._outbox.append((encode(welcome), address))
+        self._pass_up(member, hello, now_ns)

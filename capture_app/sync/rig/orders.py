@@ -85,9 +85,10 @@ class BurstOrder:
 
 @dataclass(slots=True)
 class _OpenBurst:
-    """The triggers of a burst that clients have not answered yet, by the number of each."""
+    """The trigger of a burst, and those that have not answered it yet, by their numbers."""
 
-    triggers: dict[int, tuple[Member, Trigger]]
+    trigger: Trigger
+    members: dict[int, Member]
     give_up_ns: int
     cancels: bool
     """The burst is taken back."""
@@ -171,17 +172,12 @@ class Orders:
         """Begin to send the burst's cameras that are here its triggers, in the place of earlier ones."""
         first_ns, number, clients = burst.instants_ns[0], burst.number, frozenset(burst.clients)
         kind = (burst.spare, burst.streamed, burst.video) if count else (0, False, False)
-        triggers = {
-            member.number: (
-                member,
-                Trigger(member.number, self._leader, number, first_ns, step_ns, count, *kind),
-            )
-            for member in self._roster.cameras()
-            if member.name in clients
-        }
+        trigger = Trigger(0, self._leader, number, first_ns, step_ns, count, *kind)
+        members = {member.number: member for member in self._roster.cameras() if member.name in clients}
         self._open_bursts.pop(number, None)
-        if triggers:
-            self._open_bursts[number] = _OpenBurst(triggers, now_ns + TRIGGER_GIVE_UP_NS, not count, again)
+        if members:
+            give_up_ns = now_ns + TRIGGER_GIVE_UP_NS
+            self._open_bursts[number] = _OpenBurst(trigger, members, give_up_ns, not count, again)
         self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
@@ -192,7 +188,7 @@ class Orders:
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAnswered | None:
         """Note a member's answer; None where it had answered before, or the order has expired."""
         burst = self._open_bursts.get(ack.burst)
-        if ack.leader != self._leader or burst is None or member.number not in burst.triggers:
+        if ack.leader != self._leader or burst is None or member.number not in burst.members:
             return None
         # Where it is cancelled, an answer to the burst itself may still be on its way.
         if burst.cancels and ack.refusal != CANCELLED:
@@ -208,25 +204,25 @@ class Orders:
         for number, burst in list(self._open_bursts.items()):
             if now_ns < min(burst.due_ns, burst.give_up_ns):
                 continue
-            for client, (member, _) in list(burst.triggers.items()):
+            for client, member in list(burst.members.items()):
                 if member.lost or now_ns >= burst.give_up_ns:
                     self._close(number, burst, client)
                     if not burst.cancels and not burst.again:
                         refused.append(BurstAnswered(member.name, number, member.lost or NO_ANSWER))
         return refused
 
-    def triggers_due(self, now_ns: int) -> list[tuple[Member, Trigger]]:
-        """Return the triggers to be sent now, for the first time or again, and whom to."""
+    def triggers_due(self, now_ns: int) -> list[tuple[Collection[Member], Trigger]]:
+        """Return the triggers to be sent now, for the first time or again, without a number, and whom to."""
         due = [burst for burst in self._open_bursts.values() if now_ns >= burst.due_ns]
         for burst in due:
             burst.due_ns = now_ns + TRIGGER_AGAIN_NS
-        return [order for burst in due for order in burst.triggers.values()]
+        return [(burst.members.values(), burst.trigger) for burst in due]
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which a trigger is to be sent, None for never."""
         return min((burst.due_ns for burst in self._open_bursts.values()), default=None)
 
     def _close(self, number: int, burst: _OpenBurst, client: int) -> None:
-        del burst.triggers[client]
-        if not burst.triggers:
+        del burst.members[client]
+        if not burst.members:
             del self._open_bursts[number]

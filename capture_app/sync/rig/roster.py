@@ -1,8 +1,9 @@
 """The members of a leader: their numbers and slots, and who of them has fallen silent."""
 
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 
 from msgspec import structs
 
@@ -12,7 +13,7 @@ from capture_app.sync.engine import Address
 from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.wire.messages import (
-    CLOCK_ONLY,
+    MAX_DEPTH,
     MAX_PERIOD_NS,
     MIN_PERIOD_NS,
     MOST_TEXT,
@@ -25,11 +26,9 @@ from capture_app.sync.wire.messages import (
 from capture_app.sync.wire.principal import Principal
 
 CLIENT_SILENT_NS = 2_000_000_000
-CLOCK_SILENT_NS = 150_000_000_000
-"""A node that only keeps the time may report only once a minute."""
 FORGET_LOST_NS = 600_000_000_000
 """A lost member that was not heard for so long is forgotten: by then somebody has put it away."""
-MAX_CLIENTS = 10_000
+MAX_CLIENTS = 32_000
 MOST_OF_ONE = 100
 """How many names one machine has: it takes no room of others."""
 
@@ -75,6 +74,16 @@ def camera_phases(members: Iterable[Member]) -> list[CameraPhase]:
         for member in members
         if not member.lost
     ]
+
+
+def relays_above(member: Member, members: Mapping[str, Member]) -> Iterator[Member]:
+    """Yield the relays through which a member has joined, the nearest first, as far as they are known."""
+    above = members.get(member.via or "")
+    for _ in range(MAX_DEPTH):
+        if above is None:
+            return
+        yield above
+        above = members.get(above.via or "")
 
 
 def van_der_corput(index: int) -> float:
@@ -268,12 +277,14 @@ class Roster:
         for member in tuple(self.members.values()):
             if member.lost:
                 continue
-            patience_ns = CLOCK_SILENT_NS if member.camera.kind == CLOCK_ONLY else CLIENT_SILENT_NS
-            if now_ns - member.last_heard_ns >= patience_ns:
-                event = self.mark_lost(member, f"silent for {patience_ns // 10**9} s")
+            # A relay that is here would say if it were lost.
+            above = takewhile(lambda relay: not relay.lost, relays_above(member, self.members))
+            heard_ns = max([member.last_heard_ns, *(relay.last_heard_ns for relay in above)])
+            if now_ns - heard_ns >= CLIENT_SILENT_NS:
+                event = self.mark_lost(member, f"silent for {CLIENT_SILENT_NS // 10**9} s")
                 lost.append(event if member.is_confirmed else self.forget(member))
             else:
-                self._silence_ns = min(self._silence_ns, member.last_heard_ns + patience_ns)
+                self._silence_ns = min(self._silence_ns, heard_ns + CLIENT_SILENT_NS)
         return lost
 
     def next_timer(self) -> int | None:

@@ -70,15 +70,13 @@ class TimeClient:
         timekeeper: Timekeeper,
         camera: CameraFacts = CLOCK,
         *,
-        heartbeat_every_ns: int | None = HEARTBEAT_EVERY_NS,
+        heartbeat_every_ns: int = HEARTBEAT_EVERY_NS,
         silent_ns: int = LEADER_SILENT_NS,
         report: Callable[[int], Report] | None = None,
     ) -> None:
         """A leader that has said nothing for `silent_ns` is gone.
 
-        Without `heartbeat_every_ns` it reports only when its timekeeper's schedule says so, and notices only
-        by unanswered requests that its leader is silent. `report` tells of this node at a local time in ns,
-        in the place of `self.report`.
+        `report` tells of this node at a local time in ns, in the place of `self.report`.
         """
         self.name, self.instance, self.camera = name, instance, camera
         self.timekeeper = timekeeper
@@ -171,7 +169,8 @@ class TimeClient:
                     self._heard_ns = now_ns
                 self._note_clock()
             case UnknownMember() if self.is_addressed(message):
-                self.lose("the leader was restarted", now_ns)
+                self.lose("the leader has stopped" if message.stops else "the leader was restarted", now_ns)
+                self.hellos = HELLOS if message.stops else self.hellos
             case HeartbeatAck() | AgreedArrival() | Trigger() | Notice() if self.is_addressed(message):
                 self._heard_ns = now_ns
                 self._take_word(message, now_ns)
@@ -187,7 +186,7 @@ class TimeClient:
         self.timekeeper.follow(config, welcome.client, welcome.slot, now_ns)
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
         self._heard_ns = now_ns
-        self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
+        self._heartbeat_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, config.leader, welcome.beacons))
         return True
 
@@ -235,16 +234,15 @@ class TimeClient:
                 self._hello_due_ns = now_ns + round(jitter * min(wait_ns, RAREST_HELLO_NS))
                 self._outbox.append(self.hello())
             return
-        if now_ns >= self._silent_from_ns or self.timekeeper.schedule.is_unanswered(now_ns):
+        if now_ns >= self._heard_ns + self._silent_ns:
             self.lose("the leader is silent", now_ns)
             self.hellos = HELLOS
             return
         self.timekeeper.handle_timer(now_ns)
         self._note_clock()
-        if self.timekeeper.take_report_due() or now_ns >= self._heartbeat_due_ns:
+        if now_ns >= self._heartbeat_due_ns:
             self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
-            if self._heartbeat_every_ns is not None:
-                self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
+            self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
         arrivals = self.timekeeper.arrival_report(now_ns)
         if arrivals is not None:
             self._outbox.append(arrivals)
@@ -255,7 +253,8 @@ class TimeClient:
         """Local time in ns at which `handle_timer` wants to be called."""
         if self.number is None:
             return self._hello_due_ns
-        return min(self._silent_from_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
+        silent_from_ns = self._heard_ns + self._silent_ns
+        return min(silent_from_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
         """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
@@ -284,11 +283,6 @@ class TimeClient:
         return Hello(self.name, self.instance, camera)
 
     # The parts
-
-    @property
-    def _silent_from_ns(self) -> int:
-        """From when on the leader is gone if it is not heard until then."""
-        return NEVER_NS if self._heartbeat_every_ns is None else self._heard_ns + self._silent_ns
 
     def _objection(self, config: RigConfigMessage) -> str:
         """Say why a leader of such a configuration cannot be followed; empty where it can.
@@ -327,6 +321,6 @@ class TimeClient:
     def _note_clock(self) -> None:
         for event in self.timekeeper.events:
             self._events.append(event)
-            if isinstance(event, ClockSynced) and self._heartbeat_every_ns is not None:
+            if isinstance(event, ClockSynced):
                 self.report_at_once()
         self.timekeeper.events.clear()

@@ -1,7 +1,7 @@
-"""Passes the members' messages of a relay up to its parent, and says which member an answer is for.
+"""Sums up for a relay's parent what its members say, and knows which member an answer is for.
 
-A relay sends each member's messages on as they are, so that the root has one roster of the whole tree and
-treats all cameras alike, however deep. Nothing is sent again here: members and root do that themselves.
+The root has one roster of the whole tree and treats all cameras alike, however deep. A relay introduces each
+member, and answers its heartbeats; what it tells of them goes up in as many messages for many as for few.
 """
 
 from collections import deque
@@ -9,9 +9,25 @@ from collections import deque
 from msgspec.structs import replace
 
 from capture_app.sync.rig.roster import MAX_CLIENTS, Member
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.wire.codec import WireError, encode
-from capture_app.sync.wire.messages import CLOCK_ONLY, ControlMessage, Goodbye, Heartbeat, Hello, TriggerAck
+from capture_app.sync.wire.messages import (
+    CLOCK_ONLY,
+    MOST_OTHERS,
+    MOST_REPORTS,
+    ControlMessage,
+    Goodbye,
+    Heartbeat,
+    Hello,
+    MemberReports,
+    Report,
+    TriggerAck,
+)
 
+SUM_EVERY_NS = 250_000_000
+"""So often members' reports go up, as many as fit into one datagram."""
+ACKS_WAIT_NS = 10_000_000
+"""So long acknowledgements of a burst wait for others to go with."""
 TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
 
 
@@ -20,21 +36,30 @@ class Uplink:
 
     def __init__(self, relay: str, most_members: int = MAX_CLIENTS) -> None:
         """`relay` is the name of the relay whose members these are."""
-        self.has_parent = False
-        """Whether there is a parent at present."""
         self._relay, self._most_members = relay, most_members
+        self._has_parent = False
         self._numbers: dict[str, tuple[Member, int]] = {}
         self._members: dict[int, Member] = {}
         self._introduced: dict[int, Hello] = {}
         self._refused: dict[tuple[str, str | int], str] = {}
         """By name and machine, or the run where the rig asks nobody who it is."""
+        self._reports: dict[int, Report] = {}
+        """By the parent's numbers, what is to be told, those first that wait for the longest."""
+        self._told: dict[int, tuple[str, bool]] = {}
+        """What of it was told last that counts as news."""
+        self._sum_due_ns = self._acks_due_ns = NEVER_NS
+        self._acks: dict[tuple[int, int, str], list[int]] = {}
+        """By leader, burst and refusal, the parent's numbers of those that say so."""
         self._outbox: deque[bytes] = deque()
 
     def restart(self, *, has_parent: bool) -> None:
         """Start anew with another parent, or none: no member is known there."""
-        self.has_parent = has_parent
+        self._has_parent = has_parent
+        self._sum_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
         for known in (self._numbers, self._members, self._introduced, self._refused, self._outbox):
             known.clear()
+        for told in (self._reports, self._told, self._acks):
+            told.clear()
 
     @property
     def remembered(self) -> int:
@@ -54,15 +79,58 @@ class Uplink:
             self.ask(hello)
         return reason
 
-    def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
-        """Pass a member's message on; whether the answer comes from the parent."""
-        if not self.has_parent or member.camera.kind == CLOCK_ONLY:
+    def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye, now_ns: int) -> bool:
+        """Pass on what a member says; whether it is news, that the root should know before it is answered."""
+        if not self._has_parent or member.camera.kind == CLOCK_ONLY:
             return False
         known, number = self._numbers.get(member.name, (None, 0))
         if isinstance(message, Hello) or known is not member:
+            if known is not member:
+                self.note_unknown(number)
             self.ask(Hello(member.name, member.instance, member.camera, member.via, member.pin))
-            return False
-        return self._send(replace(message, client=number)) and isinstance(message, Heartbeat)
+        elif isinstance(message, Goodbye):
+            self._send(Goodbye(number))
+        elif isinstance(message, TriggerAck):
+            self._acks.setdefault((message.leader, message.burst, message.refusal), []).append(number)
+            self._acks_due_ns = min(self._acks_due_ns, now_ns + ACKS_WAIT_NS)
+        else:
+            self._reports[number] = message.report
+            return self._told.get(number) != _stage(message.report)
+        return False
+
+    def next_timer(self) -> int:
+        """Local time in ns at which `handle_timer` wants to be called."""
+        return min(self._acks_due_ns, self._sum_due_ns)
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Sum up what is due."""
+        if now_ns >= self._acks_due_ns:
+            self._acks_due_ns = NEVER_NS
+            for (leader, burst, refusal), numbers in self._acks.items():
+                most = MOST_OTHERS // 4 if refusal else MOST_OTHERS
+                for i in range(0, len(numbers), most):
+                    others = tuple(numbers[i + 1 : i + most])
+                    self._send(TriggerAck(numbers[i], leader, burst, refusal, others))
+            self._acks.clear()
+        if now_ns >= self._sum_due_ns:
+            self._sum_due_ns = now_ns + SUM_EVERY_NS
+            self._sum_up()
+
+    def _sum_up(self) -> None:
+        """Tell all news, and as much of the rest as fits into one datagram."""
+        # Of those that are gone the parent says that it knows them no more, when it has heard so.
+        gone = {number: member.report for member, number in self._numbers.values() if member.lost}
+        reports = self._reports | gone
+        news = {n: r for n, r in reports.items() if n in gone or self._told.get(n) != _stage(r)}
+        due = list((news | reports).items())
+        first, most = 0, MOST_REPORTS
+        while first < min(len(due), max(1, len(news))):
+            while not self._send(MemberReports(tuple(due[first : first + most]))):
+                most //= 2
+            for number, report in due[first : first + most]:
+                self._reports.pop(number, None)
+                self._told[number] = _stage(report)
+            first += most
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return what goes to the parent."""
@@ -90,6 +158,8 @@ class Uplink:
         if member is not None and member.instance == instance and not member.lost:
             self._numbers[member.name] = member, number
             self._members[number] = member
+            if member.is_confirmed:
+                self._reports[number] = member.report
         return member if member is not None and member.is_of_another_machine(hello) else None
 
     def note_refusal(self, instance: int, reason: str, members: dict[str, Member]) -> Member | None:
@@ -101,13 +171,18 @@ class Uplink:
             self._refused.clear()
         self._refused[_who(hello)] = reason
         member = members.get(hello.name)
-        return member if member is not None and member.instance == instance and not member.lost else None
+        if member is None or member.instance != instance or member.lost:
+            return None
+        # Another machine may have asked by the same run: what it is told concerns no member.
+        return None if member.is_of_another_machine(hello) else member
 
     def note_unknown(self, number: int) -> None:
         """Note that the parent does not know a number any more: the member is introduced again."""
+        for known in (self._reports, self._told):
+            known.pop(number, None)
         member = self._members.pop(number, None)
-        if member is not None:
-            self._numbers.pop(member.name, None)
+        if member is not None and self._numbers.get(member.name) == (member, number):
+            del self._numbers[member.name]
 
     def ask(self, hello: Hello) -> None:
         """Ask the parent whether a client may join: its answer counts, whoever has the name here."""
@@ -126,6 +201,11 @@ class Uplink:
         except WireError:
             return False
         return True
+
+
+def _stage(report: Report) -> tuple[str, bool]:
+    """What the root acts upon at once: how far a member is, and whether it knows its phase."""
+    return report.state, report.frame_leader_ns is None
 
 
 def _who(hello: Hello) -> tuple[str, str | int]:

@@ -30,13 +30,12 @@ class _Due:
         """The part of the leader's pace, 0 to 1, at which this node's requests are due."""
         self.leader_pace_ns = 0
         """Mean time between two requests of a node that the leader can bear; 0 for any."""
+        self.time_is_known = False
+        """Whether the time was known when the leader began to be asked, and no clock has stepped since."""
 
     def restart(self, now_ns: int) -> None:
         """Ask as often as at first again: a clock has stepped."""
-
-    def is_unanswered(self, now_ns: int) -> bool:
-        """Whether so much went unanswered that the leader must be gone."""
-        return False
+        self.time_is_known = False
 
 
 FIRST_SAMPLES = 300
@@ -77,7 +76,7 @@ class SteadySchedule(_Due):
         pace_ns = max(self._first_pace_ns, self.leader_pace_ns)
         self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(self.slot * pace_ns)
 
-    def request_sent(self, now_ns: int, progress: Progress) -> bool:
+    def request_sent(self, now_ns: int, progress: Progress) -> None:
         """Fix when the next is due: what a late timer has missed is made up for, but never at once."""
         pace_ns, time_map = self._pace(progress), progress.time_map
         grid_ns = max(self._grid_ns + pace_ns, now_ns - BACKLOG_NS)
@@ -86,7 +85,6 @@ class SteadySchedule(_Due):
             grid_ns += pace_ns // 2 - (past_ns + pace_ns // 2) % pace_ns
         self._grid_ns = grid_ns
         self.request_due_ns = max(grid_ns, now_ns + pace_ns // 2)
-        return False
 
     def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
         """Whether the link is so short that the next request, if it is near, goes out at once.
@@ -105,9 +103,9 @@ class SteadySchedule(_Due):
     def _pace(self, progress: Progress) -> int:
         if not progress.synced:
             self._samples_when_synced = None
-            return max(self._first_pace_ns, self.leader_pace_ns)
-        if self.leader_pace_ns > self._pace_ns:
-            return self.leader_pace_ns
+            # Thousands may have lost one leader: there is no hurry.
+            is_calm = self.time_is_known and self.leader_pace_ns > 0
+            return max(self._pace_ns if is_calm else self._first_pace_ns, self.leader_pace_ns)
         if self._samples_when_synced is None:
             self._samples_when_synced = progress.samples
         easing_ns = self._easing_paces_ns
@@ -115,7 +113,8 @@ class SteadySchedule(_Due):
         if not progress.good_enough:
             # Not as quickly as at first: several such nodes on one radio channel would make it worse.
             stage = min(stage, len(easing_ns) - 1)
-        return min(self._pace_ns, easing_ns[stage]) if 0 <= stage < len(easing_ns) else self._pace_ns
+        easing = min(self._pace_ns, easing_ns[stage]) if 0 <= stage < len(easing_ns) else self._pace_ns
+        return max(easing, self.leader_pace_ns)
 
 
 FIRST_EXCHANGES = 300
@@ -142,30 +141,35 @@ class RoundSchedule(_Due):
         super().__init__()
         self._left = 0
         self._every_ns = 0
-        self._replies = 0
-        """Since the last estimate."""
 
     def begin(self, now_ns: int) -> None:
-        """Start anew, with a first round of many requests."""
-        self._left, self._every_ns, self._replies = FIRST_EXCHANGES, 0, 0
+        """Start anew, with a first round of many; of few, and not with others, where the time is known."""
+        self._left, self._every_ns = FIRST_EXCHANGES, 0
         self.request_due_ns, self.estimate_due_ns = now_ns, NEVER_NS
+        if self.time_is_known:
+            self._left, self._every_ns = LEAST_EXCHANGES, round(self.slot * SHORTEST_NS)
+            self.request_due_ns = now_ns + round(self.slot * FIRST_NS)
 
     def restart(self, now_ns: int) -> None:
         """Ask as if for the first time, from the next request on."""
+        super().restart(now_ns)
         self._left, self._every_ns = FIRST_EXCHANGES, 0
         self.request_due_ns = min(self.request_due_ns, now_ns + SPACING_NS)
 
-    def request_sent(self, now_ns: int, progress: Progress) -> bool:
-        """Fix when the next request is due; True for the last one of a round."""
+    def request_sent(self, now_ns: int, progress: Progress) -> None:
+        """Fix when the next request is due, and after the last one of a round the estimate."""
         self._left -= 1
         if self._left > 0:
             self.request_due_ns = now_ns + SPACING_NS
-            return False
+            return
         self.estimate_due_ns = now_ns + SETTLE_NS
         longest_ns = min(max(ROUND_EXCHANGES * self.leader_pace_ns, SHORTEST_NS), LONGEST_NS)
-        self._every_ns = min(max(round(self._every_ns * GROWTH), FIRST_NS), longest_ns)
-        share = longest_ns // max(self.leader_pace_ns, longest_ns // ROUND_EXCHANGES)
-        most = share if self._every_ns == longest_ns else min(share, LEARNING_EXCHANGES)
+        least_ns = max(FIRST_NS, LEAST_EXCHANGES * self.leader_pace_ns if self.time_is_known else 0)
+        self._every_ns = min(max(round(self._every_ns * GROWTH), least_ns), longest_ns)
+        most = share = longest_ns // max(self.leader_pace_ns, longest_ns // ROUND_EXCHANGES)
+        if self._every_ns < longest_ns:
+            even = share * self._every_ns // longest_ns
+            most = even if self.time_is_known else min(share, LEARNING_EXCHANGES)
         self._left = max(most, LEAST_EXCHANGES)
         self.request_due_ns = now_ns + self._every_ns
         time_map = progress.time_map
@@ -175,20 +179,14 @@ class RoundSchedule(_Due):
             self.request_due_ns -= (past_ns - round(self.slot * longest_ns)) % longest_ns
             if self.request_due_ns < now_ns + longest_ns // 4:
                 self.request_due_ns += longest_ns
-        return True
 
     def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
-        """Count it; the round goes on as it began."""
-        self._replies += 1
+        """The round goes on as it began."""
         return False
 
     def estimated(self, now_ns: int) -> None:
         """The next estimate is after the next round."""
-        self.estimate_due_ns, self._replies = NEVER_NS, 0
-
-    def is_unanswered(self, now_ns: int) -> bool:
-        """Whether a whole round went unanswered."""
-        return now_ns >= self.estimate_due_ns and self._replies == 0
+        self.estimate_due_ns = NEVER_NS
 
 
 PollSchedule = SteadySchedule | RoundSchedule

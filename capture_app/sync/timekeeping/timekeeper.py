@@ -74,7 +74,6 @@ class Timekeeper:
         self._sequence = first_sequence
         self._outstanding: dict[int, int] = {}
         self._request: bytes | None = None
-        self._report_due = False
         self._stepped = False
         """Whether a clock has stepped, or been slewed, and is not known again yet."""
         self._told_steps, self._tell_steps_ns = 0, AT_ONCE_NS
@@ -112,6 +111,7 @@ class Timekeeper:
         self._request = None
         self.schedule.slot = slot
         self.update_config(config)
+        self.schedule.time_is_known = self.time_is_known
         self.schedule.begin(now_ns)
 
     def update_config(self, config: RigConfigMessage) -> None:
@@ -191,11 +191,6 @@ class Timekeeper:
             del self._outstanding[next(iter(self._outstanding))]
         return request
 
-    def take_report_due(self) -> bool:
-        """Whether a report is to go out with the request that was prepared; once for each."""
-        due, self._report_due = self._report_due, False
-        return due
-
     def report(self, state: NodeState, message: str, now_ns: int) -> Report:
         """Return a report of this node's time, without a camera's part."""
         message, time_map, samples = message[:200], self.time_map, self.clock.samples
@@ -229,7 +224,7 @@ class Timekeeper:
         return Progress(self.synced, self.clock.samples, self.time_map, self.target.met)
 
     def _prepare_request(self, now_ns: int) -> None:
-        self._report_due = self.schedule.request_sent(now_ns, self._progress)
+        self.schedule.request_sent(now_ns, self._progress)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         self._request = request_before_t0(self._number, self._sequence)
 

@@ -6,22 +6,18 @@ from collections import deque
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.engine import Address
-from capture_app.sync.rig.failover import LeaderChoice
-from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.rig.failover import LeaderChoice, answers_probe
+from capture_app.sync.rig.time_client import HEARTBEAT_EVERY_NS, LEADER_SILENT_NS, TimeClient
 from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
 from capture_app.sync.wire.messages import (
     CLOCK,
-    PROBE_NUMBER,
     ControlMessage,
     Goodbye,
-    UnknownMember,
     Welcome,
 )
 
-SILENT_HEARTBEATS = 6
-"""A parent that was silent for so many heartbeats is gone."""
 WINDOW_NS = 300_000_000_000
 """Several rounds, for the skew between them; over longer times a clock is not a straight line."""
 
@@ -40,12 +36,12 @@ class TreeMember:
         rng: random.Random,
         camera: CameraFacts = CLOCK,
         *,
-        heartbeat_every_ns: int | None = None,
+        heartbeat_every_ns: int = HEARTBEAT_EVERY_NS,
+        silent_ns: int = LEADER_SILENT_NS,
     ) -> None:
         """`parents` are asked in turn, the best one first; `camera` describes this node to them.
 
-        Without `heartbeat_every_ns` it reports once a round only, and notices only then that a parent is
-        silent.
+        A parent that has said nothing for `silent_ns` is gone.
         """
         self.parents = parents
         self.time = TimeClient(
@@ -54,7 +50,7 @@ class TreeMember:
             Timekeeper(rng.getrandbits(32), RoundSchedule(), clock=ClockFilter(window_ns=WINDOW_NS)),
             camera,
             heartbeat_every_ns=heartbeat_every_ns,
-            silent_ns=SILENT_HEARTBEATS * (heartbeat_every_ns or 0),
+            silent_ns=silent_ns,
         )
         """Its membership and its clock."""
         self._choice = LeaderChoice(parents, self.time)
@@ -84,14 +80,10 @@ class TreeMember:
         if address == self.parent:
             self.time.receive_message(message, now_ns)
             self._choice.update(now_ns)
-            return
-        match message:
-            case UnknownMember() if message.client == PROBE_NUMBER:
-                self._choice.note_answer(address)
-            case Welcome() if address == self._better and message.instance == self.time.instance:
-                self._go_back(address, message, now_ns)
-            case _:
-                pass
+        elif answers_probe(message):
+            self._choice.note_answer(address)
+        elif isinstance(message, Welcome) and address == self._better:
+            self._go_back(address, message, now_ns)
 
     def note_unreadable(self, error: WireError, address: Address) -> None:
         """Note that one of the parents sent what is no message of this version."""
@@ -131,7 +123,9 @@ class TreeMember:
     def _go_back(self, address: Address, welcome: Welcome, now_ns: int) -> None:
         """Follow a preferred parent that is there again; the time map is kept until that one's is better."""
         number, former = self.time.number, self.parent
+        if number is None or welcome.instance != self.time.instance:
+            return
         self._better = None
-        if number is not None and self.time.follow(welcome, now_ns):
+        if self.time.follow(welcome, now_ns):
             self._outbox.append((Goodbye(number), former))
             self._choice.change_to(address, now_ns)

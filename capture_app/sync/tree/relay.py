@@ -23,7 +23,6 @@ from capture_app.sync.wire.messages import (
     PROBE_NUMBER,
     RELAY,
     Heartbeat,
-    HeartbeatAck,
     Hello,
     JoinRefusal,
     Notice,
@@ -34,7 +33,6 @@ from capture_app.sync.wire.messages import (
 )
 from capture_app.sync.wire.principal import Principal
 
-HEARTBEAT_EVERY_NS = 250_000_000
 OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")
 """How a relay of cameras describes itself: as a member that must be missed within seconds."""
 
@@ -92,20 +90,20 @@ class Relay:
         self.member.handle_timer(now_ns)
         self._update_terms()
         self.leader.handle_timer(now_ns)
+        self.uplink.handle_timer(now_ns)
 
     def leave(self) -> None:
         """Say goodbye to the parent, and send the clients on: this relay is about to stop."""
         self.member.leave()
-        for member in self.leader.roster.members.values():
-            if not member.lost:
-                self.leader.drop_member(member, "the relay stops")
+        self.leader.leave()
         # They ask again at once, and must not be taken in here.
         self.leader.current.upstream = None
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        follower_ns, leader_ns = self.member.next_timer(), self.leader.next_timer()
-        return follower_ns if leader_ns is None else min(follower_ns, leader_ns)
+        above_ns = min(self.member.next_timer(), self.uplink.next_timer())
+        leader_ns = self.leader.next_timer()
+        return above_ns if leader_ns is None else min(above_ns, leader_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time messages carry `now_ns`, so send them at once."""
@@ -137,13 +135,10 @@ class Relay:
                     self.leader.drop_member(refused, message.reason)
             case UnknownMember() if message.client != self.member.time.number:
                 uplink.note_unknown(message.client)
-            case HeartbeatAck() if member := uplink.member(message.client):
-                # Its configuration holds for all, and is newer than that of this relay's own heartbeats.
-                mine = msgspec.structs.replace(message, client=self.member.time.number or 0)
-                self.member.receive_message(mine, address, now_ns)
-                self._update_terms()
-                self.leader.acknowledge(member)
-            case Trigger() | Notice() if member := uplink.member(message.client):
+            case Trigger():
+                found = [uplink.member(number) for number in (message.client, *message.others)]
+                self.leader.send_trigger((member for member in found if member is not None), message)
+            case Notice() if member := uplink.member(message.client):
                 self.leader.send(member, msgspec.structs.replace(message, client=member.number))
             case _:
                 self.member.receive_message(message, address, now_ns)
@@ -168,8 +163,10 @@ class Relay:
         if above is None or above.path[0] != member.time.timekeeper.path[0]:
             # Another root's grid means nothing before its time is known.
             return
-        if current.upstream is None or current.upstream.epoch_local_ns != member.time.time_map.epoch_local_ns:
-            current.upstream = upstream_map(member.time.timekeeper.path, member.time.time_map)
+        path, epoch_ns = member.time.timekeeper.path, member.time.time_map.epoch_local_ns
+        told = current.upstream
+        if told is None or (told.path, told.epoch_local_ns) != (path, epoch_ns):
+            current.upstream = upstream_map(path, member.time.time_map)
         grid = FrameGrid(above.anchor_leader_ns, above.period_ns)
         moved = (leader.grid, current.config.align_row) != (grid, above.align_row)
         if current.grid_choice is None or moved:

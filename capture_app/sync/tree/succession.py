@@ -16,7 +16,7 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.wire.messages import CLOCK, RELAY, UpstreamMap
 
-HEARTBEAT_EVERY_NS = 100_000_000
+HEARTBEAT_EVERY_NS, SILENT_NS = 100_000_000, 600_000_000
 """Six of them unanswered, and the leader is gone: before its nodes ask who follows it."""
 AGAIN_NS = 300_000_000
 """One that is gone is asked once more for so long."""
@@ -54,7 +54,9 @@ class Succession:
         """Whether it is the one that leads."""
         self.continued: Continued | None = None
         """What it took over when it began to lead; None where it knew no time."""
-        self.member = TreeMember(name, instance, leaders, rng, STANDBY, heartbeat_every_ns=HEARTBEAT_EVERY_NS)
+        self.member = TreeMember(
+            name, instance, leaders, rng, STANDBY, heartbeat_every_ns=HEARTBEAT_EVERY_NS, silent_ns=SILENT_NS
+        )
         """Its membership of the one that leads."""
         self._leaders, self._rank = leaders, rank
         self._followed: int | None = None

@@ -26,7 +26,9 @@ from capture_app.sync.wire.messages import (
     Heartbeat,
     Hello,
     JoinRefusal,
+    MemberReports,
     Notice,
+    Report,
     TimeReply,
     TimeRequest,
     TriggerAck,
@@ -34,7 +36,7 @@ from capture_app.sync.wire.messages import (
 from capture_app.text import REPLACEMENT, UNREADABLE
 
 MAGIC = b"sS"
-VERSION = 5
+VERSION = 6
 TOKEN_BYTES = 8
 KIND_VERSION = 0
 _ASKING = 0
@@ -97,7 +99,7 @@ _T2 = struct.Struct(">q")
 
 Message = TimeRequest | TimeReply | ControlMessage
 FromMember = TimeRequest | Heartbeat | TriggerAck | Goodbye | ArrivalReport
-FromClient = FromMember | Hello
+FromClient = FromMember | MemberReports | Hello
 
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(ControlMessage)
@@ -157,7 +159,10 @@ def _printable(message: ControlMessage) -> ControlMessage:
                 camera = replace(camera, kind=kind, model=model, pixel_format=pixel_format)
                 return replace(message, camera=camera)
         case Heartbeat(report=report) if not report.message.isprintable():
-            return replace(message, report=replace(report, message=_plain(report.message)))
+            return replace(message, report=_printable_report(report))
+        case MemberReports(reports=reports) if not all(r.message.isprintable() for _, r in reports):
+            plain = tuple((number, _printable_report(report)) for number, report in reports)
+            return replace(message, reports=plain)
         case JoinRefusal(reason=reason) if not reason.isprintable():
             return replace(message, reason=_plain(reason))
         case Notice(text=text) if not text.isprintable():
@@ -165,6 +170,10 @@ def _printable(message: ControlMessage) -> ControlMessage:
         case TriggerAck(refusal=reason) if not reason.isprintable():
             return replace(message, refusal=_plain(reason))
     return message
+
+
+def _printable_report(report: Report) -> Report:
+    return replace(report, message=_plain(report.message))
 
 
 def _plain(text: str) -> str:

@@ -128,6 +128,9 @@ MOST_TEXT = 200
 Text = Annotated[str, Meta(max_length=MOST_TEXT)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """The number of a client, as time messages carry it."""
+MOST_REPORTS, MOST_OTHERS = 10, 200
+"""That a relay's message carries: so many fit into a datagram."""
+Others = Annotated[tuple[Number, ...], Meta(max_length=MOST_OTHERS)]
 CLOCK_ONLY = "clock"
 """The kind of a node without a camera that only keeps the time, perhaps for clients below it."""
 CLOCK = CameraFacts(
@@ -246,7 +249,7 @@ class JoinRefusal(Struct, frozen=True, tag="join-refusal"):
     """It will be able to soon: ask again here, not another leader."""
 
 
-class Report(Struct, frozen=True, kw_only=True):
+class Report(Struct, frozen=True, kw_only=True, array_like=True):
     """A client's own view of itself, sent with each heartbeat; times in ns."""
 
     state: NodeState
@@ -285,6 +288,16 @@ class Heartbeat(Struct, frozen=True, tag="heartbeat"):
     report: Report
 
 
+class MemberReports(Struct, frozen=True, tag="member-reports"):
+    """A relay sums up its members: those that have news, and the others in turn; all else is as it was.
+
+    While the relay is heard its members are there; of one that is lost it says so until that is known.
+    """
+
+    reports: Annotated[tuple[tuple[Number, Report], ...], Meta(max_length=MOST_REPORTS)]
+    """By the numbers of the members."""
+
+
 class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
     """The leader is alive and knows the client; its configuration, in case the client missed a change."""
 
@@ -296,6 +309,8 @@ class UnknownMember(Struct, frozen=True, tag="unknown-member"):
     """The leader does not know this client, as it was restarted or had lost it: join again."""
 
     client: int
+    stops: bool = False
+    """It is about to stop: join another one, if there is one."""
 
 
 class Trigger(Struct, frozen=True, tag="trigger"):
@@ -317,6 +332,8 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     """Send the frames as they come; the same burst again with a lower count ends it earlier."""
     video: bool = False
     """They go into a video."""
+    others: Others = ()
+    """Further clients below the same relay, which passes it on."""
 
 
 class TriggerAck(Struct, frozen=True, tag="trigger-ack"):
@@ -326,6 +343,8 @@ class TriggerAck(Struct, frozen=True, tag="trigger-ack"):
     leader: int
     burst: int
     refusal: Text = ""
+    others: Others = ()
+    """Further clients below the same relay that say so, too."""
 
 
 class Notice(Struct, frozen=True, tag="notice"):
@@ -346,6 +365,7 @@ ControlMessage = (
     | Welcome
     | JoinRefusal
     | Heartbeat
+    | MemberReports
     | HeartbeatAck
     | UnknownMember
     | Trigger

@@ -28,16 +28,21 @@ def standby_of(tmp_path: Path, leader: Trust, name: str = "second") -> Trust:
     return standby
 
 
+class Led(asyncio.Queue[LeaderNode]):
+    """What a standby leads with, and where that will be."""
+
+    address: Address
+
+
 @asynccontextmanager
-async def standing_by(
-    tmp_path: Path, trust: Trust, leader: Address
-) -> AsyncIterator["asyncio.Queue[LeaderNode]"]:
+async def standing_by(tmp_path: Path, trust: Trust, leader: Address) -> AsyncIterator[Led]:
     """A standby of a leader, until the block ends; what it leads with comes by the queue."""
     bound = bind_port("127.0.0.1", 0)
     port = bound[0].getsockname()[1]
     for one in bound:
         one.close()
-    led: asyncio.Queue[LeaderNode] = asyncio.Queue()
+    led = Led()
+    led.address = Address("127.0.0.1", port)
 
     async def lead(node: LeaderNode) -> None:
         led.put_nowait(node)
@@ -46,7 +51,7 @@ async def standing_by(
     def make_options() -> LeaderOptions:
         return LeaderOptions(sessions=tmp_path / "s2", host="127.0.0.1", port=port, trust=trust)
 
-    task = asyncio.create_task(lead_in_turn(make_options, [leader, Address("127.0.0.1", port)], lead))
+    task = asyncio.create_task(lead_in_turn(make_options, [leader, led.address], lead))
     try:
         yield led
     finally:
@@ -81,6 +86,24 @@ async def test_a_standby_leads_the_nodes_that_were_paired_with_the_leader(
                 await until(lambda: "two machines are called cam" in node.time.why_joining)
             async with sealed_node(new.own_address, Trust(tmp_path / "stranger")) as node:
                 await until(lambda: "does not know the leader" in node.time.why_joining)
+
+
+async def test_a_node_goes_on_with_the_standby_when_the_leader_stops(tmp_path: Path, trust: Trust) -> None:
+    options = LeaderOptions(sessions=tmp_path / "s1", host="127.0.0.1", port=0, trust=trust)
+    async with await LeaderNode.start(options) as leader:
+        machine, second = introduced(tmp_path, trust, "machine"), standby_of(tmp_path, trust)
+        async with standing_by(tmp_path, second, leader.own_address) as led:
+            await until(lambda: any(n.name.startswith("leader-") for n in leader.status().nodes))
+            async with sealed_node(leader.own_address, machine, standbys=(led.address,)) as node:
+                await until(lambda: node.time.is_member and node.time.timekeeper.time_is_known)
+                await until(lambda: second.known.find(machine.identity.pin) is not None, seconds=30.0)
+                before = node.time.timekeeper.path
+                await leader.stop()
+                new = await asyncio.wait_for(led.get(), 30.0)
+                await until(lambda: node.time.is_member and node.time.timekeeper.path[0] == new.instance)
+                assert before[0] == leader.instance
+                assert node.time.timekeeper.time_is_known, "it has known the time all along"
+                assert [n.name for n in new.status().nodes] == ["cam"]
 
 
 async def test_a_camera_is_told_of_standbys_and_of_nobody_else(

@@ -13,6 +13,7 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
+    MemberReports,
     NodeState,
     Report,
     RigConfigMessage,
@@ -71,13 +72,16 @@ from_parents: st.SearchStrategy[Message] = st.one_of(
     st.builds(JoinRefusal, st.just(INSTANCE) | i64, st.sampled_from(["no", "never"]), st.booleans()),
     st.builds(UnknownMember, numbers),
     st.builds(Trigger, numbers, numbers, i64, i64, i64, i64),
+    st.builds(Trigger, numbers, numbers, i64, i64, i64, i64, others=st.lists(u32, max_size=3).map(tuple)),
     st.builds(TimeReply, u32, u32, i64, i64, i64),
 )
 from_clients: st.SearchStrategy[Message] = st.one_of(
     st.builds(Hello, st.sampled_from(["x", "y", "relay"]), numbers, cameras),
     st.builds(Heartbeat, numbers, reports),
+    st.builds(MemberReports, st.lists(st.tuples(u32, reports), max_size=3).map(tuple)),
     st.builds(TimeRequest, u32, u32, i64),
     st.builds(TriggerAck, numbers, numbers, i64),
+    st.builds(TriggerAck, numbers, numbers, i64, others=st.lists(u32, max_size=3).map(tuple)),
     st.builds(Goodbye, numbers),
 )
 addresses = st.sampled_from([*PARENTS, STRANGER])

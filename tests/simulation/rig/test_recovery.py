@@ -21,7 +21,7 @@ from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.tree.relay import OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
     HeartbeatAck,
@@ -168,9 +168,7 @@ class RelayAmongLiars(FollowerAmongLiars):
     """A relay among liars above it and below it; in the end a client of its own has the time, too."""
 
     def build(self, rng: random.Random) -> None:
-        self.member = TreeMember(
-            "me", INSTANCE, PARENTS, rng, OF_CAMERAS, heartbeat_every_ns=HEARTBEAT_EVERY_NS
-        )
+        self.member = TreeMember("me", INSTANCE, PARENTS, rng, OF_CAMERAS)
         self.node = Relay(self.member, LeaderConfig(0, 0), rng)
 
     def recover(self, peers: dict[Address, TreeMember | Relay | Leader], honest: Address) -> None:

@@ -1,6 +1,7 @@
 """A root with relays and cameras below it in virtual time, as a test puts them together."""
 
 import random
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -14,11 +15,12 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
-from capture_app.sync.rig.leader import LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.tree.relay import OF_CAMERAS, Relay
+from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import NodeState
 from tests.facts import make_facts
 
@@ -36,7 +38,7 @@ class Camera:
     probe_every_ns: int = PROBE_EVERY_NS
     events: list[object] = field(default_factory=list)
     clock: WanderingClock = field(init=False)
-    failover: Failover[int] = field(init=False)
+    failover: Failover = field(init=False)
     _next_ns: int | None = None
     _frames: int = 0
 
@@ -65,6 +67,27 @@ class Camera:
         return [event for event in self.events if isinstance(event, FramesSelected)]
 
 
+@dataclass
+class Counted:
+    """A leader, and how many messages of each kind it gets and sends."""
+
+    engine: Leader
+    heard: Counter[str]
+    sent: Counter[str]
+
+    def __post_init__(self) -> None:
+        self.next_timer, self.handle_timer = self.engine.next_timer, self.engine.handle_timer
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        self.heard[type(decode(data)).__name__] += 1
+        self.engine.receive_datagram(data, address, now_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        datagrams = self.engine.datagrams_to_send(now_ns)
+        self.sent.update(type(decode(data)).__name__ for data, _ in datagrams)
+        return datagrams
+
+
 class RelayRig:
     """A root and whatever a test puts below it, on the paper's link."""
 
@@ -73,13 +96,16 @@ class RelayRig:
         self.tree = Tree(TreeSpec(clients=0, relays=0, join_within_s=0.0), seed=seed)
         self.tree.root.config = replace(self.tree.root.config, exchanges_per_s=1000.0)
         self.events: list[LeaderEvent] = []
+        self.heard_at_root: Counter[str] = Counter()
+        self.sent_by_root: Counter[str] = Counter()
+        self.tree.nodes[ROOT].engine = Counted(self.tree.root, self.heard_at_root, self.sent_by_root)
         self.cameras: dict[str, Camera] = {}
         self.relays: dict[str, Relay] = {}
 
     def relay(self, name: str, *parents: Address) -> Address:
         rng = random.Random(name)
         instance = rng.getrandbits(32)
-        member = TreeMember(name, instance, parents, rng, OF_CAMERAS, heartbeat_every_ns=HEARTBEAT_EVERY_NS)
+        member = TreeMember(name, instance, parents, rng, OF_CAMERAS)
         relay = self.relays[name] = Relay(member, LeaderConfig(0, 0), rng)
         self.tree.add(name, relay, rng, parents, member)
         return name, 0

@@ -86,6 +86,44 @@ def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: st
     assert (rig.views()["a"].via, rig.views()["below"].via) == (expected, expected)
 
 
+def test_many_below_a_relay_are_told_together_and_answer_together() -> None:
+    rig = RelayRig()
+    upper = rig.relay("upper", ROOT)
+    lower = rig.relay("lower", upper)
+    for number in range(12):
+        rig.camera(f"cam{number}", lower if number % 2 else upper)
+    rig.run_until(rig.all_ready)
+    rig.run(5.0)
+    before, sent = rig.heard_at_root.copy(), rig.sent_by_root.copy()
+    rig.run(10.0)
+    told = rig.heard_at_root - before
+    assert 10 <= told["MemberReports"] <= 45, "however many they are"
+    assert told["Heartbeat"] <= 25, "only the relay's own"
+    assert (rig.sent_by_root - sent)["HeartbeatAck"] <= 25
+    before, sent = rig.heard_at_root.copy(), rig.sent_by_root.copy()
+    rig.check_burst()
+    assert 1 <= (rig.sent_by_root - sent)["Trigger"] <= 3
+    assert 1 <= (rig.heard_at_root - before)["TriggerAck"] <= 5
+
+
+def test_a_camera_that_falls_silent_below_relays_is_lost_at_the_root() -> None:
+    rig = RelayRig()
+    lower = rig.relay("lower", rig.relay("upper", ROOT))
+    for name in ("stays", "goes"):
+        rig.camera(name, lower)
+    rig.run_until(rig.all_ready)
+    rig.kill("goes")
+    rig.run(3.5)
+    assert NodeChanged("goes", "lost", "silent for 2 s") in rig.events
+    rig.run(10.0)
+    assert rig.views()["goes"].lost
+    assert not rig.views()["stays"].lost
+    rig.kill("lower")
+    rig.run(4.0)
+    assert rig.views()["lower"].lost
+    assert rig.views()["stays"].lost, "nobody speaks for it"
+
+
 def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
     rig, camera = camera_below_a_relay()
     rig.relays.pop("relay").leave()

@@ -12,6 +12,7 @@ from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
     MOST_ARRIVALS,
+    MOST_OTHERS,
     AgreedArrival,
     ArrivalReport,
     Beacon,
@@ -22,6 +23,7 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
+    MemberReports,
     NodeState,
     Notice,
     Report,
@@ -56,13 +58,16 @@ reports = st.builds(
 config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=i64, period_ns=i64)
 numbers = st.integers(1, 2**32 - 1)
 errors = st.integers(0, 10**18)
+others = st.lists(st.integers(0, 2**32 - 1), max_size=MOST_OTHERS).map(tuple)
 arrivals = st.lists(st.tuples(numbers, i64), max_size=MOST_ARRIVALS).map(tuple)
 control: st.SearchStrategy[ControlMessage] = st.one_of(
     st.builds(Welcome, u32, u32, u32, config),
     st.builds(JoinRefusal, u32, text),
     st.builds(Heartbeat, u32, reports),
+    st.builds(MemberReports, st.lists(st.tuples(u32, reports), max_size=1).map(tuple)),
     st.builds(HeartbeatAck, u32, config),
-    st.builds(Trigger, u32, u32, u32, i64, i64, u32),
+    st.builds(Trigger, u32, u32, u32, i64, i64, u32, others=others),
+    st.builds(TriggerAck, u32, u32, u32, others=others),
     st.builds(TriggerAck, u32, u32, u32, text),
     st.builds(Notice, u32, text),
     st.builds(Beacon, u32, numbers),
@@ -215,19 +220,22 @@ CLEAR_SCREEN = "\x1b[2J\x1b]0;owned\x07\u009b31m"
 
 def test_no_text_of_a_datagram_steers_a_terminal() -> None:
     facts = structs.replace(make_facts(), kind=CLEAR_SCREEN, model=CLEAR_SCREEN, pixel_format="\r\n")
-    told: list[Hello | Heartbeat | JoinRefusal | TriggerAck] = [
+    shown = Report(state=NodeState.READY, message=f"fine {CLEAR_SCREEN}")
+    told: list[Hello | Heartbeat | MemberReports | JoinRefusal | TriggerAck] = [
         Hello("cam", 1, facts),
-        Heartbeat(1, Report(state=NodeState.READY, message=f"fine {CLEAR_SCREEN}")),
+        Heartbeat(1, shown),
+        MemberReports(((7, shown),)),
         JoinRefusal(1, CLEAR_SCREEN),
         TriggerAck(1, 2, 3, CLEAR_SCREEN),
     ]
-    hello, heartbeat, refusal, ack = (decode(encode(message)) for message in told)
+    hello, heartbeat, sums, refusal, ack = (decode(encode(message)) for message in told)
     assert isinstance(hello, Hello)
     assert isinstance(heartbeat, Heartbeat)
+    assert isinstance(sums, MemberReports)
     assert isinstance(refusal, JoinRefusal)
     assert isinstance(ack, TriggerAck)
     texts = (hello.camera.kind, hello.camera.model, hello.camera.pixel_format)
-    for text in (*texts, heartbeat.report.message, refusal.reason, ack.refusal):
+    for text in (*texts, heartbeat.report.message, sums.reports[0][1].message, refusal.reason, ack.refusal):
         assert text.isprintable()
     assert heartbeat.report.message.startswith("fine ")
     assert hello.camera.width == facts.width

@@ -1,0 +1,97 @@
+"""Ranked leaders in virtual time, each as a process runs it."""
+
+import random
+from collections import Counter
+from dataclasses import dataclass, field
+
+from benchmarks.simulated.changing_clocks import WanderingClock
+from benchmarks.simulated.clock_tree import Tree
+from capture_app.sync.engine import Address
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.tree.succession import Succession
+from capture_app.sync.wire.codec import FromClient, decode
+
+
+@dataclass
+class Machine:
+    """A ranked leader as a process runs it: its succession, and while it leads a leader in that time."""
+
+    name: str
+    others: tuple[Address, ...]
+    rank: int
+    run: int = 0
+    deaf_to: set[str] = field(default_factory=set)
+    leader: Leader | None = None
+    clock: WanderingClock = field(init=False)
+    received: Counter[str] = field(default_factory=Counter)
+    """How many messages of each kind came for the leader."""
+
+    def __post_init__(self) -> None:
+        self.rng = random.Random(f"{self.name} {self.run}")
+        self.succession = Succession(
+            f"leader-{self.name}", self.rng.getrandbits(32), self.others, self.rank, self.rng
+        )
+
+    def leader_ns(self, local_ns: int) -> int:
+        """What its clock as a leader shows at a time of its own, in ns."""
+        continued = self.succession.continued
+        return local_ns if continued is None else continued.time_map.leader_from_local(local_ns)
+
+    def local_ns(self, leader_ns: int) -> int:
+        """The inverse of `leader_ns`."""
+        continued = self.succession.continued
+        return leader_ns if continued is None else continued.time_map.local_from_leader(leader_ns)
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in one datagram, of a client or of another leader."""
+        if address[0] in self.deaf_to:
+            return
+        message = decode(data)
+        if not isinstance(message, FromClient):
+            self.succession.receive_datagram(data, address, now_ns)
+        elif self.leader is not None:
+            self.received[type(message).__name__] += 1
+            self.leader.receive_datagram(data, address, self.leader_ns(now_ns))
+        self._look()
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what has become due."""
+        self.succession.handle_timer(now_ns)
+        self._look()
+        if self.leader is not None:
+            self.leader.handle_timer(self.leader_ns(now_ns))
+
+    def next_timer(self) -> int:
+        """Return when to call `handle_timer`."""
+        due_ns = None if self.leader is None else self.leader.next_timer()
+        own_ns = self.succession.next_timer()
+        return own_ns if due_ns is None else min(own_ns, self.local_ns(due_ns) + 1)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return what is due, stamped with `now_ns`."""
+        led = [] if self.leader is None else self.leader.datagrams_to_send(self.leader_ns(now_ns))
+        return led + self.succession.datagrams_to_send(now_ns)
+
+    def leave(self) -> None:
+        """Stop in order: say goodbye with the next datagrams."""
+        if self.leader is not None:
+            self.leader.leave()
+
+    def _look(self) -> None:
+        if self.succession.leads is (self.leader is not None):
+            return
+        self.leader, continued = None, self.succession.continued
+        if self.succession.leads:
+            told = (None, None) if continued is None else (continued.told, continued.grid)
+            config = LeaderConfig(self.rng.getrandbits(32), 0, continues=told[0], grid=told[1])
+            self.leader = Leader(config, self.rng)
+
+
+def add_leaders(tree: Tree, names: str) -> dict[str, Machine]:
+    """Add machines of one letter each to a tree, the best first."""
+    addresses, machines = tuple((name, 0) for name in names), {}
+    for rank, name in enumerate(names):
+        others = tuple(address for address in addresses if address[0] != name)
+        machine = machines[name] = Machine(name, others, rank)
+        machine.clock = tree.add(name, machine, machine.rng, others)
+    return machines

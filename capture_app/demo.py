@@ -1,7 +1,6 @@
 """The whole path at once: simulated cameras in processes of their own, a burst, and its comparison."""
 
 import asyncio
-import contextlib
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +19,7 @@ from capture_app.node.wire.status import BurstStatus
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.orders import BurstOrder
+from capture_app.tasks import end, has_come
 from capture_app.text import UNREADABLE, ProgressStep
 
 FRAMES = 5
@@ -99,9 +99,7 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
                     raise watch.result()
                 saved = burst.result()
             finally:
-                watch.cancel()
-                burst.cancel()
-                await asyncio.gather(watch, burst, return_exceptions=True)
+                await end(watch, burst)
     if saved.session is None:
         raise IncompleteError(saved.message)
     if saved.message:
@@ -126,9 +124,7 @@ async def _take_burst(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStat
     order = BurstOrder(frames=FRAMES, spare=usual_spare(FRAMES))
     burst, saved = await leader.bursts.order(order), 0
     while not burst.finished.is_set():
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(LOOK_EVERY_S):
-                await burst.finished.wait()
+        await has_come(burst.finished, LOOK_EVERY_S)
         if burst.status.received > saved:
             saved = burst.status.received
             talk(str(ProgressStep(saved, burst.status.expected, "images saved")))

@@ -25,6 +25,7 @@ from capture_app.errors import (
     ungrouped_errors,
 )
 from capture_app.net.address import Address
+from capture_app.tasks import end
 from capture_app.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
 from capture_app.text import count
 from capture_app.usage import examples
@@ -452,9 +453,7 @@ class _Recording:
             return await taking
         finally:
             loop.remove_signal_handler(signal.SIGINT)
-            for task in (taking, *helpers):
-                task.cancel()
-            await asyncio.gather(taking, *helpers, return_exceptions=True)
+            await end(taking, *helpers)
 
     def _interrupt(self) -> None:
         if self._end_wanted.is_set() or not self._began.is_set():

@@ -1,7 +1,6 @@
 """Phones with libsoftwaresync or RecSync as they are: their ports, and their part in a leader's bursts."""
 
 import asyncio
-import contextlib
 from collections.abc import Callable, Sequence
 
 from capture_app.clock import HostClock, NodeClock
@@ -16,6 +15,7 @@ from capture_app.node.news import FollowerNews, Log
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import FollowerStatus
 from capture_app.sync.rig.frame_selection import MAX_FRAMES
+from capture_app.tasks import Background, has_come
 from capture_app.text import count
 
 LOOK_EVERY_S = 0.1
@@ -32,7 +32,7 @@ class AppPhones(RigFollower):
         self._host = host
         self._engine = AppLeader(aligns=aligns)
         self._pumps: list[Pump] = []
-        self._recordings: set[asyncio.Task[None]] = set()
+        self._recordings = Background()
         self._clock: NodeClock = HostClock()
         self._news = Log()
 
@@ -54,9 +54,7 @@ class AppPhones(RigFollower):
 
     async def close(self) -> None:
         """End the recordings of phones, and close both ports."""
-        for task in tuple(self._recordings):
-            task.cancel()
-        await asyncio.gather(*self._recordings, return_exceptions=True)
+        await self._recordings.end()
         for pump in self._pumps:
             pump.close()
 
@@ -107,9 +105,7 @@ class AppPhones(RigFollower):
 
     def _begin_recording(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
         """Have phones record until that leader time, which may change, or until it is finished."""
-        task = asyncio.create_task(self._record(ends_ns, finished))
-        self._recordings.add(task)
-        task.add_done_callback(self._recordings.discard)
+        self._recordings.start(self._record(ends_ns, finished))
 
     def _tell(self, phones: int, what: str) -> str:
         self._turn()
@@ -128,9 +124,7 @@ class AppPhones(RigFollower):
         self._turn()
         try:
             while not finished.is_set() and self._clock.now_ns() <= ends_ns():
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(LOOK_EVERY_S):
-                        await finished.wait()
+                await has_come(finished, LOOK_EVERY_S)
         finally:
             self._engine.stop_recording()
             self._turn()

@@ -18,6 +18,7 @@ from capture_app.net.interfaces import own_hosts
 from capture_app.node.leader.followers import RigFollower, SharedGrid
 from capture_app.node.news import Log
 from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.tasks import end
 
 GROUP, PORT = "239.255.255.250", 10_000
 PACKET = struct.Struct("<I4xQQQQ")
@@ -64,8 +65,7 @@ class RpicamSync(RigFollower):
     async def close(self) -> None:
         """Send no more. Calling it twice is harmless."""
         if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+            await end(self._task)
 
     async def _run(self, clock: NodeClock, grid: Callable[[], SharedGrid | None]) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:

@@ -25,6 +25,7 @@ import msgspec
 
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.tasks import end
 from capture_app.text import UNREADABLE, printable_json
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
@@ -306,9 +307,7 @@ class Channel(Generic[M]):
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for way in ways:
-                way.cancel()
-            await asyncio.gather(*ways, return_exceptions=True)
+            await end(*ways)
 
     async def _copy_to(self, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError):

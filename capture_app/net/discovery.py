@@ -26,6 +26,7 @@ from capture_app.net.address import ANY_HOST, Address, parse_address
 from capture_app.net.interfaces import own_hosts
 from capture_app.net.reach import find_obstacle, first_to_answer
 from capture_app.sync.wire.codec import VERSION
+from capture_app.tasks import end
 from capture_app.text import printable
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
@@ -62,8 +63,7 @@ async def announced(
     try:
         yield
     finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        await end(task)
 
 
 def announced_hosts(host: str) -> list[str]:
@@ -201,10 +201,7 @@ class LeaderBrowser:
             )
 
     async def _stop(self) -> None:
-        asking = tuple(self._asking.values())
-        for task in asking:
-            task.cancel()
-        await asyncio.gather(*asking, return_exceptions=True)
+        await end(*self._asking.values())
         self._found.clear()
         with contextlib.suppress(Error, OSError):
             if self._browser is not None:

@@ -26,6 +26,7 @@ from capture_app.sync.wire.codec import (
     version_mismatch,
     version_question,
 )
+from capture_app.tasks import end
 from capture_app.trust.trust import Trust
 
 QUESTION_GAPS_S = (0.0, 0.25, 0.5)
@@ -102,9 +103,7 @@ async def _find_obstacle(
         await asyncio.wait((streams,), timeout=patience_s if by_udp is Answer.CAME else LAST_S)
         by_tcp = streams.result() if streams.done() else Answer.SILENCE
     finally:
-        for task in (datagrams, streams):
-            task.cancel()
-        await asyncio.gather(datagrams, streams, return_exceptions=True)
+        await end(datagrams, streams)
     if by_tcp is Answer.CAME and by_udp in (Answer.CAME, Answer.SILENCE):
         # One that hangs takes streams, as its kernel does that, and says nothing on them.
         found = await _why_unknown(leader, address, trust, patience_s)
@@ -130,9 +129,7 @@ async def first_to_answer(leaders: Sequence[Address], patience_s: float = PATIEN
     except TimeoutError:
         pass
     finally:
-        for task in asked:
-            task.cancel()
-        await asyncio.gather(*asked, return_exceptions=True)
+        await end(*asked)
     return None
 
 
@@ -224,9 +221,7 @@ async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, i
         except OSError as error:
             return _answer_of(error), None
         finally:
-            sending.cancel()
-            receiving.cancel()
-            await asyncio.gather(sending, receiving, return_exceptions=True)
+            await end(sending, receiving)
 
 
 async def _send(sock: socket.socket, question: bytes) -> int:

@@ -16,6 +16,7 @@ import msgspec
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import CHUNK_BYTES, Channel, Patience
+from capture_app.tasks import end
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
 
@@ -79,10 +80,7 @@ class TransferServer(Generic[M]):
             self._server.close()
         if self._watching is not None:
             self._watching.cancel()
-        streams = tuple(self._streams)
-        for stream in streams:
-            stream.cancel()
-        await asyncio.gather(*streams, return_exceptions=True)
+        await end(*self._streams)
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()

@@ -38,6 +38,7 @@ from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
+from capture_app.tasks import end
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
 
@@ -136,9 +137,7 @@ class RelayNode:
 
     async def stop(self) -> None:
         """Say goodbye to the leader, send the nodes on to others, and close the port."""
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await end(*self._tasks)
         for follower in self.options.followers:
             await follower.close()
         self._is_leaving = True

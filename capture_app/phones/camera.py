@@ -20,6 +20,7 @@ from capture_app.node.news import Log
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import PATIENCE_S, Phone
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+from capture_app.tasks import Background, end
 
 if TYPE_CHECKING:
     import numpy as np
@@ -150,19 +151,15 @@ class PhoneNodes:
     def __init__(self, leaders: tuple[Address, ...], spool: Path, talk: Callable[[str], None]) -> None:
         """`leaders` are asked in turn; `talk` gets what a user may see."""
         self._leaders, self._spool, self._talk = leaders, spool, talk
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._nodes = Background()
 
     def add(self, phone: Phone) -> None:
         """Look after a phone from now on."""
-        task = asyncio.create_task(self._look_after(phone))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._nodes.start(self._look_after(phone))
 
     async def close(self) -> None:
         """End all nodes."""
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._nodes.end()
 
     async def _look_after(self, phone: Phone) -> None:
         while True:
@@ -185,9 +182,7 @@ class PhoneNodes:
             try:
                 done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             finally:
-                for task in tasks:
-                    task.cancel()
-                ended = await asyncio.gather(*tasks, return_exceptions=True)
+                ended = await end(*tasks)
             if tasks[0] in done and isinstance(ended[0], BaseException):
                 if not isinstance(ended[0], SimulshotError):
                     raise ended[0]

@@ -23,6 +23,7 @@ from capture_app.errors import UnknownMachineError
 from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
+from capture_app.tasks import Background, end
 from capture_app.text import UNREADABLE
 
 
@@ -73,9 +74,7 @@ class Door:
         try:
             yield
         finally:
-            for task in (*tasks, *self._greeting):
-                task.cancel()
-            await asyncio.gather(*tasks, *self._greeting, return_exceptions=True)
+            await end(*tasks, *self._greeting)
             listening.close()
 
     async def _accept(self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
@@ -165,7 +164,7 @@ class PhoneGateway:
         self._links: set[web.WebSocketResponse] = set()
         self._link_of: dict[str, web.WebSocketResponse] = {}
         """That of each phone, by its key."""
-        self._closing: set[asyncio.Task[bool]] = set()
+        self._closing = Background()
 
     @contextlib.asynccontextmanager
     async def serving(self, listening: socket.socket, tls: ssl.SSLContext | None) -> AsyncIterator[None]:
@@ -277,9 +276,7 @@ class PhoneGateway:
     def _close_link(self, admitted: Admitted, why: bytes) -> None:
         link = self._link_of.get(admitted.key)
         if link is not None and not link.closed:
-            closing = asyncio.create_task(link.close(code=REPLACED, message=why))
-            self._closing.add(closing)
-            closing.add_done_callback(self._closing.discard)
+            self._closing.start(link.close(code=REPLACED, message=why))
 
 
 async def _hello(link: web.WebSocketResponse) -> wire.Hello:

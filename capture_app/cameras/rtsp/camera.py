@@ -22,6 +22,7 @@ from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.optional_packages import load_optional
 from capture_app.sync.wire.camera_commands import CameraCommand
+from capture_app.tasks import end
 
 if TYPE_CHECKING:
     import numpy as np
@@ -96,9 +97,7 @@ class RtspCamera(ThreadedCamera):
 
     async def _let_go(self) -> None:
         tasks, self._tasks = self._tasks, []
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end(*tasks)
         await self._connection.close()
 
     async def _watched(self, work: Coroutine[Any, Any, None]) -> None:

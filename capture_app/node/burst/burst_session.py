@@ -2,10 +2,9 @@
 
 import asyncio
 import dataclasses
-from collections.abc import AsyncIterator, Collection, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -29,6 +28,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Missi
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
+from capture_app.tasks import Background
 from capture_app.text import count
 
 SAID_AFTER_S = 1.0
@@ -71,7 +71,7 @@ class BurstSession:
         """What is to be on disk of it."""
         self._writing_plan = asyncio.Lock()
         self._intake = Intake(writer, disk, self.finished, in_videos=burst.video)
-        self._background: set[asyncio.Task[None]] = set()
+        self._background = Background()
 
     @classmethod
     def begin(
@@ -244,7 +244,7 @@ class BurstSession:
         try:
             saving = await self._intake.receive(share, upload, payload)
         except DiskError as error:
-            self._spawn(self.finish_now(_disk_reason(error)))
+            self._background.start(self.finish_now(_disk_reason(error)))
             raise
         saving.add_done_callback(self._note_saved)
         share.note_heard(now_ns, advanced=True)
@@ -256,9 +256,9 @@ class BurstSession:
         error = saved.exception()
         if error is None:
             # The node hears of its image before the session is finished, which takes the disk some time.
-            self._spawn(self.finish_if_complete())
+            self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
-            self._spawn(self.finish_now(_disk_reason(error)))
+            self._background.start(self.finish_now(_disk_reason(error)))
 
     # Which instants it gets, and its plan
 
@@ -399,11 +399,6 @@ class BurstSession:
     def _check_open(self) -> None:
         if self.finished.is_set():
             raise TryAgainError(f"burst {self.burst.number} is over")
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.create_task(work)
-        self._background.add(task)
-        task.add_done_callback(self._background.discard)
 
     def _waiting_text(self) -> str:
         """What it waits for: the disk, or cameras that have not told what they have; empty for neither."""

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 
 from msgspec.structs import replace
 
@@ -19,6 +18,7 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
+from capture_app.tasks import has_come
 from capture_app.text import count
 
 FEWEST_SPARE = 4
@@ -90,10 +90,7 @@ class InstantChoice:
 
     async def wait(self, timeout_s: float) -> bool:
         """Wait until the instants are known, at most so long; return whether they are."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
-                await self._committed.wait()
-        return self.is_committed
+        return await has_come(self._committed, timeout_s)
 
     @property
     def wanted(self) -> tuple[int, ...] | None:

@@ -34,6 +34,7 @@ from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+from capture_app.tasks import has_come
 from capture_app.trust.trust import Trust
 
 if TYPE_CHECKING:
@@ -72,9 +73,7 @@ class ControlKeeper:
         """Look at what the camera chooses, and lock it for bursts, until cancelled; then it is as it was."""
         try:
             while True:
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(LOOK_EVERY_S):
-                        await self._burst_changed.wait()
+                await has_come(self._burst_changed, LOOK_EVERY_S)
                 self._burst_changed.clear()
                 with suppress(*REFUSALS):
                     async with self._busy:

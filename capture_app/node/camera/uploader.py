@@ -28,6 +28,7 @@ from capture_app.node.wire.messages import (
     SpoolSpace,
 )
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
+from capture_app.tasks import end
 from capture_app.text import count
 from capture_app.trust.trust import Trust
 
@@ -65,8 +66,7 @@ class BurstSender:
     async def aclose(self) -> None:
         """Wait for no answer any more."""
         if self._answer is not None:
-            self._answer.cancel()
-            await asyncio.gather(self._answer, return_exceptions=True)
+            await end(self._answer)
 
     async def ask(
         self,

@@ -28,6 +28,7 @@ from capture_app.node.wire.operating import (
 )
 from capture_app.node.wire.status import Preview
 from capture_app.session.reading.decoding import encode_image
+from capture_app.tasks import end, has_come
 
 if TYPE_CHECKING:
     from capture_app.node.camera.camera_node import RigMember
@@ -91,9 +92,7 @@ class Viewfinder:
                         if not self._leader_changed.is_set():
                             await self._serve(channel)
                 # A leader that is gone is another one when it is back, which is told by `set_leader`.
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(RETRY_S):
-                        await self._leader_changed.wait()
+                await has_come(self._leader_changed, RETRY_S)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -110,9 +109,7 @@ class Viewfinder:
             done.pop().result()
         finally:
             self._channel = None
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await end(*tasks)
 
     async def _listen(self, channel: Channel[Any]) -> None:
         while (message := await channel.receive_header()) is not None:

@@ -1,13 +1,11 @@
 """A leader's bursts: asked for, ordered, collected and saved, with those of earlier runs."""
 
 import asyncio
-import contextlib
 import dataclasses
 from bisect import bisect_right
 from collections import deque
-from collections.abc import AsyncGenerator, Coroutine, Mapping
+from collections.abc import AsyncGenerator, Mapping
 from pathlib import Path
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -39,6 +37,7 @@ from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAM
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.messages import NodeState
+from capture_app.tasks import Background, has_come
 
 LONG_NS = 2_000_000_000
 END_LEAD_NS = 300_000_000
@@ -145,7 +144,7 @@ class ActiveBursts:
         self.newest: BurstSession | None = None
         self._disk = DiskThreads()
         self.resumed = ResumedBursts(
-            options.sessions, lambda session: self._spawn(self._follow(session)), self._disk
+            options.sessions, lambda session: self._background.start(self._follow(session)), self._disk
         )
         """The sessions of earlier runs that are being finished."""
         self._bursts: dict[int, BurstSession] = {}
@@ -161,10 +160,10 @@ class ActiveBursts:
         """Cameras of this run that left their last burst without a word: one must not hold up all others."""
         self._trouble = ""
         """Why the leader's disk takes nothing at present, as it was told."""
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._spawn(self._watch_silence())
+        self._background = Background()
+        self._background.start(self._watch_silence())
         folders, wait_ns = options.resume, options.return_ns
-        self._spawn(self.resumed.resume_all(self.now_ns(), folders=folders, wait_ns=wait_ns))
+        self._background.start(self.resumed.resume_all(self.now_ns(), folders=folders, wait_ns=wait_ns))
 
     def now_ns(self) -> int:
         """The leader's time."""
@@ -172,9 +171,7 @@ class ActiveBursts:
 
     async def close(self) -> None:
         """Save bursts under way with what has come."""
-        for task in tuple(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._background.end()
         for burst in tuple(self._bursts.values()):
             if not burst.finished.is_set():
                 # Nodes still have what has not come, and the next start may fetch it.
@@ -214,9 +211,7 @@ class ActiveBursts:
             follower.take_part(session)
         while not session.finished.is_set():
             yield session.status
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(SNAPSHOT_EVERY_S):
-                    await session.finished.wait()
+            await has_come(session.finished, SNAPSHOT_EVERY_S)
         yield session.status
 
     async def order(self, order: BurstOrder, *, name: str = "", note: str = "") -> BurstSession:
@@ -254,7 +249,7 @@ class ActiveBursts:
         session = BurstSession.begin(burst, facts, writer, self._disk, short_timeouts=self._silent)
         self._bursts[number] = self.newest = session
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
-        self._spawn(self._follow(session))
+        self._background.start(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
             pins = {
@@ -372,7 +367,7 @@ class ActiveBursts:
         """A node takes part in a burst, or does not."""
         if answer.refusal and answer.burst in self._bursts:
             session = self._bursts[answer.burst]
-            self._spawn(session.give_up_camera(answer.name, answer.refusal))
+            self._background.start(session.give_up_camera(answer.name, answer.refusal))
 
     async def _follow(self, session: BurstSession) -> None:
         self._news.note(session.status)
@@ -384,7 +379,7 @@ class ActiveBursts:
         path, number = status.session, session.burst.number
         if session.burst.streamed and self._bursts.get(number) is session:
             # Where it ended for another reason, as a full disk, nodes still pick.
-            self._spawn(self._end(session))
+            self._background.start(self._end(session))
         if path is not None and path not in self.saved:
             self.saved.append(path)
         if path is not None:
@@ -410,8 +405,3 @@ class ActiveBursts:
             if (trouble := next(filter(None, troubles), "")) != self._trouble:
                 self._trouble = trouble
                 self._news.say_of_disk(None, trouble)
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)

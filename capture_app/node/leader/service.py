@@ -24,6 +24,7 @@ from capture_app.node.leader.watchers import RigState, Watcher
 from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node
 from capture_app.node.wire import messages, operating
 from capture_app.node.wire.status import NodeDetail
+from capture_app.tasks import end
 
 FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 UNDECIDED_S = 0.1
@@ -56,8 +57,7 @@ class ImageAnswers:
     async def close(self) -> None:
         """Answer no more; images that have come are saved all the same."""
         if self._telling is not None:
-            self._telling.cancel()
-            await asyncio.gather(self._telling, return_exceptions=True)
+            await end(self._telling)
 
     async def _tell_all(self) -> None:
         while True:

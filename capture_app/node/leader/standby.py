@@ -21,6 +21,7 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.wire.messages import KeyRequest
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.tree.succession import Succession
+from capture_app.tasks import end
 from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedClient
 
@@ -88,14 +89,14 @@ class RankedLeader:
                     self._serving.add_done_callback(lambda _: self._changed.set())
                 elif not self._engine.leads and self._serving is not None:
                     self._news.say("a leader of better rank leads, too: this one gives way")
-                    await _end(self._serving)
+                    await end(self._serving)
                     self._serving = None
                 await self._changed.wait()
                 self._changed.clear()
             await self._serving
         finally:
             self._pump.close()
-            await _end(*asking, *([] if self._serving is None else [self._serving]))
+            await end(*asking, *([] if self._serving is None else [self._serving]))
 
     def _look(self) -> None:
         self._keys.look()
@@ -128,12 +129,6 @@ class RankedLeader:
 async def _serve(options: LeaderOptions, lead: Callable[[LeaderNode], Awaitable[None]]) -> None:
     async with await LeaderNode.start(options) as node:
         await lead(node)
-
-
-async def _end(*running: asyncio.Future[None]) -> None:
-    for one in running:
-        one.cancel()
-    await asyncio.gather(*running, return_exceptions=True)
 
 
 async def lead_in_turn(

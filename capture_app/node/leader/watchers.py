@@ -20,6 +20,7 @@ from capture_app.node.wire.operating import NewsAnswer, PreviewSeen, PreviewsWan
 from capture_app.node.wire.status import Preview, RigStatus
 from capture_app.session.files.disk import free_bytes
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
+from capture_app.tasks import end
 
 LOOK_EVERY_NS = 10_000_000_000
 REVIEW_EVERY_NS = 1_000_000_000
@@ -126,8 +127,7 @@ class Watcher:
                     self._wish = message
                     await self._viewfinders.want(self, message)
         finally:
-            telling.cancel()
-            await asyncio.gather(telling, return_exceptions=True)
+            await end(telling)
             await self._viewfinders.want(self, None)
 
     async def _tell(self) -> None:

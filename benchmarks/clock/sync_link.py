@@ -59,7 +59,6 @@ DOCUMENTED_US: dict[str, dict[str, float]] = {
         "minimum": 292.8,
         "per_direction_minimum": 284.6,
         "widest_line": 15.1,
-        "burst_minima": 21.8,
         "ours": 13.5,
     },
 }

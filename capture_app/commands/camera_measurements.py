@@ -16,13 +16,18 @@ from capture_app.text import count, duration
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.camera_facts import StampAccuracy
     from capture_app.measure.camera import Character, Moves, Starts
     from capture_app.measure.camera_times import MeasuredTimes
+    from capture_app.node.wire.operating import KeepStamp
     from capture_app.session.reading.reader import Session
 
 NAME = "calibrate-time"
 MOTION_S, LIGHT_S = 2.0, 8.0
+TODO = {
+    "motion": "somebody has to move before all cameras",
+    "light": "switch a torch on and off before all cameras, again and again",
+    "panel": "all cameras have to see the panel",
+}
 
 
 @click.command(
@@ -30,6 +35,7 @@ MOTION_S, LIGHT_S = 2.0, 8.0
     epilog=examples(
         "capture-app cameras calibrate-time",
         "capture-app cameras calibrate-time --light",
+        "capture-app cameras calibrate-time --panel",
         "capture-app cameras calibrate-time --session sessions/calibrate-time-001",
     ),
 )
@@ -37,6 +43,7 @@ MOTION_S, LIGHT_S = 2.0, 8.0
 @click.option(
     "--light", is_flag=True, help="A torch is to blink some eight times, instead of somebody to move."
 )
+@click.option("--panel", is_flag=True, help="All cameras see a panel instead: capture-app panel.")
 @click.option(
     "--seconds",
     type=FiniteRange(0.5, 60.0),
@@ -56,6 +63,7 @@ MOTION_S, LIGHT_S = 2.0, 8.0
 def calibrate_time(
     leader: Address,
     light: bool,
+    panel: bool,
     seconds: float | None,
     folder: Path | None,
     as_json: bool,
@@ -65,21 +73,28 @@ def calibrate_time(
 
     All cameras must see somebody who moves for two seconds, up and down as well as across; with --light a
     torch that is switched on and off eight times, half a second or more each. What is found is kept for each
-    camera in its mode, on its machine. Needs reconstruct on this machine.
+    camera in its mode, on its machine. Where stamps are known, what is left is of the way to the leader, and
+    kept for that. Needs reconstruct on this machine, but for --panel.
     """
     from capture_app.session.reading.reader import Session
 
     if folder is None:
         seconds = seconds or (LIGHT_S if light else MOTION_S)
-        folder = _take(leader, seconds, light, ready)
+        todo = TODO["panel" if panel else "light" if light else "motion"]
+        folder = _take(leader, seconds, todo, ready)
     session = Session.open(folder)
-    found, stamps, kept = asyncio.run(_calibrate(leader, session))
+    found, news, kept = asyncio.run(_calibrate(leader, session, panel=panel))
     cameras = {
-        name: {"measured": time, "stamp": stamps.get(name), "kept": kept.get(name, False)}
+        name: {
+            "measured": time,
+            "stamp": news[name].stamp if name in news else None,
+            "way": news[name].way if name in news else None,
+            "kept": kept.get(name, False),
+        }
         for name, time in found.cameras.items()
     }
     told = {"session": str(folder), "reference": found.reference, "cameras": cameras}
-    answer(as_json, told, [table(("camera", "stamps are late by"), _rows_of(found, stamps, kept))])
+    answer(as_json, told, [table(("camera", "stamps are late by"), _rows_of(found, news, kept))])
     if reason := next((one.reason for one in found.cameras.values() if one.reason), ""):
         missing = ", ".join(name for name, one in found.cameras.items() if one.reason)
         raise NotApplicableError(
@@ -88,13 +103,10 @@ def calibrate_time(
         )
 
 
-def _take(leader: Address, seconds: float, light: bool, ready: Mapping[str, Any]) -> Path:
+def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) -> Path:
     """Take the pictures, when the rig is ready as asked; the folder of their session."""
     from capture_app.node.wire.messages import BurstRequest
 
-    todo = "switch a torch on and off before all cameras, again and again" if light else (
-        "somebody has to move before all cameras"
-    )  # fmt: skip
     talk(f"{seconds:g} s of pictures: {todo}")
     request = BurstRequest(
         seconds=seconds,
@@ -114,37 +126,75 @@ def _take(leader: Address, seconds: float, light: bool, ready: Mapping[str, Any]
 
 
 async def _calibrate(
-    leader: Address, session: "Session"
-) -> "tuple[MeasuredTimes, dict[str, StampAccuracy], dict[str, bool]]":
-    """Measure, and tell each camera's node; what was found, the stamps, and by whom they are kept."""
-    from capture_app.measure.camera_times import choose_reference, measure_session, measured_stamps
+    leader: Address, session: "Session", *, panel: bool
+) -> "tuple[MeasuredTimes, dict[str, KeepStamp], dict[str, bool]]":
+    """Measure, and tell each camera's node; what was found, what they are told, and whether they keep it."""
+    from capture_app.measure import camera_times
     from capture_app.node.rig_link import ask_leader
     from capture_app.node.wire.operating import KeepStamp, StampKept
 
     records = {record.name: record for record in session.manifest.cameras}
     talk("measuring")
-    reference = choose_reference({name: record.facts for name, record in records.items()})
-    found = await measure_session(session.folder, reference)
-    stamps = measured_stamps(records, found)
-    kept = {
-        name: (await ask_leader(leader, KeepStamp(camera=name, stamp=stamp), StampKept)).kept
-        for name, stamp in stamps.items()
+    reference = camera_times.choose_reference(records)
+    if panel:
+        found = times_by_panel(session, reference or next(iter(records)))
+    else:
+        found = await camera_times.measure_session(session.folder, reference)
+    stamps = camera_times.measured_stamps(records, found)
+    ways = camera_times.measured_ways(records, found, stamps)
+    news = {
+        name: KeepStamp(camera=name, stamp=stamps.get(name), way=ways.get(name)) for name in (*stamps, *ways)
     }
-    return found, stamps, kept
+    kept = {name: (await ask_leader(leader, one, StampKept)).kept for name, one in news.items()}
+    return found, news, kept
+
+
+def times_by_panel(session: "Session", reference: str) -> "MeasuredTimes":
+    """What a panel tells of each camera against one. Raises NotApplicableError where it tells nothing."""
+    from capture_app.camera_facts import StampSource
+    from capture_app.measure.camera_times import MeasuredTime, MeasuredTimes
+    from capture_app.panel.pair_errors import rig_errors
+    from capture_app.panel.session_times import read_session
+    from capture_app.sync.clock.clock_filter import SIGMAS_95
+
+    times = read_session(session)
+    if not times.exposures_known:
+        raise NotApplicableError(f"{session.folder} does not tell all exposures and row times")
+    unseen = MeasuredTime(reason=f"no panel is seen by it and {reference} at once")
+    found = dict.fromkeys(times.cameras, unseen) | {reference: MeasuredTime(offset_ms=0.0, sd_ms=0.0)}
+    errors, cycle_ns = rig_errors(times), times.panel.cycle_ns
+    for pair in errors.pairs:
+        if reference not in pair.cameras:
+            continue
+        sign, name = (1.0, pair.cameras[1]) if pair.cameras[0] == reference else (-1.0, pair.cameras[0])
+        of_pair = [one for one in errors.errors if (one.first, one.second) == pair.cameras]
+        if max(one.session_uncertainty_ns or 0.0 for one in of_pair) > cycle_ns / 2.0:
+            again = f"the panel is the same again after {duration(cycle_ns)}, and its stamps are less sure"
+            found[name] = MeasuredTime(reason=again)
+            continue
+        sd_ms = pair.reading_uncertainty_ns / SIGMAS_95 / 1e6
+        found[name] = MeasuredTime(
+            offset_ms=sign * pair.clock.bias_ns / 1e6, sd_ms=sd_ms, source=StampSource.LIGHT
+        )
+    return MeasuredTimes(reference=reference, cameras=found)
 
 
 def _rows_of(
-    found: "MeasuredTimes", stamps: "dict[str, StampAccuracy]", kept: dict[str, bool]
+    found: "MeasuredTimes", news: "dict[str, KeepStamp]", kept: dict[str, bool]
 ) -> Iterator[tuple[str, str]]:
     from capture_app.session.reading.stamp_words import describe_stamp
 
     for name, time in found.cameras.items():
-        if name in stamps:
-            yield name, describe_stamp(stamps[name]) + ("" if kept[name] else "; could not be kept")
-        elif time.offset_ms is not None:
-            yield name, "as they were known: that is surer"
-        else:
-            yield name, f"cannot be told: {time.reason}"
+        if name not in news:
+            known = time.offset_ms is not None
+            yield name, "as they were known: that is surer" if known else f"cannot be told: {time.reason}"
+            continue
+        stamp, way = news[name].stamp, news[name].way
+        words = describe_stamp(stamp) if stamp else "as they were known"
+        if way:
+            off = "behind" if way.late_ns > 0 else "ahead"
+            words += f"; its clock was {duration(abs(way.late_ns))} ±{duration(way.uncertainty_ns)} {off}"
+        yield name, words + ("" if kept[name] else "; could not be kept")
 
 
 @click.command(

@@ -1,21 +1,20 @@
-"""How late each camera's stamps are, from what its pictures and the others' tell of their times."""
+"""How late each camera's stamps are, or its clock is, by what pictures tell of their times."""
 
 import asyncio
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import msgspec
 
-from capture_app.camera_facts import CameraFacts, StampAccuracy, StampSource
+from capture_app.camera_facts import StampAccuracy, StampSource
 from capture_app.errors import NotApplicableError
 from capture_app.node.child import Child
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.stamp_words import UNMEASURED
+from capture_app.sync.clock.clock_filter import SIGMAS_95, KnownWay
+from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.text import UNREADABLE
-
-COVERAGE = 1.96
-"""Standard deviations of a 95 % error."""
 
 
 class MeasuredTime(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,12 +35,12 @@ class MeasuredTimes(msgspec.Struct, frozen=True, kw_only=True):
     cameras: dict[str, MeasuredTime]
 
 
-def choose_reference(cameras: Mapping[str, CameraFacts]) -> str | None:
-    """The camera whose own stamps are known best; None where nothing tells any camera's."""
+def choose_reference(records: Mapping[str, CameraRecord]) -> str | None:
+    """The camera whose own times are known best; None where nothing tells any camera's stamps."""
     known = {
-        name: camera.stamp_accuracy.uncertainty_ns
-        for name, camera in cameras.items()
-        if camera.stamp_accuracy.source not in UNMEASURED
+        name: math.hypot(record.facts.stamp_accuracy.uncertainty_ns, _clock_error_ns(record))
+        for name, record in records.items()
+        if record.facts.stamp_accuracy.source not in UNMEASURED
     }
     return min(known, key=lambda name: known[name], default=None)
 
@@ -79,15 +78,16 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
     against = own.against if is_known else measured.reference
     base_ns = own.uncertainty_ns if is_known else 0
     common_ns = records[measured.reference].facts.shared_uncertainty_ns if is_known else own.uncertainty_ns
+    by_light = {name for name, time in measured.cameras.items() if time.source == StampSource.LIGHT}
+    by_light |= {measured.reference} if by_light else set()
     found = {}
     for name, time in measured.cameras.items():
         if time.offset_ms is None or time.sd_ms is None or name not in records:
             continue
         facts, known = records[name].facts, records[name].facts.stamp_accuracy
-        parts_ns = [COVERAGE * time.sd_ms * 1e6, base_ns]
+        parts_ns = [SIGMAS_95 * time.sd_ms * 1e6, base_ns]
         if name != measured.reference:
-            clocks = (records[one].clock for one in (name, measured.reference))
-            parts_ns += [clock.uncertainty_ns for clock in clocks if clock is not None]
+            parts_ns += [_clock_error_ns(records[one]) for one in (name, measured.reference)]
         error_ns = round(math.hypot(*parts_ns))
         if known.source not in UNMEASURED:
             alike = known.against == against
@@ -98,7 +98,7 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
             # Light that was later than told had stamps that were less late than was taken off them.
             bias_ns=known.bias_ns - round(time.offset_ms * 1e6),
             uncertainty_ns=error_ns,
-            source=StampSource.LIGHT if _by_light(measured, name) else StampSource.MOTION,
+            source=StampSource.LIGHT if name in by_light else StampSource.MOTION,
             exposure_ns=facts.exposure_ns,
             against=against,
             against_uncertainty_ns=common_ns if against else None,
@@ -106,8 +106,35 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
     return found
 
 
-def _by_light(measured: MeasuredTimes, name: str) -> bool:
-    sources = {time.source for time in measured.cameras.values()}
-    return measured.cameras[name].source == StampSource.LIGHT or (
-        name == measured.reference and StampSource.LIGHT in sources
-    )
+def measured_ways(
+    records: Mapping[str, CameraRecord], measured: MeasuredTimes, stamps: Collection[str]
+) -> dict[str, KnownWay]:
+    """By how much each clock is off where the camera's stamps, which are not among `stamps`, are not.
+
+    Ways that differ put it off, and messages cannot show that. Left out is what is told no better than that
+    two ways usually are alike.
+    """
+    reference, found = records[measured.reference], {}
+    for name, time in measured.cameras.items():
+        if time.offset_ms is None or time.sd_ms is None or name not in records or name in stamps:
+            continue
+        record = records[name]
+        shared = record.facts.stamp_accuracy.against == reference.facts.stamp_accuracy.against
+        if record.clock is None or not shared or record.facts.stamp_accuracy.source in UNMEASURED:
+            continue
+        own_ns, usual_ns = _clock_error_ns(record), SIGMAS_95 * ASYMMETRY * record.clock.round_trip_ns / 2.0
+        error_ns = math.hypot(
+            SIGMAS_95 * time.sd_ms * 1e6,
+            _clock_error_ns(reference),
+            reference.facts.stamp_accuracy.uncertainty_ns,
+            record.facts.stamp_accuracy.uncertainty_ns,
+            math.sqrt(own_ns**2 - usual_ns**2) if own_ns > usual_ns else own_ns,
+        )
+        way = KnownWay(round(time.offset_ms * 1e6), round(error_ns), record.clock.round_trip_ns)
+        if name != measured.reference and way.sigma(way.round_trip_ns) is not None:
+            found[name] = way
+    return found
+
+
+def _clock_error_ns(record: CameraRecord) -> int:
+    return 0 if record.clock is None else record.clock.uncertainty_ns

@@ -13,7 +13,6 @@ from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
 REJECT_NS = 10_000_000
 """The paper's mean filter passes over longer round trips (section 4)."""
-BURST_NS = 1_000_000_000
 
 Line = tuple[float, float, int]
 """Offset in ns at a local time in ns, skew (dimensionless), and that local time."""
@@ -61,7 +60,6 @@ class WindowFilter:
             skew_bound=MAX_SKEW + abs(skew),
             samples=self.samples,
             round_trip_ns=min(s.round_trip_ns for s in self._kept),
-            age_ns=max(0, now_local_ns - self._kept[-1].t3_ns),
         )
 
 
@@ -106,25 +104,6 @@ def widest_line(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
     return (high - low) / 2.0, skew, at_ns
 
 
-def burst_minima(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
-    """A least-squares line through the per-direction minimum of each second; flat for fewer than 3."""
-    bursts: dict[int, list[ClockSample]] = {}
-    for s in samples:
-        bursts.setdefault((s.t0_ns - samples[0].t0_ns) // BURST_NS, []).append(s)
-    if len(bursts) < 3:
-        return per_direction_minimum(samples, anchor_ns)
-    at_ns = samples[-1].t3_ns
-    points = []
-    for burst in bursts.values():
-        offset, _, _ = per_direction_minimum(burst, anchor_ns)
-        points.append((float((burst[0].t0_ns + burst[-1].t3_ns) // 2 - at_ns), offset))
-    middle = sum(t for t, _ in points) / len(points)
-    level = sum(v for _, v in points) / len(points)
-    across = sum((t - middle) ** 2 for t, _ in points)
-    skew = sum((t - middle) * (v - level) for t, v in points) / across
-    return level - skew * middle, skew, at_ns
-
-
 def estimator_family(window_ns: int = 30_000_000_000) -> dict[str, ClockEstimator]:
     """Return one of each, by name, over a window in ns; `ours` is the engine's."""
     rules = {
@@ -132,7 +111,6 @@ def estimator_family(window_ns: int = 30_000_000_000) -> dict[str, ClockEstimato
         "minimum": minimum,
         "per_direction_minimum": per_direction_minimum,
         "widest_line": widest_line,
-        "burst_minima": burst_minima,
     }
     family: dict[str, ClockEstimator] = {
         name: WindowFilter(rule, window_ns=window_ns) for name, rule in rules.items()

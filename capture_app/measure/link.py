@@ -135,7 +135,6 @@ async def synchronize(
 
 
 TRIALS, REPLAYED_TRIALS = 10, 100
-MESSAGES = 300
 GAP_S = 0.25
 """Between two trials the link is idle for so long: it may be slower at first."""
 PAPER = {"mean": {"error_us": {"bias": 400.0}}, "minimum": {"error_us": {"bias": 19.0}}}

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
+from capture_app.commands.camera_measurements import times_by_panel
 from capture_app.errors import ExitCode
 from capture_app.panel import simulated
+from capture_app.session.reading.reader import Session
 
 BUNDLED = Path(__file__).parents[2] / "sample_sessions" / "led_panel"
 
@@ -63,3 +65,16 @@ def test_an_import_is_read_without_a_word_about_its_cameras(
 def test_a_session_without_a_panel_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["panel", "read", str(BUNDLED.parent / "pinwheel")]) == ExitCode.BAD_INPUT
     assert "no marker of a panel" in capsys.readouterr().err
+
+
+def test_a_panel_tells_how_late_a_camera_is_against_another() -> None:
+    session = Session.open(BUNDLED)
+    there = times_by_panel(session, "cam00")
+    back = times_by_panel(session, "cam01")
+    assert there.cameras.keys() == back.cameras.keys() == {"cam00", "cam01"}
+    assert there.cameras["cam00"].offset_ms == back.cameras["cam01"].offset_ms == 0.0
+    late_ms, early_ms = there.cameras["cam01"].offset_ms, back.cameras["cam00"].offset_ms
+    # The figures of `panel read`: cam01 is 30 us earlier, of which the stamps tell 46.
+    assert late_ms == pytest.approx(0.015, abs=0.002)
+    assert early_ms == -late_ms
+    assert there.cameras["cam01"].sd_ms == pytest.approx(0.01, abs=0.001)

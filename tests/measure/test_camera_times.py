@@ -7,16 +7,17 @@ import pytest
 from msgspec import structs
 
 from benchmarks.simulated.virtual_rig import NodeSpec
-from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy, StampSource
+from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy, StampSource
 from capture_app.clock import SimulatedClock
 from capture_app.measure.camera_times import (
     MeasuredTime,
     MeasuredTimes,
     choose_reference,
     measured_stamps,
+    measured_ways,
 )
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.session.format.manifest import CameraRecord
+from capture_app.session.format.manifest import CameraRecord, ClockRecord
 from capture_app.simulation.profiles import PROFILES
 from tests.facts import make_facts
 from tests.simulation.rig.rigs import LAN, MS, ready_rig
@@ -25,6 +26,19 @@ EXACT = make_facts()
 WEBCAM = make_facts(kind="v4l2", exposure_ns=10 * MS)
 ASSUMED = WEBCAM.stamp_accuracy
 REFERENCE = MeasuredTime(offset_ms=0.0, sd_ms=0.0, source="reference")
+
+
+def record(name: str, facts: CameraFacts, *, uncertainty_ns: int = 0, round_trip_ns: int = 0) -> CameraRecord:
+    clock = ClockRecord(
+        epoch_local_ns=0,
+        offset_ns=0,
+        skew_ppm=0.0,
+        uncertainty_ns=uncertainty_ns,
+        hard_bound_ns=10 * uncertainty_ns,
+        round_trip_ns=round_trip_ns,
+        samples=300,
+    )
+    return CameraRecord(name=name, facts=facts, clock=clock)
 
 
 def stamps(**cameras: tuple[object, MeasuredTime]) -> dict[str, StampAccuracy]:
@@ -87,9 +101,42 @@ def test_the_reference_is_the_camera_that_knows_its_stamps_best() -> None:
     driver = make_facts(
         kind="aravis", stamp=StampAccuracy(bias_ns=0, uncertainty_ns=20_000, source=StampSource.DRIVER)
     )
-    assert choose_reference({"a": WEBCAM, "b": driver, "c": EXACT}) == "c"
-    assert choose_reference({"a": WEBCAM, "b": driver}) == "b"
-    assert choose_reference({"a": WEBCAM}) is None
+    webcam, known = record("a", WEBCAM), record("b", driver)
+    assert choose_reference({"a": webcam, "b": known, "c": record("c", EXACT)}) == "c"
+    assert choose_reference({"a": webcam, "b": known}) == "b"
+    assert choose_reference({"a": webcam}) is None
+    over_wifi = record("d", EXACT, uncertainty_ns=80_000)
+    assert choose_reference({"d": over_wifi, "b": record("b", driver, uncertainty_ns=3_000)}) == "b"
+
+
+def test_where_stamps_are_known_what_is_left_is_of_the_link() -> None:
+    """The clock of b, over WiFi, is 150 us behind: its light seems to come so much later than it was told."""
+    records = {
+        "wire": record("wire", EXACT, uncertainty_ns=5_000, round_trip_ns=80_000),
+        "wifi": record("wifi", EXACT, uncertainty_ns=90_000, round_trip_ns=1_200_000),
+        "webcam": record("webcam", WEBCAM, uncertainty_ns=90_000, round_trip_ns=1_200_000),
+    }
+    light = MeasuredTime(offset_ms=0.15, sd_ms=0.01, source="light")
+    times = MeasuredTimes(
+        reference="wire", cameras={"wire": REFERENCE, "wifi": light, "webcam": light, "gone": light}
+    )
+    stamps = measured_stamps(records, times)
+    assert stamps.keys() == {"webcam"}, "tens of milliseconds that nobody knew"
+    ways = measured_ways(records, times, stamps)
+    assert ways.keys() == {"wifi"}
+    assert (ways["wifi"].late_ns, ways["wifi"].round_trip_ns) == (150_000, 1_200_000)
+    # The light, the reference's clock, and what the own one scatters by beside the two ways' difference.
+    assert ways["wifi"].uncertainty_ns == pytest.approx((19_600**2 + 5_000**2 + 36_700**2) ** 0.5, rel=0.01)
+
+
+def test_what_tells_less_of_a_link_than_is_usual_is_not_kept() -> None:
+    records = {
+        "a": record("a", EXACT),
+        "b": record("b", EXACT, uncertainty_ns=90_000, round_trip_ns=1_200_000),
+    }
+    motion = MeasuredTime(offset_ms=0.15, sd_ms=0.15, source="motion")
+    times = MeasuredTimes(reference="a", cameras={"a": REFERENCE, "b": motion})
+    assert measured_ways(records, times, ()) == {}
 
 
 def test_a_measured_stamp_is_kept_for_this_camera_in_this_mode(tmp_path: Path) -> None:

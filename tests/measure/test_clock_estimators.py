@@ -42,7 +42,6 @@ def test_the_family_agrees_where_nothing_is_late() -> None:
         assert time_map.leader_from_local(S) == pytest.approx(S - 10**13, abs=2)
         assert time_map.round_trip_ns == 800_000
         assert time_map.samples == 20
-        assert time_map.age_ns == S - 190_801_000
 
 
 def test_each_is_as_good_as_its_idea() -> None:
@@ -54,7 +53,7 @@ def test_each_is_as_good_as_its_idea() -> None:
     assert errors["widest_line"] < 30_000
 
 
-@pytest.mark.parametrize("name", ["widest_line", "burst_minima", "ours"])
+@pytest.mark.parametrize("name", ["widest_line", "ours"])
 def test_those_with_skew_follow_it(name: str) -> None:
     time_map = run(20.0, skew=30e-6)[name]
     assert time_map.skew * 1e6 == pytest.approx(30, abs=3)

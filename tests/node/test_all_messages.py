@@ -20,6 +20,7 @@ from capture_app.node.wire.messages import FromLeader, ToLeader
 from capture_app.node.wire.status import NodeDetail, Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
+from capture_app.sync.clock.clock_filter import KnownWay
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
@@ -59,7 +60,7 @@ def every_message(node: SealedNode) -> list[Any]:
         operating.ExposeAppPhones(exposure_ns=1, iso=100),
         wire.NodeStream(camera="cam", instance=node.instance, shows=True),
         operating.Vitals(fps=1.0),
-        operating.KeepStamp(camera="cam", stamp=EXACT_STAMPS),
+        operating.KeepStamp(camera="cam", stamp=EXACT_STAMPS, way=KnownWay(1, 2, 3)),
         operating.StampKept(camera="cam", kept=True),
         Preview(camera="cam", leader_ns=0, width=1, height=1),
         NodeDetail(camera="cam"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.node.camera.device_profiles import FILE, MOST_LATENCIES, DeviceProfiles
+from capture_app.sync.clock.clock_filter import KnownWay
 from capture_app.sync.phase.actuators import InjectionProfile
 from tests.facts import make_facts
 
@@ -71,3 +72,14 @@ def test_nodes_that_save_at_once_keep_each_others(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     assert not DeviceProfiles(tmp_path / "file").save_injection(camera(), PROFILE)
+
+
+def test_a_measured_link_is_known_by_its_camera_and_leader(tmp_path: Path) -> None:
+    way = KnownWay(150_000, 40_000, 1_200_000)
+    profiles = DeviceProfiles(tmp_path)
+    assert profiles.way("a", "192.168.1.2") is None
+    assert profiles.save_way("a", "192.168.1.2", way)
+    again = DeviceProfiles(tmp_path)
+    assert again.way("a", "192.168.1.2") == way
+    assert again.way("b", "192.168.1.2") is None
+    assert again.way("a", "192.168.1.3") is None

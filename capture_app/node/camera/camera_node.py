@@ -8,11 +8,12 @@ import secrets
 import socket
 from collections import deque
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 
-from capture_app.camera_facts import SIMULATED, CameraFacts, Control, PhaseControl, StampAccuracy
+from capture_app.camera_facts import SIMULATED, CameraFacts, Control, PhaseControl
 from capture_app.cameras.base import DeviceClock
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.clock import HostRate, SimulatedClock
@@ -27,6 +28,7 @@ from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
 from capture_app.node.wire.messages import CameraReport, JsonValue, KeyRequest
+from capture_app.node.wire.operating import KeepStamp
 from capture_app.node.wire.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.burst_plan import CameraPlan
@@ -198,12 +200,18 @@ class RigMember:
         """Whether a burst is picked or sent: pictures must wait."""
         return self._engine.has_burst_pending or self._uploader.is_busy
 
-    def keep_stamp(self, stamp: StampAccuracy) -> bool:
-        """Go by a measured stamp from now on; whether it is kept for the next time, too."""
-        facts = self._camera.facts
-        self._camera.set_stamp(stamp)
-        self._pump.turn()
-        return self._profiles is not None and self._profiles.save_stamp(self.options.name, facts, stamp)
+    def keep(self, measured: KeepStamp) -> bool:
+        """Go by what was measured from now on; whether it is kept for the next time, too."""
+        facts, name, profiles, kept = self._camera.facts, self.options.name, self._profiles, True
+        if measured.stamp is not None:
+            self._camera.set_stamp(measured.stamp)
+            self._pump.turn()
+            kept = profiles is not None and profiles.save_stamp(name, facts, measured.stamp)
+        if measured.way is not None:
+            clock = self._engine.time.timekeeper.clock
+            clock.way = replace(measured.way, late_ns=measured.way.late_ns + clock.late_ns)
+            kept = profiles is not None and profiles.save_way(name, self._failover.leader[0], clock.way)
+        return kept
 
     def detail(self) -> NodeDetail:
         """All that the node knows of itself."""
@@ -269,6 +277,8 @@ class RigMember:
             self._uploader.set_leader(leader, self._engine.time.followed.path[0])
             self._viewfinder.set_leader(leader)
             self._samples.clear()
+            known = None if self._profiles is None else self._profiles.way(self.options.name, leader.host)
+            self._engine.time.timekeeper.clock.way = known
             self._beacons.follow(event.beacons, leader.host)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")

@@ -1,4 +1,4 @@
-"""What is known about each device and mode from before, kept as JSON in the user's data folder."""
+"""What is known of each device, mode and link from before, kept as JSON in the user's data folder."""
 
 import os
 from pathlib import Path
@@ -10,6 +10,7 @@ from platformdirs import user_data_path
 from capture_app.camera_facts import CameraFacts, StampAccuracy
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
+from capture_app.sync.clock.clock_filter import KnownWay
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.injection import GAIN_LIMITS
 from capture_app.text import UNREADABLE
@@ -22,6 +23,7 @@ class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     injection: InjectionProfile | None = None
     start_latencies_ns: tuple[int, ...] = ()
     stamp: StampAccuracy | None = None
+    way: KnownWay | None = None
 
 
 class DeviceProfiles:
@@ -58,6 +60,14 @@ class DeviceProfiles:
     def save_stamp(self, camera: str, facts: CameraFacts, stamp: StampAccuracy) -> bool:
         """Keep how late one camera's stamps are, in this mode; False where it cannot be written."""
         return self._write(_key_of_one(camera, facts), stamp=stamp)
+
+    def way(self, camera: str, leader: str) -> KnownWay | None:
+        """What was measured of the link of a camera's node to the leader on that host; None where nothing."""
+        return self._read().get(f"{camera}>{leader}", _Entry()).way
+
+    def save_way(self, camera: str, leader: str, way: KnownWay) -> bool:
+        """Keep how unequal the ways of such a link are; False where it cannot be written."""
+        return self._write(f"{camera}>{leader}", way=way)
 
     def _entry(self, facts: CameraFacts) -> _Entry:
         return self._read().get(_key(facts), _Entry())

@@ -127,9 +127,7 @@ class Viewfinder:
                     )
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
                 case KeepStamp() if message.camera == self._name:
-                    await channel.send(
-                        StampKept(camera=self._name, kept=self._node.keep_stamp(message.stamp))
-                    )
+                    await channel.send(StampKept(camera=self._name, kept=self._node.keep(message)))
                 case RemoveCamera() if message.name == self._name:
                     self._node.options.put_off()
                 case Refusal():

@@ -8,6 +8,7 @@ from capture_app.camera_facts import CameraControls, Control, ControlValue, Stam
 from capture_app.names import Name
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.status import NewsLine, NodeDetail, Preview
+from capture_app.sync.clock.clock_filter import KnownWay
 
 MAX_PREVIEW_PX = 1920
 
@@ -96,14 +97,17 @@ class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):
 
 
 class KeepStamp(Message, frozen=True, kw_only=True, tag="keep-stamp"):
-    """How late a camera's stamps are was measured: its node goes by that, and keeps it for the device."""
+    """How late a camera's pictures are was measured: its node goes by that, and keeps it."""
 
     camera: Name
-    stamp: StampAccuracy
+    stamp: StampAccuracy | None = None
+    """How late its stamps are, kept for the device."""
+    way: KnownWay | None = None
+    """How much later than that, by the leader's clock as it is known now: kept for the link."""
 
 
 class StampKept(Message, frozen=True, kw_only=True, tag="stamp-kept"):
-    """A node goes by what it was told of its stamps; whether it could keep it, too."""
+    """A node goes by what it was told; whether it could keep it, too."""
 
     camera: Name
     kept: bool

@@ -37,6 +37,8 @@ class Newest(NamedTuple):
     """One sigma of `moved`."""
     usual: float
     """The furthest that as many groups in a row were off before."""
+    least_skew: float
+    """The clocks run apart by so much at least, beyond chance, by the groups before; dimensionless."""
 
     @property
     def is_beyond_chance(self) -> bool:
@@ -133,5 +135,6 @@ class AnswerGroups:
             moved=off(many),
             grown=(gaps[-1] - gaps[many]) / count - gap,
             doubt=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
+            least_skew=abs(slope) - SIGMAS * sqrt(variance / spread),
             usual=max([abs(off(first)) for first in range(many - count + 1)]),
         )

@@ -1,6 +1,5 @@
 """The offset and skew between a node's clock and the leader's: no message arrives before it was sent."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from heapq import nsmallest
 from math import hypot, sqrt
@@ -31,6 +30,8 @@ SLEW_SAMPLES, MOST_SLEW = 8, 0.1
 twelfth at most."""
 SETTLED_SAMPLES = 150
 """After that the first as many are dropped: a clock may still have been slewed while they came."""
+MOST_WAY_NS = 10_000_000_000
+"""No way is so long: what is asked so long ago is not even waited for."""
 CONFIRMED = 4
 """A change is one that was beyond chance so many times in a row, each half a group later."""
 
@@ -60,6 +61,31 @@ class ClockSample:
         return self.t1_ns - self.t0_ns
 
 
+@dataclass(frozen=True, slots=True)
+class KnownWay:
+    """How unequal the two ways of a link are, as pictures have shown it; in ns."""
+
+    late_ns: int
+    """By how much the leader's clock is ahead of what it seems: half of what the way back is longer."""
+    uncertainty_ns: int
+    """95 % error of that."""
+    round_trip_ns: int
+    """The least round trip then; each change of it may be of one way alone."""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for what no way can be."""
+        if max(abs(self.late_ns), abs(self.uncertainty_ns), abs(self.round_trip_ns)) > MOST_WAY_NS:
+            raise ValueError(f"no way is like {self}")
+
+    def sigma(self, gap: float) -> float | None:
+        """One sigma of `late_ns` with a least round trip of `gap`; None where less is known than usual.
+
+        What is beyond chance by far shows that the link is not a usual one.
+        """
+        sigma = hypot(self.uncertainty_ns / SIGMAS_95, (gap - self.round_trip_ns) / 2.0)
+        return sigma if sigma < max(ASYMMETRY * gap / 2.0, abs(self.late_ns) / 4.0) else None
+
+
 Bound = tuple[int, int]
 """Local time and bound, both in ns; bounds from below are kept with their sign turned."""
 
@@ -75,6 +101,10 @@ class ClockFilter:
         self._least_window_ns = window_ns
         self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
+        self.way: KnownWay | None = None
+        """What pictures have shown of the link."""
+        self.late_ns = 0
+        """How much of that the newest map goes by."""
         self.refused_steps = 0
         """How often samples told of a step that those after them did not confirm."""
         self.reset()
@@ -90,23 +120,20 @@ class ClockFilter:
         self._blocks: dict[int, tuple[set[Bound], set[Bound]]] = {}
         """Upper and lower bounds by second: all of the newest one, those of the others that matter."""
         self._fitted: LikelyLine | None = None
-        self._drift, self._stale = DRIFT, True
+        self._stale = True
         self._changed: tuple[int, float] | None = None
         self._suspects: list[ClockSample] = []
         """The newest samples, where they contradict those before and can be of one clock."""
         self._groups.clear()
-        self._least_gap, self._hidden = float(-LONG_AGO_NS), 0.0
+        self._least_gap = float(-LONG_AGO_NS)
+        self.hidden_ns = 0.0
+        """By how much more than by chance the line may be off."""
         self.longer_ns = 0.0
         """By how much one of the ways has become longer than it was."""
         self._restarted = False
         """Whether a clock stepped, or was slewed, shortly before."""
-        self._beyond_chance = 0
-        """How often in a row the newest answers were beyond chance."""
-
-    @property
-    def is_doubted(self) -> bool:
-        """Whether the newest answers tell of a change, which may be of a clock or of a way."""
-        return self._beyond_chance > 0
+        self.beyond_chance = 0
+        """How often in a row the newest answers were beyond chance: a clock has changed, or a way."""
 
     @property
     def rate_changed_ns(self) -> int | None:
@@ -118,7 +145,7 @@ class ClockFilter:
         return self._changed[0] if told else None
 
     def add(self, sample: ClockSample) -> bool:
-        """Add a sample; False if it is the last of STEP_SAMPLES with which the filter started anew.
+        """Add a sample; False if the filter started anew, with the last STEP_SAMPLES or, slewed, with none.
 
         Those contradict all earlier ones, and agree with each other: a clock has stepped. Fewer are ignored,
         as are samples with a negative round trip, far too slow ones and those older than the window.
@@ -155,7 +182,7 @@ class ClockFilter:
             # No message is quicker than the way is long.
             self.longer_ns = 0.0
         if self._groups.add(upper, lower, 0.0 if self._fitted is None else self._fitted.skew):
-            self._look_for_change()
+            return self._look_for_change()
         return True
 
     def time_map(self, now_local_ns: int) -> TimeMap | None:
@@ -164,13 +191,15 @@ class ClockFilter:
             return None
         line, age = self._line(), float(now_local_ns - self._newest_ns)
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)
-        offset_ns = round(min(max(line.offset + line.skew * age, lowest), highest))
+        sigma = None if self.way is None else self.way.sigma(line.gap)
+        self.late_ns = 0 if self.way is None or sigma is None else self.way.late_ns
+        offset_ns = round(min(max(line.offset + line.skew * age + self.late_ns, lowest), highest))
         # The best line through a parabola lies below its end, and is less steep there.
         span = float(self._newest_ns - min(self._blocks) * BLOCK_NS)
-        # What the samples showed is no promise for what follows them.
-        bend = self._drift * span * span / 12.0 + DRIFT * (span * age / 2.0 + age * age / 2.0)
-        turn = self._drift * span / 2.0 + DRIFT * abs(age)
-        unseen = hypot(ASYMMETRY * line.gap / 2.0, STAMP_NS, bend)
+        bend = DRIFT * (span * span / 12.0 + (span + age) * age / 2.0)
+        turn = DRIFT * (span / 2.0 + abs(age))
+        unequal = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
+        unseen = hypot(unequal, STAMP_NS, bend)
         # One way alone may have become longer by all that the round trip has.
         self._least_gap = min(self._least_gap, line.gap)
         longer = max(self.longer_ns / 2.0, (line.gap - self._least_gap) / 2.0 - sqrt(line.excess), 0.0)
@@ -181,7 +210,7 @@ class ClockFilter:
             offset_ns=self._anchor_ns + offset_ns,
             skew=line.skew,
             uncertainty_ns=min(
-                SIGMAS_95 * sqrt(line.variance_at(age) + unseen**2) + longer + self._hidden, bound
+                SIGMAS_95 * sqrt(line.variance_at(age) + unseen**2) + longer + self.hidden_ns, bound
             ),
             hard_bound_ns=bound,
             skew_uncertainty=min(SIGMAS_95 * sqrt(line.skew_variance + turn**2), skew_bound),
@@ -189,7 +218,6 @@ class ClockFilter:
             drift_uncertainty=SIGMAS_95 * DRIFT,
             samples=self.samples,
             round_trip_ns=round(line.gap),
-            age_ns=max(0, now_local_ns - self._newest_ns),
         )
 
     def _suspect(self, sample: ClockSample) -> bool:
@@ -207,54 +235,48 @@ class ClockFilter:
         return False
 
     def _line(self) -> LikelyLine:
+        """The line through all samples; its reference is the newest of them."""
         if self._fitted is None or self._stale:
-            self._fitted, self._stale = self._fit(self._blocks), False
+            ref_ns, sides = self._newest_ns, zip(*self._blocks.values(), strict=True)
+            uppers, lowers = (
+                [(float(t - ref_ns), float(v)) for one in side for t, v in one] for side in sides
+            )
+            self._fitted, self._stale = fit_line(uppers, lowers), False
         return self._fitted
 
-    def _fit(self, indices: Iterable[int]) -> LikelyLine:
-        """The line through the samples of these seconds; its reference is the newest sample of all."""
-        ref_ns, blocks = self._newest_ns, [self._blocks[i] for i in indices]
-        uppers = [(float(t - ref_ns), float(v)) for upper, _ in blocks for t, v in upper]
-        return fit_line(uppers, [(float(t - ref_ns), float(v)) for _, lower in blocks for t, v in lower])
-
     def _end_block(self) -> None:
-        """Thin out the newest second, forget what is too old, and look for a change of the rate."""
+        """Thin out the newest second, and forget what is too old."""
         for bounds, slope in zip(self._blocks[max(self._blocks)], (1.0, -1.0), strict=True):
             slope *= (self._fitted or self._line()).skew
             levels = [(value - slope * (t - self._newest_ns), (t, value)) for t, value in bounds]
             bounds.intersection_update(lower_hull(bounds) + [b for _, b in nsmallest(TIGHTEST, levels)])
         oldest = (self._newest_ns - self._groups.window_ns) // BLOCK_NS
         self._blocks = {i: self._blocks[i] for i in sorted(self._blocks) if i >= oldest}
-        self._drift = self._find_drift(list(self._blocks))
 
-    def _find_drift(self, indices: list[int]) -> float:
-        """The drift that the newest third of the seconds shows against those before, within the prior."""
-        count = len(indices) // 3
-        older, newer = indices[: len(indices) - count], indices[len(indices) - count :]
-        if not all(any(self._blocks[i][side] for i in part) for part in (older, newer) for side in (0, 1)):
-            return DRIFT
-        before, after = self._fit(older), self._fit(newer)
-        span = (newer[0] + newer[-1] - older[0] - older[-1]) * BLOCK_NS / 2.0
-        noise = (before.skew_variance + after.skew_variance) / span**2
-        trust = DRIFT**2 / (DRIFT**2 + noise)
-        return hypot(trust * (after.skew - before.skew) / span, sqrt(trust * noise))
+    def _look_for_change(self) -> bool:
+        """Begin anew where a clock's rate has changed; where a way has, keep the line and say less.
 
-    def _look_for_change(self) -> None:
-        """Begin anew where a clock's rate has changed; where a way has, keep the line and say less."""
+        False where that rate is beyond MAX_SKEW: then there is no line.
+        """
         newest = self._groups.newest()
+        if newest and newest[0].least_skew > MAX_SKEW:
+            self.reset()
+            self._restarted = True
+            return False
         beyond = [one for one in newest if one.is_beyond_chance]
-        self._hidden = max([0.0, *(one.hidden for one in newest)])
-        self._beyond_chance = self._beyond_chance + 1 if beyond else 0
-        if self._beyond_chance < CONFIRMED:
-            return
+        self.hidden_ns = max([0.0, *(one.hidden for one in newest)])
+        self.beyond_chance = self.beyond_chance + 1 if beyond else 0
+        if self.beyond_chance < CONFIRMED:
+            return True
         # By then the groups that tell it best are of after the change.
         change = max(beyond, key=lambda one: abs(one.moved) / one.doubt)
-        self._beyond_chance, self._hidden = 0, 0.0
+        self.beyond_chance, self.hidden_ns = 0, 0.0
         self._groups.forget_before(change.since_ns)
         if change.is_of_clock:
             self._forget_before(change.since_ns)
         else:
             self.longer_ns = max(0.0, *(one.grown for one in beyond))
+        return True
 
     def _forget_before(self, local_ns: int) -> None:
         """Begin a new line with the samples from a local time in ns on: the rate of a clock has changed."""
@@ -265,7 +287,7 @@ class ClockFilter:
             for i, (above, below) in self._blocks.items()
         }
         self._blocks = {i: sides for i, sides in kept.items() if any(sides)}
-        self._fitted, self._stale, self._drift = None, True, DRIFT
+        self._fitted, self._stale = None, True
         self._least_gap = float(-LONG_AGO_NS)
 
 

@@ -23,8 +23,6 @@ class TimeMap:
     skew_bound: float
     samples: int
     round_trip_ns: int
-    age_ns: int = 0
-    """From the newest sample to the epoch."""
     drift_uncertainty: float = 0.0
     reference_correction_ns: int | None = None
     """What the reference broadcast has added at the epoch; None where it is not in use."""

@@ -21,6 +21,7 @@ RATE_CHANGED = (
 )
 REMEDY_MARGIN = 1.5
 """The tolerance that is suggested is so many times what would do now: the next minute may be worse."""
+MEASURE = "capture-app cameras calibrate-time --panel"
 NETWORK_NS = 200_000
 """A round trip of a wireless network is never so short; one within a machine, or by cable to the next, is."""
 
@@ -86,6 +87,7 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
             f"even its quickest messages take {duration(round_trip_ns)} there and back,"
             " and none shows how unequal the two ways are"
         )
+        remedy = f"nearer the access point, a cable, a panel ({MEASURE}), or "
     else:
         why = "bursty link"
     if round_trip_ns < NETWORK_NS and not by_relay:

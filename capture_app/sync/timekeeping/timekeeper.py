@@ -138,7 +138,7 @@ class Timekeeper:
             self._samples.append(sample)
         if self.schedule.reply_arrived(now_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(now_ns)
-        doubted, longer_ns = self.clock.is_doubted, self.clock.longer_ns
+        doubted, longer_ns, hidden_ns = self.clock.beyond_chance, self.clock.longer_ns, self.clock.hidden_ns
         if not self.clock.add(sample):
             self.synced = self.time_is_known = False
             self.target.restart()
@@ -151,8 +151,9 @@ class Timekeeper:
             self._stepped = True
         if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
             self.events.append(WayLonger(self.clock.longer_ns))
-        if self.clock.is_doubted and not doubted:
+        if self.clock.beyond_chance and not doubted:
             self.target.doubt()
+        if self.clock.hidden_ns > hidden_ns:
             self.schedule.estimate_due_ns = now_ns
         if self.clock.refused_steps > self._told_steps and now_ns >= self._tell_steps_ns:
             self.events.append(StepRefused(self.clock.refused_steps - self._told_steps))

@@ -11,14 +11,17 @@ from capture_app.cameras.specs import open_camera
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError
 from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.rig_link import RigLink
+from capture_app.node.rig_link import RigLink, ask_leader
 from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.operating import KeepStamp, StampKept
 from capture_app.node.wire.status import BurstStatus
-from capture_app.session.format.manifest import Manifest
+from capture_app.session.format.manifest import ClockRecord, Manifest
 from capture_app.session.reading.reader import Session
+from capture_app.sync.clock.clock_filter import KnownWay
 
 PATIENCE_S = 60.0
 
@@ -32,6 +35,7 @@ async def link(tmp_path: Path) -> AsyncIterator[RigLink]:
     ) as leader:
         spec = "sim:perfect,scale=0.1"
         options = NodeOptions(
+            profiles=DeviceProfiles(tmp_path),
             name="a",
             open_camera=lambda: open_camera(spec, clock=clock, name="a"),
             leaders=(leader.own_address,),
@@ -91,3 +95,25 @@ async def test_a_take_is_named_and_annotated(link: RigLink) -> None:
 async def test_impossible_takes_are_refused(link: RigLink, request_: BurstRequest, says: str) -> None:
     with pytest.raises(BadInputError, match=says):
         await take(link, request_)
+
+
+async def test_a_node_goes_by_what_was_measured_of_its_link_and_keeps_it(
+    link: RigLink, tmp_path: Path
+) -> None:
+    """Both run on one clock: what the node adds to it is what it was told."""
+    round_trip_ns = (await clock_of(link)).round_trip_ns
+    measured = KeepStamp(camera="a", way=KnownWay(round_trip_ns // 3, 1_000, round_trip_ns))
+    assert (await ask_leader(link.leader, measured, StampKept)).kept
+    async with asyncio.timeout(PATIENCE_S):
+        while (clock := await clock_of(link)).offset_ns < round_trip_ns // 6:
+            pass
+    assert clock.offset_ns <= clock.hard_bound_ns
+    kept = DeviceProfiles(tmp_path).way("a", link.leader.host)
+    assert kept is not None
+    assert kept.late_ns == round_trip_ns // 3
+
+
+async def clock_of(link: RigLink) -> ClockRecord:
+    clock = manifest_of(await take(link, BurstRequest(frames=1))).cameras[0].clock
+    assert clock is not None
+    return clock

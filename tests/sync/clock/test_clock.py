@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample
+from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample, KnownWay
 from capture_app.sync.clock.time_map import TimeMap
 
 MS, HOUR_NS = 1_000_000, 3_600_000_000_000
@@ -282,6 +282,24 @@ def test_a_slewed_leader_is_told_and_followed(slew_ppm: int) -> None:
     assert error_ns(time_map, link, end_ns) <= time_map.uncertainty_ns
 
 
+@pytest.mark.parametrize("slew_ppm", [-8_000, 3_000])
+def test_no_line_is_laid_while_a_clock_is_slewed_beyond_the_premise(slew_ppm: int) -> None:
+    """Within MAX_SKEW a line through such answers is certain of itself, and a millisecond off."""
+    link, rng = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0), random.Random(6)
+    clock, now_ns = run(link, 10**12, seed=5, seconds=5)
+    for slewed_s, skew_ppm in ((4, 20 + slew_ppm), (4, 20)):
+        link.offset_ns, link.skew_ppm, link.epoch_ns = link.leader(now_ns) - now_ns, skew_ppm, now_ns
+        for t_ns in range(now_ns, now_ns + slewed_s * S, 3 * MS):
+            clock.add(link.exchange(t_ns, *paper_delays(rng)))
+            time_map = clock.time_map(t_ns)
+            # With so many a node is ready.
+            if time_map is not None and time_map.samples >= 300 and t_ns > now_ns + S:
+                assert skew_ppm == 20
+                assert error_ns(time_map, link, t_ns) <= time_map.hard_bound_ns
+        now_ns = t_ns
+    assert clock.samples > 300
+
+
 @pytest.mark.slow
 def test_a_warming_crystal_stays_within_what_holdover_states() -> None:
     """0.05 ppm more each second, for a minute with samples and half a minute without."""
@@ -307,3 +325,38 @@ def test_a_warming_crystal_stays_within_what_holdover_states() -> None:
             later_ns
         )
     assert held >= 9
+
+
+def unequal_clock(way: KnownWay | None, *, shorter_ns: int = 0) -> tuple[float, TimeMap]:
+    """A second on a link whose least delays are 400 us there and 800 us back; the error, and the map."""
+    link, rng, clock = Link(offset_ns=HOUR_NS, skew_ppm=8.0, epoch_ns=0), random.Random(4), ClockFilter()
+    clock.way = way
+    for i in range(300):
+        there, back = (least + rng.gammavariate(2, 300_000) for least in (400_000, 800_000 - shorter_ns))
+        assert clock.add(link.exchange(i * 3 * MS, int(there), int(back)))
+    time_map = clock.time_map(900 * MS)
+    assert time_map is not None
+    return time_map.leader_from_local(900 * MS) - link.leader(900 * MS), time_map
+
+
+def test_a_link_that_was_measured_keeps_what_messages_cannot_show() -> None:
+    error, unknown = unequal_clock(None)
+    assert error == pytest.approx(-200_000, abs=30_000), "half of what the way back is longer"
+    assert abs(error) > unknown.uncertainty_ns
+    error, known = unequal_clock(KnownWay(200_000, 20_000, 1_210_000))
+    assert abs(error) < known.uncertainty_ns < unknown.uncertainty_ns
+    assert abs(error) <= known.hard_bound_ns < unknown.hard_bound_ns + 201_000
+
+
+def test_a_measurement_that_tells_less_than_is_usual_or_is_of_another_link_changes_nothing() -> None:
+    assert unequal_clock(KnownWay(200_000, 400_000, 1_210_000)) == unequal_clock(None)
+    # The leader moved: the round trip is now another one, and so may be what the two ways differ by.
+    measured = KnownWay(200_000, 20_000, 1_210_000)
+    assert unequal_clock(measured, shorter_ns=400_000) == unequal_clock(None, shorter_ns=400_000)
+
+
+def test_what_was_measured_moves_no_clock_out_of_its_bounds() -> None:
+    error, time_map = unequal_clock(KnownWay(10**9, 1, 1_210_000))
+    assert abs(error) <= time_map.hard_bound_ns
+    with pytest.raises(ValueError, match="no way is like"):
+        KnownWay(10**400, 1, 1)

@@ -256,6 +256,8 @@ def _shift(
 OTHER_RIG = 0.5, 0.05
 """Share of the pairs and triples of cameras that contradict each other in another rig's calibration, and by
 what share of the picture."""
+USUAL_WIDTH = 640
+"""In smaller pictures exchanged cameras contradict each other by fewer pixels."""
 MOST_SUSPECTS = 12
 """Of more cameras it is not tried whether two were exchanged."""
 
@@ -267,7 +269,7 @@ def plainly_fits(views: Views, features: Mapping[str, Features]) -> bool:
     matched = {(a, b): match_features(features[a], features[b]) for a, b in _neighbours(views, features)}
     groups: Groups = {pair: np.stack(at) for pair, at in matched.items() if len(at[0]) >= MIN_PAIR_POINTS}
     asked = {name for pair in groups for name in pair}
-    return asked == views.keys() and not _odd(views, groups, _refused_px(views))
+    return asked == views.keys() and not _odd(views, groups, _mixed_up_px(views))
 
 
 def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
@@ -276,7 +278,7 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
     What mends the most is said to be wrong, one after the other, and only if that mends everything.
     """
     groups = _shared_points(views, features)
-    limit = _refused_px(views)
+    limit = _mixed_up_px(views)
     now, faults = dict(views), []
     left = _odd(now, groups, limit)
     while left:
@@ -294,13 +296,19 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
     if not left:
         return faults
     share, far = OTHER_RIG
-    odd = _odd(views, groups, max(limit, far * max(view.width for view in views.values())))
+    odd = _odd(views, groups, max(_refused_px(views), far * max(view.width for view in views.values())))
     if len(odd) <= share * len(groups):
         return []
     return [
         f"it does not fit the pictures: {len(odd)} of {len(groups)} groups of neighbours contradict each "
         "other (is it another rig's, or were its cameras moved?)"
     ]
+
+
+def _mixed_up_px(views: Views) -> float:
+    return _refused_px(views) * min(
+        1.0, max((view.width for view in views.values()), default=0) / USUAL_WIDTH
+    )
 
 
 def _odd(views: Views, groups: Groups, limit: float) -> list[tuple[str, ...]]:

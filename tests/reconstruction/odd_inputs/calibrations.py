@@ -74,6 +74,16 @@ def _scaled(factor: float) -> Change:
     return change
 
 
+def _exchanged(a: str, b: str) -> Change:
+    """Give two cameras each other's calibration."""
+
+    def change(session: OddSession) -> None:
+        cameras = session.calibration["cameras"]
+        cameras[a], cameras[b] = cameras[b], cameras[a]
+
+    return change
+
+
 def _file(data: bytes) -> Change:
     """Replace the file."""
 
@@ -109,6 +119,7 @@ CALIBRATIONS: dict[str, Change] = {
     "poses a micron apart": _same_pose(1e-6),
     "poses a tenth of a millimetre apart": _same_pose(1e-4),
     "poses a kilometre apart": _same_pose(1e3),
+    "two exchanged": _exchanged("left", "right"),
     "one place, turned": _poses(np.eye(3), (0, 0, 0)),
     "behind each other": _poses(np.eye(3), (0, 0, -1.0), "right"),
     "behind each other, both": both(

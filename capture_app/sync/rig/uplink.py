@@ -45,6 +45,8 @@ class Uplink:
         """By name and machine, or the run where the rig asks nobody who it is."""
         self._reports: dict[int, Report] = {}
         """By the parent's numbers, what is to be told, those first that wait for the longest."""
+        self._gone: dict[int, Report] = {}
+        """Runs of members before the present ones, until the parent says that it knows them no more."""
         self._told: dict[int, tuple[str, bool]] = {}
         """What of it was told last that counts as news."""
         self._sum_due_ns = self._acks_due_ns = NEVER_NS
@@ -58,7 +60,7 @@ class Uplink:
         self._sum_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
         for known in (self._numbers, self._members, self._introduced, self._refused, self._outbox):
             known.clear()
-        for told in (self._reports, self._told, self._acks):
+        for told in (self._reports, self._gone, self._told, self._acks):
             told.clear()
 
     @property
@@ -87,6 +89,8 @@ class Uplink:
         if isinstance(message, Hello) or known is not member:
             if known is not member:
                 self.note_unknown(number)
+            if known is not None and known.instance != member.instance:
+                self._gone[number] = known.report
             self.ask(Hello(member.name, member.instance, member.camera, member.via, member.pin))
         elif isinstance(message, Goodbye):
             self._send(Goodbye(number))
@@ -119,7 +123,8 @@ class Uplink:
     def _sum_up(self) -> None:
         """Tell all news, and as much of the rest as fits into one datagram."""
         # Of those that are gone the parent says that it knows them no more, when it has heard so.
-        gone = {number: member.report for member, number in self._numbers.values() if member.lost}
+        lost = {number: member.report for member, number in self._numbers.values() if member.lost}
+        gone = self._gone | lost
         reports = self._reports | gone
         news = {n: r for n, r in reports.items() if n in gone or self._told.get(n) != _stage(r)}
         due = list((news | reports).items())
@@ -178,7 +183,7 @@ class Uplink:
 
     def note_unknown(self, number: int) -> None:
         """Note that the parent does not know a number any more: the member is introduced again."""
-        for known in (self._reports, self._told):
+        for known in (self._reports, self._gone, self._told):
             known.pop(number, None)
         member = self._members.pop(number, None)
         if member is not None and self._numbers.get(member.name) == (member, number):

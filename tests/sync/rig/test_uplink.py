@@ -124,6 +124,21 @@ def test_one_that_is_lost_is_told_of_until_the_parent_knows_it_no_more(
     assert summed(uplink, 4 * SUM_EVERY_NS) == []
 
 
+def test_of_a_member_that_is_another_run_now_the_one_before_is_told_as_lost(
+    uplink: Uplink, roster: Roster
+) -> None:
+    (member,) = known(uplink, roster, 1)
+    roster.mark_lost(member, "silent for 2 s")
+    again = admitted(roster, "cam1", 77)
+    uplink.pass_up(again, Hello("cam1", 77, CAMERA), 0)
+    assert said(uplink) == [Hello("cam1", 77, CAMERA, "hall")]
+    # Else the parent, which hears the relay, would keep the name for it.
+    for turn in range(2):
+        assert summed(uplink, turn * SUM_EVERY_NS) == [101]
+    uplink.note_unknown(101)
+    assert summed(uplink, 3 * SUM_EVERY_NS) == []
+
+
 def test_answers_to_a_trigger_go_up_together_but_for_those_that_refuse(
     uplink: Uplink, roster: Roster
 ) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import combinations
 
 import cv2
@@ -16,7 +17,7 @@ CLEAR_CONTRAST, FAINT_CONTRAST = 0.02, 0.01
 """Least contrast of points at rest, and of points on what moves, which may be small."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Features:
     """Points of one image: positions (n, 2) px in the full image, descriptors (n, 128), contrast (n,)."""
 
@@ -57,9 +58,18 @@ STILL_RATIO = 0.75
 """Greatest distance of a match at rest against that of the second best."""
 
 
+KEPT_MATCHES = 200
+
+
+@lru_cache(maxsize=KEPT_MATCHES)
+def match_at_rest(a: Features, b: Features) -> tuple[Array, Array]:
+    """Indices (n,) of points that are each other's best match; found once for all who ask."""
+    return match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
+
+
 def match_features(a: Features, b: Features) -> tuple[Array, Array]:
     """Positions (n, 2) of points that are each other's best match, in a and in b."""
-    of_a, of_b = match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
+    of_a, of_b = match_at_rest(a, b)
     return a.positions[of_a], b.positions[of_b]
 
 

@@ -110,7 +110,7 @@ def show(clouds: Path, runs: list[list[tuple[int, float]]]) -> None:
             f"| {found['recall']:.3f} | {found['f_score']:.3f} | {right:.1f} % |"
         )
     print(f"\nF: {median(scores):.3f} in the middle, {min(scores):.3f} to {max(scores):.3f}")
-    print(f"{result['clouds']} clouds, {result['kept']} of them from before the kill")
+    print(f"{result['clouds']} clouds, {result.get('kept', 0)} of them from before the kill")
     for seen in runs:
         peaks: dict[int, float] = {}
         for done, megabytes in seen:

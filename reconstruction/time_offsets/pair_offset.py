@@ -11,7 +11,7 @@ from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
-from reconstruction.pairs import STILL_RATIO, match_descriptors
+from reconstruction.pairs import match_at_rest, match_descriptors
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
@@ -236,7 +236,7 @@ class PairOffsets:
         some = evenly_spread(self.dataset.instants(first, second), instants) if instants else []
         for place, k in enumerate(some):
             a, b = (self.rig.features(k)[name] for name in (first, second))
-            of_a, of_b = match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
+            of_a, of_b = match_at_rest(a, b)
             other = some[(place + len(some) // 2) % len(some)]
             stays = self._stays(first, k, other)[of_a] & self._stays(second, k, other)[of_b]
             found.append((a.positions[of_a[stays]], b.positions[of_b[stays]]))

@@ -27,6 +27,8 @@ FILM_DIAGONAL_MM = 43.27
 MAX_FOCAL_RATIO = 1.25
 """Equivalent focal lengths are whole millimetres, and lenses' data sheets rounded."""
 WIDEST_DEG = 100.0
+LEAST_TO_TELL_LENSES = 3
+"""Of two cameras whose axes meet any focal lengths fit, each with its own small error."""
 GUESS = "a guess from these pictures alone"
 """What the source of a calibration says that nothing but pictures is behind."""
 
@@ -175,17 +177,20 @@ def _told_lenses(pycolmap: Any, rec: Any) -> str:
     """How far off the focal lengths may be, in words."""
     errors = sorted(100 * error for error in focal_errors(pycolmap, rec))
     if not errors:
-        return ", focal lengths perhaps several percent off"
+        return ", focal lengths perhaps far off"
     return f", focal lengths off by up to {errors[0]:.1f} to {errors[-1]:.1f} % (95 %)"
 
 
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
-    """95 % errors of a model's focal lengths as shares of them; none where its points leave them free.
+    """95 % errors of a model's focal lengths as shares of them; none where its points leave them free,
+    and none of two cameras.
 
     By the covariance of a bundle adjustment of one picture of each camera: in others, what stands still is
     seen with the same errors again. Principal points count as known, and lenses as bent by one number.
     """
     shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
+    if len(shown) < LEAST_TO_TELL_LENSES:
+        return []
     plain, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
     for image in shown.values():
         plain.add_camera_with_trivial_rig(image.camera)

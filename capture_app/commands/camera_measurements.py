@@ -160,18 +160,17 @@ def times_by_panel(session: "Session", reference: str) -> "MeasuredTimes":
     times = read_session(session)
     if not times.exposures_known:
         raise NotApplicableError(f"{session.folder} does not tell all exposures and row times")
-    unseen = MeasuredTime(reason=f"no panel is seen by it and {reference} at once")
+    unseen = MeasuredTime(
+        reason=f"no panel is seen by it and {reference} at once, or its cycle is too short for their stamps"
+    )
     found = dict.fromkeys(times.cameras, unseen) | {reference: MeasuredTime(offset_ms=0.0, sd_ms=0.0)}
-    errors, cycle_ns = rig_errors(times), times.panel.cycle_ns
+    errors = rig_errors(times)
     for pair in errors.pairs:
-        if reference not in pair.cameras:
+        of_pair = [one for one in errors.errors if (one.first, one.second) == pair.cameras]
+        unsure_ns = max(one.session_uncertainty_ns or 0.0 for one in of_pair)
+        if reference not in pair.cameras or unsure_ns > times.panel.cycle_ns / 2.0:
             continue
         sign, name = (1.0, pair.cameras[1]) if pair.cameras[0] == reference else (-1.0, pair.cameras[0])
-        of_pair = [one for one in errors.errors if (one.first, one.second) == pair.cameras]
-        if max(one.session_uncertainty_ns or 0.0 for one in of_pair) > cycle_ns / 2.0:
-            again = f"the panel is the same again after {duration(cycle_ns)}, and its stamps are less sure"
-            found[name] = MeasuredTime(reason=again)
-            continue
         sd_ms = pair.reading_uncertainty_ns / SIGMAS_95 / 1e6
         found[name] = MeasuredTime(
             offset_ms=sign * pair.clock.bias_ns / 1e6, sd_ms=sd_ms, source=StampSource.LIGHT
@@ -282,10 +281,10 @@ def _rows(found: "Character") -> list[tuple[str, str]]:
 
 def _starts(starts: "Starts") -> str:
     how = "restarts" if starts.by_restart else "opening it"
-    number = len(starts.latencies_ns)
+    in_order = sorted(starts.latencies_ns)
     return (
-        f"{duration(starts.median_ns)} to the first frame in the middle of {number}, "
-        f"{duration(starts.spread_ns)} from quickest to slowest, by {how}"
+        f"{duration(in_order[len(in_order) // 2])} to the first frame in the middle of {len(in_order)}, "
+        f"{duration(in_order[-1] - in_order[0])} from quickest to slowest, by {how}"
     )
 
 

@@ -54,16 +54,6 @@ class Starts(Struct, frozen=True, kw_only=True):
     by_restart: bool
     """By restarts of the stream; else the camera was closed and opened anew."""
 
-    @property
-    def median_ns(self) -> float:
-        """In the middle."""
-        return median(self.latencies_ns)
-
-    @property
-    def spread_ns(self) -> int:
-        """From the quickest to the slowest."""
-        return max(self.latencies_ns) - min(self.latencies_ns)
-
 
 class Character(Struct, frozen=True, kw_only=True):
     """One camera in one mode; times in ns, by this machine's clock."""

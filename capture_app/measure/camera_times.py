@@ -130,7 +130,7 @@ def measured_ways(
             record.facts.stamp_accuracy.uncertainty_ns,
             math.sqrt(own_ns**2 - usual_ns**2) if own_ns > usual_ns else own_ns,
         )
-        way = KnownWay(round(time.offset_ms * 1e6), round(error_ns), record.clock.round_trip_ns)
+        way = KnownWay(time.offset_ms * 1e6, error_ns, record.clock.round_trip_ns)
         if name != measured.reference and way.sigma(way.round_trip_ns) is not None:
             found[name] = way
     return found

@@ -78,7 +78,7 @@ def state(rig: SealedRig) -> object:
     for node in rig.nodes.values():
         time, keeper = node.client.time, node.client.time.timekeeper
         leader += [node.client.report(rig.now_ns), node.client.next_timer(), node.client.has_burst_pending]
-        leader += [time.number, time.followed, keeper.time_map, keeper.clock.samples, keeper.outstanding]
+        leader += [time.number, time.followed, keeper.time_map, keeper.clock.samples, len(keeper.outstanding)]
     return leader
 
 

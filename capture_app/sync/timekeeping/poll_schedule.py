@@ -226,10 +226,6 @@ class AccuracyTarget:
         self.met = self.wanted_ns is None
         self._least_ns = None
 
-    def doubt(self) -> None:
-        """Be as strict as with a clock that was not good enough: something has changed."""
-        self.met = self.wanted_ns is None
-
     def judge(self, time_map: TimeMap, now_ns: int) -> bool:
         """Take in the newest estimate; whether it is good enough, or will not become much better."""
         error_ns = self.error_ns = time_map.uncertainty_at(now_ns + AHEAD_NS)

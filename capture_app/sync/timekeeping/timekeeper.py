@@ -72,18 +72,14 @@ class Timekeeper:
         self._asked: RigConfigMessage | None = None
         """Configuration of the leader that is asked, or was last: `clock` estimates its clock."""
         self._sequence = first_sequence
-        self._outstanding: dict[int, int] = {}
+        self.outstanding: dict[int, int] = {}
+        """When requests went out that are not answered yet; those that were lost too, OUTSTANDING at most."""
         self._request: bytes | None = None
         self._stepped = False
         """Whether a clock has stepped, or been slewed, and is not known again yet."""
         self._told_steps, self._tell_steps_ns = 0, AT_ONCE_NS
         self.events: deque[ClockEvent] = deque()
         """What has happened, for whoever runs this to take."""
-
-    @property
-    def outstanding(self) -> int:
-        """How many requests are not answered yet; those that were lost too, OUTSTANDING at most."""
-        return len(self._outstanding)
 
     # In
 
@@ -107,7 +103,7 @@ class Timekeeper:
         self.target.restart()
         self.rate.restart()
         self._number = number
-        self._outstanding = {}
+        self.outstanding = {}
         self._request = None
         self.schedule.slot = slot
         self.update_config(config)
@@ -130,7 +126,7 @@ class Timekeeper:
 
     def take_reply(self, reply: TimeReply, now_ns: int) -> bool:
         """Take in a reply that arrived at `now_ns`; False if it answers nothing that was asked."""
-        t0_ns = self._outstanding.pop(reply.sequence, None)
+        t0_ns = self.outstanding.pop(reply.sequence, None)
         if t0_ns is None or t0_ns != reply.t0_ns:
             return False
         sample = ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)
@@ -152,7 +148,8 @@ class Timekeeper:
         if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
             self.events.append(WayLonger(self.clock.longer_ns))
         if self.clock.beyond_chance and not doubted:
-            self.target.doubt()
+            # As strict as with a clock that was not good enough.
+            self.target.met = self.target.wanted_ns is None
         if self.clock.hidden_ns > hidden_ns:
             self.schedule.estimate_due_ns = now_ns
         if self.clock.refused_steps > self._told_steps and now_ns >= self._tell_steps_ns:
@@ -187,9 +184,9 @@ class Timekeeper:
             return None
         request, self._request = request_at(self._request, now_ns), None
         self.requests += 1
-        self._outstanding[self._sequence] = now_ns
-        if len(self._outstanding) > OUTSTANDING:
-            del self._outstanding[next(iter(self._outstanding))]
+        self.outstanding[self._sequence] = now_ns
+        if len(self.outstanding) > OUTSTANDING:
+            del self.outstanding[next(iter(self.outstanding))]
         return request
 
     def report(self, state: NodeState, message: str, now_ns: int) -> Report:

@@ -127,7 +127,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
     def send(self) -> None:
         for data, _ in self.node.datagrams_to_send(self.now_ns):
             self.note(data)
-        assert self.member.time.timekeeper.outstanding <= OUTSTANDING
+        assert len(self.member.time.timekeeper.outstanding) <= OUTSTANDING
         assert not self.node.datagrams_to_send(self.now_ns), "all that was to be said has been"
         assert len(self.asked) <= 1000
 

@@ -356,7 +356,6 @@ def test_a_measurement_that_tells_less_than_is_usual_or_is_of_another_link_chang
 
 
 def test_what_was_measured_moves_no_clock_out_of_its_bounds() -> None:
-    error, time_map = unequal_clock(KnownWay(10**9, 1, 1_210_000))
-    assert abs(error) <= time_map.hard_bound_ns
-    with pytest.raises(ValueError, match="no way is like"):
-        KnownWay(10**400, 1, 1)
+    for late_ns in (10**9, -1e300):
+        error, time_map = unequal_clock(KnownWay(late_ns, 1, 1_210_000))
+        assert abs(error) <= time_map.hard_bound_ns

@@ -118,7 +118,7 @@ def test_it_joins_keeps_the_time_at_its_pace_and_tells_every_sample() -> None:
     assert client.time_map is not None
     assert abs(client.time_map.leader_from_local(5 * S) - 5 * S - AHEAD_NS) < 100_000
     assert len(samples) == timekeeper.clock.samples
-    assert timekeeper.requests - timekeeper.outstanding == len(samples)
+    assert timekeeper.requests - len(timekeeper.outstanding) == len(samples)
     spacings = [b.t0_ns - a.t0_ns for a, b in pairwise(samples[50:])]
     assert abs(sum(spacings) / len(spacings) - STEADY_NS) < STEADY_NS / 50
     assert next(iter(leader.roster.by_name())).report.samples > 100, "its heartbeats tell of it"

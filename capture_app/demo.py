@@ -19,7 +19,7 @@ from capture_app.node.wire.status import BurstStatus
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.tasks import end, has_come
+from capture_app.tasks import first_of, has_come
 from capture_app.text import UNREADABLE, ProgressStep
 
 FRAMES = 5
@@ -91,15 +91,10 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
         ):
             talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
             await nodes.add_simulated(cameras, scene, options=CAMERA_OPTIONS, tolerance_us=TOLERANCE_US)
-            watch = asyncio.create_task(nodes.wait_for_failure())
-            burst = asyncio.create_task(_take_burst(leader, cameras, talk))
-            try:
-                await asyncio.wait((watch, burst), return_when=asyncio.FIRST_COMPLETED)
-                if not burst.done():
-                    raise watch.result()
-                saved = burst.result()
-            finally:
-                await end(watch, burst)
+            failure, burst = await first_of(nodes.wait_for_failure(), _take_burst(leader, cameras, talk))
+            if burst.cancelled():
+                raise failure.result()
+            saved = burst.result()
     if saved.session is None:
         raise IncompleteError(saved.message)
     if saved.message:

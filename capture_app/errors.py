@@ -92,6 +92,15 @@ class CancelledBurstError(BadInputError):
 
 
 @contextmanager
+def reading(path: object) -> Iterator[None]:
+    """Raise BadInputError, with the path, where a file cannot be read."""
+    try:
+        yield
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+@contextmanager
 def ungrouped_errors() -> Iterator[None]:
     """Raise the first error of this program out of a group, as of tasks that ran side by side, by itself.
 

@@ -13,6 +13,16 @@ async def end(*tasks: "asyncio.Future[Any]") -> list[Any]:
     return await asyncio.gather(*tasks, return_exceptions=True)
 
 
+async def first_of(*work: Coroutine[Any, Any, Any]) -> "list[asyncio.Task[Any]]":
+    """Do all of it side by side until one is over, end the others, and return all of them."""
+    tasks = [asyncio.create_task(one) for one in work]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        await end(*tasks)
+    return tasks
+
+
 async def has_come(event: asyncio.Event, within_s: float) -> bool:
     """Wait for an event, at most so long; return whether it is there."""
     with suppress(TimeoutError):

@@ -18,7 +18,7 @@ from capture_app.commands.options import ADDRESS, ANY_PATH
 from capture_app.commands.session_text import format_date
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.net.address import DEFAULT_PORT, Address
-from capture_app.session.files.disk import disk_error
+from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.library.changes import rename_session, set_note
@@ -261,8 +261,6 @@ def _check_file(out: Path, suffixes: tuple[str, ...], *, replace: bool) -> str:
 
 
 def _write(out: Path, data: bytes) -> None:
-    try:
+    with disk_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(out, data)
-    except OSError as error:
-        raise disk_error(error, out) from error

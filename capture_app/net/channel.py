@@ -25,7 +25,7 @@ import msgspec
 
 from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.address import DEFAULT_PORT, Address
-from capture_app.tasks import end
+from capture_app.tasks import first_of
 from capture_app.text import UNREADABLE, printable_json
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
@@ -300,14 +300,7 @@ class Channel(Generic[M]):
 
     async def relay(self, other: "Channel[Any]") -> None:
         """Pass all bytes on between two streams, both ways and unread, until either closes or breaks off."""
-        ways = (
-            asyncio.create_task(self._copy_to(other._writer)),
-            asyncio.create_task(other._copy_to(self._writer)),
-        )
-        try:
-            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            await end(*ways)
+        await first_of(self._copy_to(other._writer), other._copy_to(self._writer))
 
     async def _copy_to(self, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError):

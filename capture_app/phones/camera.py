@@ -20,7 +20,7 @@ from capture_app.node.news import Log
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import PATIENCE_S, Phone
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
-from capture_app.tasks import Background, end
+from capture_app.tasks import Background, first_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -174,20 +174,13 @@ class PhoneNodes:
                 put_off=phone.put_off,
             )
             node = CameraNode(options)
-            tasks = [
-                asyncio.create_task(node.run()),
-                asyncio.create_task(_until_gone(phone)),
-                asyncio.create_task(_tell_state(phone, node)),
-            ]
-            try:
-                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                ended = await end(*tasks)
-            if tasks[0] in done and isinstance(ended[0], BaseException):
-                if not isinstance(ended[0], SimulshotError):
-                    raise ended[0]
-                self._talk(f"{phone.name}: {ended[0]}")
-                await phone.tell_state("failed", str(ended[0]))
+            running, *_ = await first_of(node.run(), _until_gone(phone), _tell_state(phone, node))
+            error = None if running.cancelled() else running.exception()
+            if error is not None:
+                if not isinstance(error, SimulshotError):
+                    raise error
+                self._talk(f"{phone.name}: {error}")
+                await phone.tell_state("failed", str(error))
                 await asyncio.sleep(RETRY_S)
             else:
                 self._talk(f"{phone.name}: it has left")

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, reading
 from capture_app.session.reading.file_headers import picture_size, size_of
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory import gigabytes, memory_budget
@@ -94,10 +94,8 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
     Raises:
         BadInputError: it is not an image, of a format that is not supported, or of an unusable shape.
     """
-    try:
+    with reading(path):
         found = picture_size(path) if data is None else size_of(data)
-    except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
     if found is None:
         raise BadInputError(f"{path} is not an image, or its format is not supported")
     refuse_odd_shape(str(path), *found)

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from capture_app.camera_facts import unshared_uncertainties_ns
-from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
+from capture_app.errors import BadInputError, IncompleteError, NotApplicableError, reading
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
@@ -325,10 +325,8 @@ class Dataset:
     def _read_image(self, camera: str, instant: int) -> Array:
         record = self._records[camera, instant]
         path = self.session.image_file(record)
-        try:
+        with reading(path):
             data = self.session.image_bytes(record)
-        except OSError as error:
-            raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
         picture_checks().check(path, data, record.sha256)
         width, height = self.size_on_disk(camera)
         found = image_size(path, data)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 from capture_app.errors import NetworkError, TryAgainError
 from capture_app.names import is_name
 from capture_app.node.wire.messages import ImageReceipt, ImageUpload
-from capture_app.session.files.disk import disk_error
+from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import PART
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.image_store import StoredImage
@@ -106,7 +106,7 @@ class PartialImage:
         self.close()
         upload, record = self.upload, self.upload.record
         sha256 = hashlib.sha256()
-        try:
+        with disk_errors(self.file.parent):
             with self.file.open("rb") as file:
                 length = os.fstat(file.fileno()).st_size
                 left = record.bytes
@@ -121,8 +121,6 @@ class PartialImage:
                 os.truncate(self.file, record.bytes)
                 return truth
             self.file.unlink()
-        except OSError as error:
-            raise disk_error(error, self.file.parent) from error
         raise damaged(record)
 
 

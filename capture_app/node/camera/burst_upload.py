@@ -24,7 +24,7 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
 from capture_app.names import check_name
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
-from capture_app.session.files.disk import LITTLE_BYTES, disk_error, free_bytes, reserve
+from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
 from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic, write_unsynced
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import MissingRun
@@ -59,10 +59,8 @@ class SpooledBurst:
         with self._changing:
             if self._is_removed:
                 return
-            try:
+            with disk_errors(self.folder):
                 write_atomic(self.folder / REPORT, msgspec.json.encode(report))
-            except OSError as error:
-                raise disk_error(error, self.folder) from error
 
     def add_image(self, image: ImageUpload, data: bytes) -> None:
         """Keep an image: it outlives this process now, and a power cut after `sync`.
@@ -105,10 +103,8 @@ class SpooledBurst:
     def read_images(self) -> Iterator[ImageUpload]:
         """Yield the headers of the images that are still here. Raises DiskError."""
         journal = self.folder / JOURNAL
-        try:
+        with disk_errors(self.folder):
             lines = lines_of_file(journal.read_bytes()) if journal.exists() else []
-        except OSError as error:
-            raise disk_error(error, self.folder) from error
         for line in lines:
             try:
                 image = msgspec.json.decode(line, type=ImageUpload)

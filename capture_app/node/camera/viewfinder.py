@@ -28,7 +28,7 @@ from capture_app.node.wire.operating import (
 )
 from capture_app.node.wire.status import Preview
 from capture_app.session.reading.decoding import encode_image
-from capture_app.tasks import end, has_come
+from capture_app.tasks import first_of, has_come
 
 if TYPE_CHECKING:
     from capture_app.node.camera.camera_node import RigMember
@@ -101,15 +101,12 @@ class Viewfinder:
         self._wish_changed.clear()
         self._may_send.set()
         await channel.send(NodeStream(camera=self._name, instance=self._node.instance, shows=True))
-        parts = (self._listen(channel), self._tell_vitals(channel), self._show(channel))
-        tasks = [asyncio.create_task(part) for part in parts]
         try:
             # No task group: one that is cancelled as its stream breaks off tells of the stream only.
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            done.pop().result()
+            parts = await first_of(self._listen(channel), self._tell_vitals(channel), self._show(channel))
+            next(part for part in parts if not part.cancelled()).result()
         finally:
             self._channel = None
-            await end(*tasks)
 
     async def _listen(self, channel: Channel[Any]) -> None:
         while (message := await channel.receive_header()) is not None:

@@ -3,6 +3,8 @@
 import errno
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from capture_app.errors import BadInputError, DiskError, DiskFullError
@@ -68,3 +70,12 @@ def disk_error(error: OSError, folder: Path) -> DiskError:
         return DiskFullError(what, hint="what was saved before is intact; make room, and it can go on")
     where = error.filename or folder
     return DiskError(f"cannot write {where}: {error.strerror}", hint="what was saved before is intact")
+
+
+@contextmanager
+def disk_errors(folder: Path) -> Iterator[None]:
+    """Raise DiskError, or DiskFullError, where what is written in that folder, or read, raises OSError."""
+    try:
+        yield
+    except OSError as error:
+        raise disk_error(error, folder) from error

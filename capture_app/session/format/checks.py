@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, reading
 from capture_app.names import check_name
 from capture_app.session.files.strangers import read_regular
 from capture_app.session.format.manifest import MANIFEST, Manifest
@@ -50,10 +50,8 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
     Raises BadInputError where the file cannot be read, is no JSON, is of a newer version, or does not
     fit the struct; the message says where.
     """
-    try:
+    with reading(path):
         data = read_regular(path)
-    except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
     return decode_struct(path, data, kind, newest)
 
 

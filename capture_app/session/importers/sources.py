@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, reading
 from capture_app.names import natural_order
 from capture_app.session.exchange import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
@@ -83,10 +83,8 @@ class Images(Source):
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`; raises BadInputError for a file that cannot be read or decoded too."""
         for index in sorted(indices):
-            try:
+            with reading(self.files[index]):
                 data = self._read(self.files[index])
-            except OSError as error:
-                raise BadInputError(f"cannot read {self.files[index]}: {error.strerror}") from error
             size = image_size(data)
             if size is None:
                 raise BadInputError(f"{self.files[index]} is not an image that can be decoded")

@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.names import check_name
-from capture_app.session.files.disk import disk_error
+from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import free_name, make_folders, move_folder, sync_folder, write_atomic
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import PLAN
@@ -111,9 +111,6 @@ def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
 def empty_trash(root: Path) -> int:
     """Delete what is in the trash for good, and return how many sessions that were. Raises SimulshotError."""
     sessions = len(trashed_sessions(root))
-    try:
-        with suppress(FileNotFoundError):
-            shutil.rmtree(root / TRASH)
-    except OSError as error:
-        raise disk_error(error, root / TRASH) from error
+    with disk_errors(root / TRASH), suppress(FileNotFoundError):
+        shutil.rmtree(root / TRASH)
     return sessions

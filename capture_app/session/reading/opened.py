@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.errors import BadInputError, IncompleteError, reading
 from capture_app.session.format.manifest import CameraRecord, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
@@ -86,10 +86,8 @@ class Frame:
 
         Raises BadInputError where it cannot be read, or is no picture.
         """
-        try:
+        with reading(self.record.path):
             picture = decode_image(self._session.image_bytes(self.record), colour=True)
-        except OSError as error:
-            raise BadInputError(f"cannot read {self.record.path}: {error.strerror or error}") from error
         if picture is None:
             hint = "capture-app sessions verify checks every image"
             raise BadInputError(f"{self.record.path} is not a picture", hint=hint)

@@ -17,7 +17,7 @@ from capture_app import __version__
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, DiskFullError, IncompleteError, SimulshotError
 from capture_app.names import check_name
-from capture_app.session.files.disk import disk_error, make_new_folder, reserve
+from capture_app.session.files.disk import disk_error, disk_errors, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     sync_all,
@@ -321,10 +321,8 @@ class SessionWriter:
         with self._mutex:
             if not self._open:
                 raise BadInputError(f"{self.folder} is closed: nothing can be added any more")
-            try:
+            with disk_errors(self.folder):
                 yield
-            except OSError as error:
-                raise disk_error(error, self.folder) from error
 
     def _close(self) -> None:
         self.videos.close()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, reading
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.file_headers import size_of
@@ -200,11 +200,9 @@ class Replay(PictureSource):
 
         Raises BadInputError where it cannot be read, is too large to keep in memory, or is no such file.
         """
-        try:
+        with reading(path):
             size = path.stat().st_size
             data = b"" if size > MOST_BYTES else path.read_bytes()
-        except OSError as error:
-            raise BadInputError(f"cannot read {path}: {error.strerror}") from error
         if size > MOST_BYTES:
             raise BadInputError(f"{path} is larger than {MOST_BYTES >> 20} MB", hint="replay a part of it")
         parts = data.split(_END + _START)

@@ -26,7 +26,7 @@ from capture_app.sync.wire.codec import (
     version_mismatch,
     version_question,
 )
-from capture_app.tasks import end
+from capture_app.tasks import end, first_of
 from capture_app.trust.trust import Trust
 
 QUESTION_GAPS_S = (0.0, 0.25, 0.5)
@@ -210,18 +210,11 @@ async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, i
         try:
             # Only a connected socket is told of refusals.
             sock.connect(leader)
+            question = _send(sock, version_question(token))
+            sending, receiving = await first_of(question, _receive_version(sock, token))
+            return Answer.CAME, (sending if receiving.cancelled() else receiving).result()
         except OSError as error:
             return _answer_of(error), None
-        sending = asyncio.create_task(_send(sock, version_question(token)))
-        receiving = asyncio.create_task(_receive_version(sock, token))
-        try:
-            await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
-            done = receiving if receiving.done() else sending
-            return Answer.CAME, done.result()
-        except OSError as error:
-            return _answer_of(error), None
-        finally:
-            await end(sending, receiving)
 
 
 async def _send(sock: socket.socket, question: bytes) -> int:

@@ -128,6 +128,8 @@ class LeaderKeys:
         """Leaders that it has something to say to, but no key for, or one that they do not know any more."""
         self._seals: dict[Address, Seal] = {}
         self._groups: dict[Address, Seal] = {}
+        self._last: dict[Address, bytes] = {}
+        """The last message to each leader: it is sent again with a key that was asked for."""
         self._kept: dict[Address, bytes] = {}
 
     def hold(self, leader: Address, grant: Grant) -> None:
@@ -137,6 +139,8 @@ class LeaderKeys:
         if known is None or known.key_id != grant.group_id:
             self._groups[leader] = Seal(grant.group_id, grant.group_key, seals=Side.GROUP, opens=Side.GROUP)
         self.wanted.discard(leader)
+        if leader in self._last:
+            self._kept[leader] = self._last[leader]
 
     def seal(self, message: bytes, leader: Address) -> bytes | None:
         """Return the datagram of a message; None where there is no key for that leader: it waits for one.
@@ -144,18 +148,15 @@ class LeaderKeys:
         Of several the last does.
         """
         seal = self._seals.get(leader)
+        self._last[leader] = message
         if seal is None:
             self.wanted.add(leader)
-            self._kept[leader] = message
             return None
         return seal.seal(message)
 
     def take_kept(self) -> list[tuple[bytes, Address]]:
-        """Return the datagrams of what was kept for leaders that there is a key for now."""
-        if not self._kept:
-            return []
-        leaders = [leader for leader in self._kept if leader in self._seals]
-        return [(self._seals[leader].seal(self._kept.pop(leader)), leader) for leader in leaders]
+        """Return the datagrams of what was kept for leaders that there is a new key for."""
+        return [(self._seals[leader].seal(self._kept.pop(leader)), leader) for leader in list(self._kept)]
 
     def open(self, data: bytes, leader: Address) -> bytes:
         """Return the message of a leader's datagram. Raises SealError where it is refused."""

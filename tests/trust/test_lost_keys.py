@@ -22,6 +22,22 @@ def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back
     assert node.client.time.is_member
 
 
+def test_what_a_leader_could_not_open_is_sent_again_with_the_new_key() -> None:
+    """A leader that is started again has no keys: nobody shall wait for his next turn to ask to join."""
+    rig = running("a")
+    keys, leader_keys = rig.nodes["a"].sealed.keys, rig.leader.keys
+    leader_keys.revoke_all_but([])
+    data = keys.seal(b"hello", LEADER)
+    assert data is not None
+    rig.deliver(unknown_key(data), LEADER, rig.nodes["a"].address)
+    assert keys.take_kept() == []
+    keys.hold(LEADER, leader_keys.grant(rig.nodes["a"].principal))
+    ((again, to),) = keys.take_kept()
+    assert to == LEADER
+    assert leader_keys.open(again, rig.nodes["a"].address)[0] == b"hello"
+    assert keys.take_kept() == []
+
+
 def test_with_a_machine_all_keys_go_and_the_others_ask_for_new_ones() -> None:
     rig = running("a", "b")
     one, other = rig.nodes.values()

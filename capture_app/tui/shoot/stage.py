@@ -63,7 +63,8 @@ class Stage(ContentSwitcher):
             self._digits.update(str(moment.seconds))
             self._words.show([Content.styled(f"{moment} · Space stops it", "$foreground-muted")])
             self._go_to(COUNTDOWN, "Countdown")
-        elif self.current == COUNTDOWN:
+        elif self.current == COUNTDOWN and self.grid.is_attached:
+            # Else the screen is being left during a countdown.
             self.show_live()
 
     def want_previews(self, seen: bool) -> None:

@@ -93,11 +93,6 @@ class PhaseLoop:
         aligner = self.aligner
         return aligner.window.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
 
-    @property
-    def fleetingness(self) -> str:
-        """For how long the stream stays aligned where that is short, in plain words; empty if it is held."""
-        return self.aligner.window.fleetingness if self.can_move else ""
-
     def waits_for_others(self, grid: CameraGrid) -> bool:
         """Whether this client may not move its stream yet: a restart waits for a time that suits all."""
         return self._restarts and not (self._answered and grid.meeting_leader_ns is not None)
@@ -269,7 +264,15 @@ class Client(Generic[F]):
         phase, why_no_centre = self.phase(now_ns), "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
         known = self.failure or self.aligner.problem or self.time.why_joining or holdover
-        state = node_message.of_state(self.state, self.time.timekeeper, self._phase_loop, grid, phase, now_ns)
+        state = node_message.of_state(
+            self.state,
+            self.time.timekeeper,
+            self.aligner,
+            phase,
+            now_ns,
+            can_move=self._phase_loop.can_move,
+            waits=grid is not None and self._phase_loop.waits_for_others(grid),
+        )
         message = known or state or why_no_centre
         report = self.time.timekeeper.report(self.state, message, now_ns)
         return self._phase_loop.report(report, grid, phase)

@@ -1,19 +1,14 @@
 """The one sentence with which a node says why it is not ready, and what a person can do about it."""
 
-from typing import TYPE_CHECKING
-
 from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.likely_line import ASYMMETRY
+from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.stamps import PhaseEstimate
-from capture_app.sync.rig.frame_selection import CameraGrid
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration
-
-if TYPE_CHECKING:
-    from capture_app.sync.rig.client import PhaseLoop
 
 RATE_CHANGED = (
     "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"
@@ -29,13 +24,18 @@ NETWORK_NS = 200_000
 def of_state(
     state: NodeState,
     keeper: Timekeeper,
-    loop: "PhaseLoop",
-    grid: CameraGrid | None,
+    aligner: Aligner,
     phase: PhaseEstimate | None,
     now_ns: int,
+    *,
+    can_move: bool,
+    waits: bool,
 ) -> str:
-    """Say what a client in that state is about; empty where there is nothing to say."""
-    wanted_ns, time_map, aligner = keeper.target.wanted_ns, keeper.time_map, loop.aligner
+    """Say what a client in that state is about; empty where there is nothing to say.
+
+    `can_move`: its stream can be moved at all; `waits`: it may not be yet, for the others' sake.
+    """
+    wanted_ns, time_map = keeper.target.wanted_ns, keeper.time_map
     error_ns = keeper.target.error_ns
     match state:
         case NodeState.JOINING:
@@ -45,7 +45,6 @@ def of_state(
         case NodeState.ALIGNING | NodeState.COARSE | NodeState.READY if odd := rate(keeper.rate, now_ns):
             return odd
         case NodeState.ALIGNING if keeper.target.met or time_map is None:
-            waits = grid is not None and loop.waits_for_others(grid)
             return aligning(phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits)
         case NodeState.COARSE if keeper.target.met:
             return aligner.window.coarseness
@@ -58,10 +57,10 @@ def of_state(
             if keeper.clock.longer_ns and not by_relay:
                 return f"{_sure_to(error_ns, wanted_ns)}: {way_longer(keeper.clock.longer_ns)}"
             return coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
-        case NodeState.READY if not loop.can_move:
+        case NodeState.READY if not can_move:
             return off_grid(phase, aligner.window.asked_ns)
         case NodeState.READY:
-            return loop.fleetingness
+            return aligner.window.fleetingness
     return ""
 
 

@@ -20,7 +20,7 @@ from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError
 from capture_app.names import Name
 from capture_app.node.wire.messages import JsonValue
-from capture_app.session.format.checks import read_struct
+from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.manifest import RECIPE, BurstRecord, CameraRecord, MissingImage
 
 SCHEMA_VERSION = 1

@@ -12,8 +12,8 @@ from capture_app.errors import BadInputError
 from capture_app.names import check_name
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
+from capture_app.session.files.strangers import indented
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -73,7 +73,7 @@ def _write(recipe: Recipe, folder: Path, progress: Progress) -> None:
         for done, frame in enumerate(frames, 1):
             _render_frame(writer, recipe, take, frame, sources[frame.camera])
             progress(done, len(frames))
-        writer.set_ground_truth_clocks(take.clocks)
+        writer.images.clocks = dict(take.clocks)
         calibrated = {
             name: calibration
             for name, source in sources.items()

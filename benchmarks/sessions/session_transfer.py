@@ -29,7 +29,7 @@ from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.news import Log
-from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace, ToLeader
+from capture_app.node.wire.messages import CameraReport, SpoolSpace, ToLeader
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
@@ -67,18 +67,15 @@ class OneBurst:
 
     def __init__(self, session: BurstSession) -> None:
         self._session = session
-        self.engine = self.options = self
+        self.engine = self.roster = self.options = self
         self.members = {name: Joined(name) for name in session.burst.clients}
         self.news = Log()
-
-    async def answer_finished(self, report: CameraReport) -> None:
-        """No session is finished."""
 
     def now_ns(self) -> int:
         """The host's clock."""
         return time.monotonic_ns()
 
-    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
+    async def find_session(self, report: CameraReport, pin: str) -> BurstSession:
         """The one burst."""
         return self._session
 

@@ -15,8 +15,8 @@ from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
+from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
 START_NS = 1_000_000_000

@@ -16,7 +16,7 @@ from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.phase.actuators import InjectionProfile
-from capture_app.sync.phase.stamps import FrameStamp
+from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
@@ -259,13 +259,13 @@ class VirtualRig:
         while (event := client.next_event()) is not None:
             node.events.append(event)
             if isinstance(event, FramesSelected):
-                known = node.bursts.get(event.burst)
+                known = node.bursts.get(event.trigger.burst)
                 if event.further and known is not None:
-                    newest = known if event.trigger is None else event
+                    newest = event if event.trigger.streamed else known
                     event = replace(
                         newest, frames=(*known.frames, *event.frames), gaps=(*known.gaps, *event.gaps)
                     )
-                node.bursts[event.burst] = event
+                node.bursts[event.trigger.burst] = event
         node.timer.set(node.spec.clock.true_from_local(client.next_timer()) + 1)
 
     def _apply(self, command: CameraCommand, node: VirtualNode) -> None:

@@ -16,14 +16,13 @@ from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.sync.phase.actuators import InjectionProfile
-from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
 from capture_app.sync.phase.injection import (
     FIRST_STRETCH_NS,
     INSIDE_ROW,
     InjectionActuator,
     InjectionHistory,
 )
-from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 from capture_app.text import count
 

@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 
 from capture_app.optional_packages import load_optional
+from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references, read_struct
-from capture_app.session.format.manifest import ImageRecord, Manifest, image_path
+from capture_app.session.format.manifest import ImageRecord, Manifest, check_references, image_path
 
 FORMATS = {
     "colmap": "images and rig_config.json; a model where calibrated",

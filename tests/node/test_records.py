@@ -10,6 +10,7 @@ from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping.clock_events import ReferenceCorrected
+from capture_app.sync.wire.messages import Trigger
 from tests.facts import make_facts
 
 OWN = TimeMap(
@@ -26,7 +27,7 @@ OWN = TimeMap(
 
 
 def clock_of(time_map: TimeMap) -> ClockRecord | None:
-    ready: FramesSelected[object] = FramesSelected(1, 1, (), (), time_map, None)
+    ready: FramesSelected[object] = FramesSelected(Trigger(0, 1, 1, 0, 1, 1), (), (), time_map, None)
     return camera_record("cam", make_facts(), ready, 0, 1000).clock
 
 

@@ -91,7 +91,7 @@ def fill(writer: SessionWriter) -> Session:
                 **truth,
             )
     writer.add_event({"event": "aligned", "camera": "left", "phase_ns": 12})
-    writer.set_ground_truth_clocks({"left": SimulatedClock(5)})
+    writer.images.clocks = {"left": SimulatedClock(5)}
     return writer.finish(
         [camera_record("left"), camera_record("right")],
         BurstRecord(instants_ns=INSTANTS, period_ns=33_000_000, requested_ns=INSTANTS[0] - 5),

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
 from capture_app.names import is_name
-from capture_app.session.format.checks import inside
-from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord, inside
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.writing.session_writer import SessionWriter

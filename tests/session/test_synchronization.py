@@ -6,8 +6,13 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.camera_facts import TimestampSource
-from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage, row_exposures
-from capture_app.session.reading.verdict import sync_record
+from capture_app.session.format.manifest import (
+    BurstRecord,
+    ImageRecord,
+    MissingImage,
+    row_exposures,
+    sync_record,
+)
 
 from .conftest import HEIGHT, camera_record
 

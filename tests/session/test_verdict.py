@@ -13,6 +13,7 @@ from capture_app.session.format.manifest import (
     ImageRecord,
     Manifest,
     MissingImage,
+    sync_record,
 )
 from capture_app.session.reading.verdict import (
     GRADE_LIMITS,
@@ -20,7 +21,6 @@ from capture_app.session.reading.verdict import (
     describe_displacement,
     grade_of,
     judge,
-    sync_record,
 )
 
 from .conftest import camera_record

@@ -2,8 +2,8 @@
 
 import asyncio
 import dataclasses
+import functools
 from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -24,7 +24,13 @@ from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.format.manifest import (
+    BurstRecord,
+    CameraRecord,
+    MissingImage,
+    check_image_path,
+    image_path,
+)
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
@@ -70,7 +76,7 @@ class BurstSession:
         self._plan: BurstPlan | None = writer.plan
         """What is to be on disk of it."""
         self._writing_plan = asyncio.Lock()
-        self._intake = Intake(writer, disk, self.finished, in_videos=burst.video)
+        self._intake = Intake(writer, disk, self.finished, self._shares, in_videos=burst.video)
         self._background = Background()
 
     @classmethod
@@ -200,9 +206,8 @@ class BurstSession:
             # It may have heard late that the burst ends earlier.
             told = replace(told, instants=tuple(n for n in told.instants if n < self.burst.frames))
         self._choice.check_ordered([*told.instants, *(missing.instant for missing in told.missing)])
-        share.interrupt()
         try:
-            async with share.writing:
+            async with self._intake.interrupted(share.name):
                 self._check_open()
                 first = not share.plan.reported
                 if first and report.events:
@@ -237,24 +242,27 @@ class BurstSession:
             async for _ in payload:
                 pass
             return known(upload.record.sha256)
-        upload = replace(upload, record=self._choice.renumbered(upload.record))
-        share = self._share(upload.record.camera)
-        if (others := self._intake.find(share, upload.record.instant)) is not None:
+        record, number = upload.record, self._choice.number(upload.record.instant)
+        path = image_path(record.camera, number, check_image_path(record))
+        upload = replace(upload, record=replace(record, instant=number, path=path))
+        share = self._share(record.camera)
+        if (others := self._intake.find(share.name, number)) is not None:
             return others
         try:
-            saving = await self._intake.receive(share, upload, payload)
+            saving = await self._intake.receive(upload, payload)
         except DiskError as error:
             self._background.start(self.finish_now(_disk_reason(error)))
             raise
-        saving.add_done_callback(self._note_saved)
+        saving.add_done_callback(functools.partial(self._note_saved, share, number))
         share.note_heard(now_ns, advanced=True)
         return saving
 
-    def _note_saved(self, saved: "asyncio.Future[str]") -> None:
+    def _note_saved(self, share: CameraShare, number: int, saved: "asyncio.Future[str]") -> None:
         if saved.cancelled():
             return
         error = saved.exception()
         if error is None:
+            share.instants.add(number)
             # The node hears of its image before the session is finished, which takes the disk some time.
             self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
@@ -317,8 +325,8 @@ class BurstSession:
         """Wait no longer for cameras without a stream, or lost (name to reason), or stalled."""
         self._now_ns = now_ns
         for name, share in self._shares.items():
-            share.note_arrivals(now_ns)
-            if reason := share.why_silent(lost, now_ns):
+            share.note_arrivals(self._intake.arrived_bytes(name), now_ns)
+            if not self._intake.is_saving(name) and (reason := share.why_silent(lost, now_ns)):
                 await self.give_up_camera(name, reason, silent=True)
 
     async def finish_now(self, reason: str, *, silent: bool = True) -> None:
@@ -334,7 +342,7 @@ class BurstSession:
         """Write the manifest once nothing is waited for; harmless before and after."""
         if not self._may_finish():
             return
-        async with self._no_image_written():
+        async with self._intake.at_rest():
             if not self._may_finish():
                 return
             try:
@@ -346,7 +354,7 @@ class BurstSession:
 
     async def suspend(self) -> None:
         """Go away without finishing: `resume` goes on from here."""
-        async with self._no_image_written():
+        async with self._intake.at_rest():
             if not self.finished.is_set():
                 await self._disk.call(self._writer.abort)
                 how = f"the next leader goes on, or capture-app sessions repair {self.folder}"
@@ -357,15 +365,6 @@ class BurstSession:
         return not self.finished.is_set() and all(
             share.is_complete(self._choice) for share in self._shares.values()
         )
-
-    @asynccontextmanager
-    async def _no_image_written(self) -> AsyncIterator[None]:
-        async with AsyncExitStack() as stack:
-            for share in self._shares.values():
-                await stack.enter_async_context(share.writing)
-            while saving := [image for share in self._shares.values() for image in share.saving.values()]:
-                await asyncio.wait(saving)
-            yield
 
     def _finish(self) -> Path | None:
         if self.burst.video:
@@ -429,7 +428,7 @@ def lost_images(writer: SessionWriter, shares: Iterable[CameraShare]) -> Lost:
     reason = "its file was damaged or lost after it came"
     lost = {
         (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
-        for camera, instant in writer.damaged
+        for camera, instant in writer.images.damaged
     }
     try:
         missing = Session.open(writer.folder).stored_manifest.missing
@@ -455,7 +454,7 @@ def write_manifest(
     calibrated = {name: of.calibration for name, of in plans.items() if of.calibration is not None}
     if calibrated:
         writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
-    writer.set_ground_truth_clocks({n: of.true_clock for n, of in plans.items() if of.true_clock is not None})
+    writer.images.clocks = {n: of.true_clock for n, of in plans.items() if of.true_clock is not None}
     origin = "simulated" if writer.knows_true_times else "captured"
     note = "" if writer.plan is None else writer.plan.note
     return writer.finish([of.camera for of in plans.values()], burst, missing, origin, note).folder

@@ -1,12 +1,11 @@
 """What one camera owes to a burst: what it has told, the image that comes in, how long it is waited for."""
 
-import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from msgspec.structs import replace
 
-from capture_app.node.burst.intake import PartialImage, partial_receipts
+from capture_app.node.burst.intake import partial_receipts
 from capture_app.node.burst.plans import InstantChoice
 from capture_app.node.wire.messages import ImageReceipt
 from capture_app.node.wire.status import CameraTransfer
@@ -41,19 +40,11 @@ class CameraShare:
     streams: int = 0
     advanced_ns: int = 0
     """When it last brought something, or had to wait for others."""
-    arrived: dict[int, int] = field(default_factory=dict)
-    """How many bytes have come of each image, where it came furthest."""
     counted_bytes: int = 0
-    """How many of them are counted as an advance."""
+    """How many bytes of its images are counted as an advance."""
     given_up: str = ""
     silent: bool = False
     """Given up because nothing was heard of it: it may still have its images."""
-    partial: PartialImage | None = None
-    """The image that is coming in."""
-    saving: "dict[int, asyncio.Future[str]]" = field(default_factory=dict)
-    """By their numbers in the session, the images that have come and are not safely on the disk yet."""
-    # One write at a time: a node that sends again after a broken stream meets its own first try.
-    writing: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def __post_init__(self) -> None:
         """Count as advanced from when it is waited for."""
@@ -90,8 +81,6 @@ class CameraShare:
 
     def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
         """Why not to wait for it any longer, empty where there is no reason; `lost` are reasons by name."""
-        if self.saving:
-            return ""
         silent_ns = now_ns - self.heard_ns
         gone_ns, stalled_ns = (
             (SHORT_TIMEOUT_NS, PATIENCE_NS) if self.short_timeout else (PATIENCE_NS, STALL_NS)
@@ -111,11 +100,10 @@ class CameraShare:
         if advanced:
             self.advanced_ns = max(self.advanced_ns, now_ns)
 
-    def note_arrivals(self, now_ns: int) -> None:
-        """Count what has come of images since the last time, where it is enough."""
-        arrived = sum(self.arrived.values())
-        if arrived - self.counted_bytes >= ADVANCE_BYTES:
-            self.counted_bytes = arrived
+    def note_arrivals(self, arrived_bytes: int, now_ns: int) -> None:
+        """Count what has come of images, where it is enough more than the last time."""
+        if arrived_bytes - self.counted_bytes >= ADVANCE_BYTES:
+            self.counted_bytes = arrived_bytes
             self.note_heard(now_ns, advanced=True)
 
     def note_report(self, told: CameraPlan, *, is_of_earlier_run: bool) -> None:
@@ -130,11 +118,6 @@ class CameraShare:
             )
         self.plan = replace(told, reported=True)
         self.given_up, self.silent = "", False
-
-    def interrupt(self) -> None:
-        """End the image that is coming in: a stream that the node has left may not have noticed yet."""
-        if self.partial is not None:
-            self.partial.close()
 
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
         """What is here of its images, whole or in part, numbered as ordered. Blocks on the disk.

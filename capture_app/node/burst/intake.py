@@ -5,24 +5,22 @@ import functools
 import hashlib
 import os
 import threading
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack, asynccontextmanager, closing
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 from capture_app.errors import NetworkError, TryAgainError
 from capture_app.names import is_name
 from capture_app.node.wire.messages import ImageReceipt, ImageUpload
-from capture_app.session.files.disk import disk_error, disk_errors
+from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import PART
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
-
-if TYPE_CHECKING:
-    from capture_app.node.burst.camera_share import CameraShare
 
 DISK_THREADS = 8
 MAX_BATCH = 128
@@ -62,7 +60,7 @@ class PartialImage:
 
     def open(self) -> None:
         """Go on at the upload's offset. Raises TryAgainError where less than that has come before."""
-        try:
+        with disk_errors(self.file.parent):
             self.file.parent.mkdir(exist_ok=True)
             self._handle = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
             length = os.fstat(self._handle).st_size
@@ -70,10 +68,6 @@ class PartialImage:
                 os.ftruncate(self._handle, self.upload.offset)
                 os.lseek(self._handle, self.upload.offset, os.SEEK_SET)
                 return
-        except OSError as error:
-            self.close()
-            raise disk_error(error, self.file.parent) from error
-        self.close()
         raise TryAgainError(
             f"this image goes on at byte {self.upload.offset}, but only {length} have arrived"
         )
@@ -81,15 +75,11 @@ class PartialImage:
     def add(self, chunk: bytes) -> None:
         """Write what has come. Raises DiskFullError, NetworkError after `close`."""
         left = memoryview(chunk)
-        try:
-            with self._mutex:
-                if self._handle < 0:
-                    raise NetworkError("this image is already arriving on another connection")
-                while left:
-                    left = left[os.write(self._handle, left) :]
-        except OSError as error:
-            self.close()
-            raise disk_error(error, self.file.parent) from error
+        with disk_errors(self.file.parent), self._mutex:
+            if self._handle < 0:
+                raise NetworkError("this image is already arriving on another connection")
+            while left:
+                left = left[os.write(self._handle, left) :]
 
     def close(self) -> None:
         """Write no more. Calling it twice is harmless."""
@@ -136,28 +126,48 @@ class Intake:
     """The images of one burst, from when they come; all that are whole during one sync share the next."""
 
     def __init__(
-        self, writer: SessionWriter, disk: DiskThreads, over: asyncio.Event, *, in_videos: bool
+        self,
+        writer: SessionWriter,
+        disk: DiskThreads,
+        over: asyncio.Event,
+        cameras: Iterable[str],
+        *,
+        in_videos: bool,
     ) -> None:
-        """Nothing more is taken in once the burst is `over`."""
+        """Nothing more is taken in of these cameras once the burst is `over`."""
         self._writer, self._disk, self._over, self._in_videos = writer, disk, over, in_videos
+        # One write at a time: a node that sends again after a broken stream meets its own first try.
+        self._writing = {camera: asyncio.Lock() for camera in cameras}
+        self._partial: dict[str, PartialImage] = {}
+        """By camera, the image that is coming in."""
+        self._arrived: dict[str, dict[int, int]] = {camera: {} for camera in self._writing}
+        """How many bytes have come of each camera's images, where they came furthest."""
+        self._saving: dict[tuple[str, int], asyncio.Future[str]] = {}
+        """By camera and number in the session, what answers for images that are not safe yet."""
         self._waiting: dict[asyncio.Future[str], tuple[StoredImage, float]] = {}
         """By what is answered, the images in the order that they came, and when that was."""
         self._work: asyncio.Task[None] | None = None
 
-    def find(self, share: "CameraShare", instant: int) -> "asyncio.Future[str] | None":
+    def find(self, camera: str, instant: int) -> "asyncio.Future[str] | None":
         """The answer for an image that is saved, or on its way to the disk; None for any other."""
-        saved = self._writer.image(share.name, instant)
-        return share.saving.get(instant) if saved is None else known(saved.sha256)
+        saved = self._writer.image(camera, instant)
+        return self._saving.get((camera, instant)) if saved is None else known(saved.sha256)
 
-    async def receive(
-        self, share: "CameraShare", upload: ImageUpload, payload: AsyncIterator[bytes]
-    ) -> "asyncio.Future[str]":
+    def is_saving(self, camera: str) -> bool:
+        """Whether an image of that camera is on its way to the disk."""
+        return any(of == camera for of, _ in self._saving)
+
+    def arrived_bytes(self, camera: str) -> int:
+        """How much has come of that camera's images."""
+        return sum(self._arrived[camera].values())
+
+    async def receive(self, upload: ImageUpload, payload: AsyncIterator[bytes]) -> "asyncio.Future[str]":
         """Take an image in as it comes, and save it, unless another upload of it was quicker: see `add`.
 
         What came of it stays where the stream breaks off, with NetworkError. Raises TryAgainError for a
         damaged one or once the burst is over, DiskError.
         """
-        record = upload.record
+        record, camera, instant = upload.record, upload.camera, upload.record.instant
         if self._in_videos:
             data = b"".join([chunk async for chunk in payload])
             self._check_open(upload)
@@ -165,33 +175,55 @@ class Intake:
             if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
                 raise damaged(record)
             frame = StoredImage(record, data, true_ns=upload.true_ns)
-            return self.find(share, record.instant) or self._save(share, frame)
-        partial = PartialImage(self._writer.folder, upload)
-        async with share.writing:
-            self._check_open(upload)
-            share.interrupt()
-            share.partial = partial
-            await self._disk.call(partial.open)
-        try:
+            return self.find(camera, instant) or self.add(frame)
+        partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
+        with closing(partial):
+            async with self.interrupted(camera):
+                self._check_open(upload)
+                self._partial[camera] = partial
+                await self._disk.call(partial.open)
             end = upload.offset
             async for chunk in payload:
                 await self._disk.call(partial.add, chunk)
                 end += len(chunk)
-                share.arrived[record.instant] = max(share.arrived.get(record.instant, 0), end)
-        finally:
-            partial.close()
-        async with share.writing:
+                arrived[instant] = max(arrived.get(instant, 0), end)
+        async with self._writing[camera]:
             self._check_open(upload)
-            if (others := self.find(share, record.instant)) is not None:
+            if (others := self.find(camera, instant)) is not None:
                 return others
             truth = await self._disk.call(partial.split_off_truth)
-            return self._save(share, StoredImage(record, partial.file, truth, upload.true_ns))
+            return self.add(StoredImage(record, partial.file, truth, upload.true_ns))
+
+    @asynccontextmanager
+    async def interrupted(self, camera: str) -> AsyncIterator[None]:
+        """Write nothing of a camera meanwhile, and end the image that is coming in.
+
+        A stream that the node has left may not have noticed yet.
+        """
+        async with self._writing[camera]:
+            if camera in self._partial:
+                self._partial[camera].close()
+            yield
+
+    @asynccontextmanager
+    async def at_rest(self) -> AsyncIterator[None]:
+        """Write no image meanwhile, once those that have come are saved."""
+        async with AsyncExitStack() as stack:
+            for writing in self._writing.values():
+                await stack.enter_async_context(writing)
+            while self._saving:
+                await asyncio.wait(self._saving.values())
+            yield
 
     def add(self, image: StoredImage) -> "asyncio.Future[str]":
-        """Save an image; what is returned has its checksum once it is safe, or what went wrong."""
+        """Save an image; what is returned has its checksum once it is safe, or what went wrong.
+
+        From now on a second upload of it joins this one.
+        """
         loop = asyncio.get_running_loop()
         saved: asyncio.Future[str] = loop.create_future()
-        self._waiting[saved] = image, loop.time()
+        self._waiting[saved], self._saving[image.key] = (image, loop.time()), saved
+        saved.add_done_callback(lambda _: self._saving.pop(image.key))
         if self._work is None:
             self._work = asyncio.create_task(self._save_all())
         return saved
@@ -224,19 +256,6 @@ class Intake:
     def _check_open(self, upload: ImageUpload) -> None:
         if self._over.is_set():
             raise TryAgainError(f"burst {upload.burst} is over")
-
-    def _save(self, share: "CameraShare", image: StoredImage) -> "asyncio.Future[str]":
-        """Queue an image for the disk; from now on a second upload of it joins this one."""
-        instant, saving = image.record.instant, self.add(image)
-
-        def note(saved: "asyncio.Future[str]") -> None:
-            del share.saving[instant]
-            if not saved.cancelled() and saved.exception() is None:
-                share.instants.add(instant)
-
-        share.saving[instant] = saving
-        saving.add_done_callback(note)
-        return saving
 
 
 def known(sha256: str) -> "asyncio.Future[str]":

@@ -3,17 +3,13 @@
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
 
-from msgspec.structs import replace
-
 from capture_app.errors import BadInputError, TryAgainError
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
 from capture_app.session.format.manifest import (
     BurstRecord,
-    ImageRecord,
     MissingImage,
     SkippedFrame,
     SkippedInstant,
-    image_path,
 )
 from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
@@ -118,21 +114,17 @@ class InstantChoice:
         told = frozenset(ordered)
         return {number for number, instant in enumerate(self.chosen or ()) if instant in told}
 
-    def renumbered(self, record: ImageRecord) -> ImageRecord:
-        """An image's record as the session has it.
+    def number(self, instant: int) -> int:
+        """The number in the session of an instant that was ordered.
 
-        Raises BadInputError for one that no camera may send, TryAgainError while that is not known.
+        Raises BadInputError for one that it does without, TryAgainError while that is not known.
         """
-        self.check_ordered([record.instant])
+        self.check_ordered([instant])
         if self.chosen is None:
             raise TryAgainError(f"it is not known yet which instants burst {self._burst.number} has")
-        suffix = record.path[record.path.rfind(".") :]
-        if record.path != image_path(record.camera, record.instant, suffix):
-            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
-        if record.instant not in self.chosen:
-            raise BadInputError(f"burst {self._burst.number} does without instant {record.instant}")
-        number = self.chosen.index(record.instant)
-        return replace(record, instant=number, path=image_path(record.camera, number, suffix))
+        if instant not in self.chosen:
+            raise BadInputError(f"burst {self._burst.number} does without instant {instant}")
+        return self.chosen.index(instant)
 
     def skipped(self, reports: Reports) -> tuple[SkippedInstant, ...]:
         """The instants that later ones have taken the place of, and why."""

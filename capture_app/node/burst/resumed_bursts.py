@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import PATIENCE_NS
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import check_machine
-from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload, ReportAck
+from capture_app.node.wire.messages import CameraReport, ImageReceipt, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST
@@ -109,13 +109,6 @@ class ResumedBursts:
             if free_bytes(folder) < SPARE_BYTES:
                 raise DiskFullError(f"the disk of {folder} is full", hint="make room on the leader")
             return await self._resume(key, folder, now_ns)
-
-    def open_session_of(self, upload: ImageUpload) -> BurstSession:
-        """Return the session that an image belongs to. Raises TryAgainError where it is closed."""
-        session = self._open.get((upload.leader, upload.burst))
-        if session is None:
-            raise TryAgainError(f"burst {upload.burst} is over")
-        return session
 
     async def suspend_all(self) -> None:
         """Leave what is not finished as it is."""

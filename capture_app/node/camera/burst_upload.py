@@ -12,7 +12,7 @@ import shutil
 import threading
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
@@ -27,11 +27,11 @@ from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
 from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic, write_unsynced
 from capture_app.session.files.locks import lock_folder
+from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.burst_plan import MissingRun
-from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage, image_path
-from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSelected, Gap, SelectedFrame
+from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSelected, SelectedFrame
 from capture_app.text import UNREADABLE
 
 REPORT = "report.json"
@@ -72,11 +72,8 @@ class SpooledBurst:
                 return
             try:
                 write_unsynced(self.image_file(image), data)
-                journal = AppendOnlyFile(self.folder / JOURNAL)
-                try:
+                with closing(AppendOnlyFile(self.folder / JOURNAL)) as journal:
                     journal.append(msgspec.json.encode(image), durable=False)
-                finally:
-                    journal.close()
             except OSError as error:
                 with suppress(OSError):
                     self.image_file(image).unlink(missing_ok=True)
@@ -166,17 +163,15 @@ class Spool:
         space = SpoolSpace(camera=self.camera, free_bytes=0, spool=str(self.folder))
         probe = self.folder / f"probe{PART}"
         try:
-            reserve(probe, LITTLE_BYTES)
-            probe.unlink()
-            return replace(space, free_bytes=free_bytes(self.folder))
-        except OSError as error:
-            problem = disk_error(error, self.folder)
+            with disk_errors(self.folder):
+                reserve(probe, LITTLE_BYTES)
+                probe.unlink()
+                return replace(space, free_bytes=free_bytes(self.folder))
+        except DiskFullError as error:
+            return replace(space, problem=error.what)
         except DiskError as error:
-            problem = error
-        if isinstance(problem, DiskFullError):
-            return replace(space, problem=problem.what)
-        # Memory stands in for it, and how much of that there is depends on the leader.
-        return replace(space, free_bytes=UNKNOWN_ROOM, problem=problem.what)
+            # Memory stands in for it, and how much of that there is depends on the leader.
+            return replace(space, free_bytes=UNKNOWN_ROOM, problem=error.what)
 
     def close(self) -> None:
         """Let another node use it. Calling it twice is harmless."""
@@ -229,14 +224,6 @@ def encode_frame(
         truth_sha256=hashlib.sha256(truth).hexdigest() if truth else None,
     )
     return upload, image + truth
-
-
-def missing_images(camera: str, gaps: Iterable[Gap]) -> tuple[MissingImage, ...]:
-    """What a camera tells of instants that it has no frame of."""
-    return tuple(
-        MissingImage(camera=camera, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
-        for gap in gaps
-    )
 
 
 @dataclass(slots=True)
@@ -352,10 +339,13 @@ class BurstUpload:
         if self.is_committed or self.is_over:
             return
         self.frames.extend(picked.frames)
-        plan = self.report.plan
+        plan, name = self.report.plan, self.report.camera
         instants = (*plan.instants, *(frame.instant for frame in picked.frames))
-        missing = (*plan.missing, *missing_images(plan.camera.name, picked.gaps))
-        self.report = self.report.with_plan(instants=instants, missing=missing)
+        gone = (
+            MissingImage(camera=name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
+            for gap in picked.gaps
+        )
+        self.report = self.report.with_plan(instants=instants, missing=(*plan.missing, *gone))
 
     def commit(self, wanted: Collection[int] | None) -> list[Path]:
         """Keep only what the leader wants, None for all; return the files of the rest."""
@@ -410,8 +400,7 @@ class BurstUpload:
             if self.ended:
                 self.report = replace(self.report)
             return
-        plan = self.report.plan
-        name = plan.camera.name
+        plan, name = self.report.plan, self.report.camera
         gone = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
         left = tuple(instant for instant in plan.instants if instant not in instants)
         self.report = self.report.with_plan(instants=left, missing=(*plan.missing, *gone))

@@ -291,8 +291,8 @@ class RigMember:
         if picked.further:
             self._uploader.extend_burst(picked)
             return
-        name, leader, burst = self.options.name, picked.leader, picked.burst
-        facts, camera, streamed = self._camera.facts, self._camera.camera, picked.trigger is not None
+        name, leader, burst = self.options.name, picked.trigger.leader, picked.trigger.burst
+        facts, camera, streamed = self._camera.facts, self._camera.camera, picked.trigger.streamed
         true_clock = self._clock if isinstance(self._clock, SimulatedClock) else None
         if facts.kind == SIMULATED and true_clock is None:
             true_clock = SimulatedClock(0)
@@ -310,7 +310,7 @@ class RigMember:
         upload = BurstUpload(
             report,
             streamed=streamed,
-            video=picked.trigger is not None and picked.trigger.video,
+            video=picked.trigger.video,
             most_bytes=self.options.ring_bytes,
             on_commit=functools.partial(self._engine.forget_burst, leader, burst),
         )

@@ -30,7 +30,7 @@ from capture_app.net.address import Address
 from capture_app.net.udp import Pump
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.news import Log
-from capture_app.sync.phase.stamps import FrameStamp
+from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream

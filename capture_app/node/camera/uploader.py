@@ -305,7 +305,7 @@ class Uploader:
 
     def extend_burst(self, picked: FramesSelected[CapturedFrame]) -> None:
         """Add further instants to a burst that was taken on before, where they are still of use."""
-        for upload in self._uploads_of(picked.leader, picked.burst):
+        for upload in self._uploads_of(picked.trigger.leader, picked.trigger.burst):
             upload.extend(picked)
         self._news.set()
         self._to_encode.set()

@@ -29,7 +29,7 @@ from capture_app.node.leader.readiness import (
     expected_image_bytes,
     reasons_until_ready,
 )
-from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, ReportAck, SpoolSpace
+from capture_app.node.wire.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.events import BurstAnswered
@@ -323,32 +323,24 @@ class ActiveBursts:
             if not session.finished.is_set():
                 await session.end(ended)
 
-    async def find_session(self, message: CameraReport | ImageUpload, pin: str) -> BurstSession:
-        """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
+    async def find_session(self, report: CameraReport, pin: str) -> BurstSession | ReportAck:
+        """Return the burst of a report, of this run or of an earlier one whose session lacks images.
 
-        `pin` is the machine's that brings it. Raises BadInputError where there is no such burst or its camera
-        is another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its session
-        is in use.
+        Where it lacks none of this camera, that is answered, and nothing of it is changed. `pin` is the
+        machine's that brings the report. Raises BadInputError where there is no such burst or its camera is
+        another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its session is in
+        use.
         """
-        of_this_run = message.leader == self.engine.config.instance
-        if of_this_run and message.burst in self._cancelled:
-            raise CancelledBurstError(f"burst {message.burst} was cancelled")
-        session = self._bursts.get(message.burst) if of_this_run else None
+        of_this_run = report.leader == self.engine.config.instance
+        session = self._bursts.get(report.burst) if of_this_run else None
+        if session is None and (done := await self.resumed.answer_finished(report, pin)) is not None:
+            return done
+        if of_this_run and report.burst in self._cancelled:
+            raise CancelledBurstError(f"burst {report.burst} was cancelled")
         if session is None or session.finished.is_set():
-            session = (
-                self.resumed.open_session_of(message)
-                if isinstance(message, ImageUpload)
-                else await self.resumed.reopen(message, self.now_ns())
-            )
-        session.check_machine(message.camera, pin)
+            session = await self.resumed.reopen(report, self.now_ns())
+        session.check_machine(report.camera, pin)
         return session
-
-    async def answer_finished(self, report: CameraReport, pin: str) -> ReportAck | None:
-        """Answer a report of a saved session that has all images of its camera: nothing of it is changed."""
-        session = self._bursts.get(report.burst)
-        if session is not None and report.leader == self.engine.config.instance:
-            return None
-        return await self.resumed.answer_finished(report, pin)
 
     def note_spool_space(self, space: SpoolSpace) -> None:
         """Note how much room a node has, for the next burst, and tell where that cannot be used."""

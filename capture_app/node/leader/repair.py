@@ -1,6 +1,7 @@
 """Finishing interrupted sessions: with what nodes still hold where they can be asked, or as they are."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 from msgspec import Struct
@@ -71,11 +72,8 @@ async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, ne
 
 
 async def _finish_as_it_is(folder: Path) -> None:
-    disk = DiskThreads()
-    try:
+    with closing(DiskThreads()) as disk:
         await BurstSession.resume(folder, 0, disk).finish_now(NOT_BROUGHT)
-    finally:
-        disk.close()
 
 
 def _sessions(path: Path) -> list[Path]:

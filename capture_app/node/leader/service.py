@@ -29,8 +29,8 @@ from capture_app.tasks import end
 FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 UNDECIDED_S = 0.1
 """How long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
-WorkingOn = dict[tuple[int, int], tuple[BurstSession, str]]
-"""By a leader's run and a burst's number, the session and the camera that a stream brings images of."""
+WorkingOn = dict[tuple[int, int, str], BurstSession]
+"""By a leader's run, a burst's number and a camera, the session that a stream brings images of."""
 
 
 STILL_SAVING_EVERY_S = 5.0
@@ -101,11 +101,11 @@ class LeaderService:
         try:
             while (message := await channel.receive_header()) is not None:
                 try:
+                    if isinstance(message, messages.ImageUpload):
+                        answers.add(await self._take_image(channel, message, working_on))
+                        continue
                     check_allowed(channel.who, message)
                     self._check_speaker(channel, message, principal)
-                    if isinstance(message, messages.ImageUpload):
-                        answers.add(await self._take_image(channel, message))
-                        continue
                     if isinstance(message, messages.NodeStream) and not message.shows:
                         self._end_speech(principal, channel)
                         principal = message.camera
@@ -124,7 +124,7 @@ class LeaderService:
         finally:
             self._end_speech(principal, channel)
             await answers.close()
-            for session, camera in working_on.values():
+            for (_, _, camera), session in working_on.items():
                 session.stream_closed(camera, self._bursts.now_ns())
 
     def _begin_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
@@ -152,14 +152,18 @@ class LeaderService:
                 ):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
-            case messages.CameraReport() | messages.ImageUpload() | messages.SpoolSpace():
+            case messages.CameraReport() | messages.SpoolSpace():
                 if message.camera != principal:
                     raise BadInputError(f"this stream does not speak for camera {message.camera!r}")
 
     async def _take_image(
-        self, channel: Channel[messages.ToLeader], message: messages.ImageUpload
+        self, channel: Channel[messages.ToLeader], message: messages.ImageUpload, working_on: WorkingOn
     ) -> "asyncio.Future[str]":
-        session = await self._bursts.find_session(message, channel.who.pin)
+        """Take in an image of what this stream has reported: who may bring it was asked then."""
+        session = working_on.get((message.leader, message.burst, message.camera))
+        if session is None:
+            what = f"this stream does not speak for camera {message.camera!r} in burst {message.burst}"
+            raise BadInputError(what, hint="its report comes first")
         saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
         saving.add_done_callback(lambda _: self._bursts.tell_progress(session))
         return saving
@@ -183,15 +187,15 @@ class LeaderService:
     async def _take_report(
         self, report: messages.CameraReport, pin: str, working_on: WorkingOn
     ) -> messages.ReportAck:
-        if (done := await self._bursts.answer_finished(report, pin)) is not None:
-            return done
         session = await self._bursts.find_session(report, pin)
-        key, camera = (report.leader, report.burst), report.plan.camera.name
-        if key not in working_on or working_on[key][0] is not session:
-            session.stream_opened(camera)
-            if key in working_on:
-                working_on[key][0].stream_closed(camera, self._bursts.now_ns())
-            working_on[key] = session, camera
+        if isinstance(session, messages.ReportAck):
+            return session
+        key = (report.leader, report.burst, report.camera)
+        if (before := working_on.get(key)) is not session:
+            session.stream_opened(report.camera)
+            if before is not None:
+                before.stream_closed(report.camera, self._bursts.now_ns())
+            working_on[key] = session
         return await session.accept_report(report, self._bursts.now_ns(), wait_s=UNDECIDED_S)
 
     async def _answer_operator(self, channel: Channel[messages.ToLeader], message: messages.ToLeader) -> None:

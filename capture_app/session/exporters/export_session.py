@@ -10,7 +10,7 @@ from capture_app.session.exchange import FORMATS, RECORD, ExportRecord, with_ima
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Progress
 from capture_app.session.exporters.common.tables import write_frames
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
-from capture_app.session.format.checks import encode_checked, indented
+from capture_app.session.files.strangers import encode_checked, indented
 from capture_app.session.reading.reader import Session
 
 _ONLY_FOR = {
@@ -65,7 +65,7 @@ def export_session(
                 calibration = msgspec.structs.replace(calibration, cameras=cameras)
             manifest = with_images_listed(session.manifest)
             record = ExportRecord(format=name, manifest=manifest, calibration=calibration)
-            (output.folder / RECORD).write_bytes(indented(encode_checked(record, ExportRecord)))
+            (output.folder / RECORD).write_bytes(indented(encode_checked(record)))
     except OSError as error:
         raise SimulshotError(
             f"cannot write {error.filename or out}: {error.strerror or error}", hint="nothing was exported"

@@ -26,8 +26,8 @@ from capture_app.session.exporters.common.lens import (
     quaternion,
     rotation_of,
 )
+from capture_app.session.files.strangers import indented
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
-from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size

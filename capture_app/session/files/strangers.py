@@ -1,18 +1,27 @@
-"""Files that may be anybody's: regular ones of bounded size, as a pipe keeps a reader waiting for ever."""
+"""Files that may be anybody's: regular ones of bounded size, as a pipe keeps a reader waiting for ever.
+
+Their JSON fits a struct, as what is written must.
+"""
 
 import errno
 import io
 import os
+import re
 import stat
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from capture_app.errors import BadInputError
+import msgspec
+
+from capture_app.errors import BadInputError, reading
+from capture_app.text import UNREADABLE
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+_T = TypeVar("_T")
 
 
 def read_regular(path: Path) -> bytes:
@@ -55,3 +64,56 @@ def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
     except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInputError(f"cannot read {path} as arrays (.npz): {reason}") from error
+
+
+def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
+    """Read a JSON file into a struct; `newest` is the highest schema_version that is understood.
+
+    Raises BadInputError where the file cannot be read, is no JSON, is of a newer version, or does not
+    fit the struct; the message says where.
+    """
+    with reading(path):
+        data = read_regular(path)
+    return decode_struct(path, data, kind, newest)
+
+
+def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = None) -> _T:
+    """Decode JSON as `read_struct` does; `path` is where it is from."""
+    try:
+        if newest is not None:
+            fields = msgspec.json.decode(data, type=dict[str, msgspec.Raw])
+            version = msgspec.json.decode(fields.get("schema_version", b"1"), type=int)
+            if version > newest:
+                raise BadInputError(
+                    f"{path} is of schema version {version}; this simulshot reads up to {newest}",
+                    hint="a newer simulshot wrote it: update this one",
+                )
+        return msgspec.json.decode(data, type=kind)
+    except msgspec.ValidationError as error:
+        raise BadInputError(f"{path} does not fit its schema: {error}") from error
+    except UNREADABLE as error:
+        raise BadInputError(f"{path} is not valid JSON: {error}{_line_of(data, str(error))}") from error
+
+
+def encode_checked(value: msgspec.Struct) -> bytes:
+    """Encode a struct. Raises BadInputError where its values break its schema: constructors check nothing."""
+    data = msgspec.json.encode(value)
+    try:
+        msgspec.json.decode(data, type=type(value))
+    except msgspec.ValidationError as error:
+        raise BadInputError(f"a {type(value).__name__} that breaks its schema: {error}") from error
+    return data
+
+
+def indented(data: bytes) -> bytes:
+    """Indent JSON, one value a line."""
+    return msgspec.json.format(data, indent=1) + b"\n"
+
+
+def _line_of(data: bytes, message: str) -> str:
+    """Line and column of msgspec's `(byte N)`, as editors count them."""
+    found = re.search(r"\(byte (\d+)\)", message)
+    if found is None:
+        return ""
+    lines = data[: int(found[1])].split(b"\n")
+    return f", line {len(lines)} column {len(lines[-1]) + 1}"

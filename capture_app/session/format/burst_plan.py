@@ -9,8 +9,8 @@ from capture_app.camera_facts import Count, Positive
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError
 from capture_app.names import Name, check_name
+from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.checks import read_struct
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 
 PLAN = "burst.json"

@@ -1,16 +1,25 @@
-"""The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image."""
+"""The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image.
+
+Its sync record is computed here, and what any manifest must hold is checked.
+"""
 
 from __future__ import annotations
 
 import inspect
+import stat
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from capture_app.camera_facts import CameraFacts, Control, Count, Positive
-from capture_app.names import Name
+from capture_app.camera_facts import CameraFacts, Control, Count, Positive, unshared_uncertainties_ns
+from capture_app.errors import BadInputError
+from capture_app.names import Name, check_name
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.text import pretty_json
 
@@ -231,28 +240,18 @@ def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
     return f"{IMAGES}/{RIG}/{camera}/{instant:06d}{suffix}"
 
 
+def check_image_path(record: ImageRecord) -> str:
+    """Return the suffix of an image's path. Raises BadInputError where that is another one than its own."""
+    suffix = PurePosixPath(record.path).suffix
+    own = image_path(record.camera, record.instant, suffix)
+    if suffix not in IMAGE_SUFFIXES or record.path != own:
+        raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
+    return suffix
+
+
 def video_path(camera: str) -> str:
     """Path of a camera's video inside its session."""
     return f"{VIDEOS}/{RIG}/{camera}.mjpeg"
-
-
-def session_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a session's manifest."""
-    schema = msgspec.json.schema(Manifest)
-    for struct in schema["$defs"].values():
-        if "description" in struct:
-            # From Python 3.13 on docstrings come without their indentation, before that with it.
-            struct["description"] = inspect.cleandoc(struct["description"])
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "simulshot session manifest (session.json)",
-        **schema,
-    }
-
-
-def session_schema_text() -> str:
-    """The schema as `docs/session.schema.json` holds it."""
-    return pretty_json(session_schema()).decode() + "\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,3 +278,155 @@ def row_exposures(camera: CameraRecord, image: ImageRecord) -> RowExposures | No
     if image.exposure_start_ns is None or image.exposure_ns is None or row_time_ns is None:
         return None
     return RowExposures(image.exposure_start_ns, image.exposure_ns, row_time_ns, rows)
+
+
+def sync_record(
+    cameras: Iterable[CameraRecord],
+    burst: BurstRecord,
+    images: Iterable[ImageRecord],
+    missing: Sequence[MissingImage],
+) -> SyncRecord:
+    """Compute the sync record of a burst from its images' records, over all cameras and instants.
+
+    The images of an instant must follow each other, as those of a manifest do: a recording has more of them
+    than need be in memory.
+    """
+    by_name = {camera.name: camera for camera in cameras}
+    facts = {name: camera.facts for name, camera in by_name.items()}
+    # Times that were found from the pictures or the sound themselves are right whatever the stamps are.
+    by_stamps = burst.common_times is None
+    unshared_ns = unshared_uncertainties_ns(facts) if by_stamps else dict.fromkeys(facts, 0)
+    spreads_ns = [0] * len(burst.instants_ns)
+    rows_ns: int | None = None
+    error_ns: int | None = 0
+    bound_ns: int | None = 0
+    number = substituted = late = 0
+    for instant, group in groupby(images, key=lambda image: image.instant):
+        of = list(group)
+        number += len(of)
+        spreads_ns[instant] = _spread([image.leader_ns for image in of])
+        rows = _row_spread([(by_name[image.camera], image) for image in of])
+        rows_ns = max(rows_ns or 0, rows) if rows is not None else rows_ns
+        for image in of:
+            known_ns = image.uncertainty_ns
+            shared_ns = None if known_ns is None else known_ns + unshared_ns[image.camera]
+            error_ns, bound_ns = _worse(error_ns, shared_ns), _worse(bound_ns, image.hard_bound_ns)
+            substituted += image.substitute
+            late += image.late
+    return SyncRecord(
+        spread_ns=tuple(spreads_ns),
+        row_spread_ns=rows_ns,
+        uncertainty_ns=error_ns if number else None,
+        hard_bound_ns=bound_ns if number else None,
+        dropped=sum(gone.dropped for gone in missing),
+        substituted=substituted,
+        late=late,
+    )
+
+
+def computed_sync(manifest: Manifest) -> SyncRecord:
+    """The sync record of a manifest's images, whatever their order and whatever record it keeps."""
+    images = sorted(manifest.images, key=lambda image: image.instant)
+    return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
+
+
+def _worse(worst: int | None, number: int | None) -> int | None:
+    """The larger of two; None, which stays so, where either is not known."""
+    return None if worst is None or number is None else max(worst, number)
+
+
+def _spread(times_ns: Sequence[int]) -> int:
+    return max(times_ns) - min(times_ns) if times_ns else 0
+
+
+def _row_spread(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
+    """The largest time between equal rows of the images: linear in the row, so the first and last suffice."""
+    rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
+    if len(rows) < 2:
+        return None
+    last = min(of.rows for of in rows) - 1
+    return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, last))
+
+
+MOST_INTEGER, MOST_REAL = 2**63, 1e15
+"""Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
+
+
+def inside(folder: Path, path: str) -> Path:
+    """The file of a path that a manifest gives, which need not be there.
+
+    Raises BadInputError where it leads out of the folder, or is a pipe or a device.
+    """
+    parts = PurePosixPath(path).parts
+    odd = not parts or path.startswith("/") or ".." in parts or "\\" in path or "\0" in path
+    file, waits = folder / path, False
+    try:
+        safe = not odd and file.resolve().is_relative_to(folder.resolve())
+        if safe:
+            with suppress(FileNotFoundError, NotADirectoryError):
+                # From Python 3.13 on a loop of links resolves, and fails only here.
+                mode = file.stat().st_mode
+                waits = not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+    except (OSError, RuntimeError):
+        safe = False
+    if not safe:
+        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which lies outside the session")
+    if waits:
+        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is not a regular file")
+    return file
+
+
+def check_references(path: Path, manifest: Manifest) -> None:
+    """Check the names and numbers, and that images are of cameras and instants of the manifest at `path`.
+
+    Raises BadInputError for the first that is not.
+    """
+    numbers = list(_numbers(msgspec.to_builtins(manifest)))
+    if not all(abs(one) < (MOST_INTEGER if isinstance(one, int) else MOST_REAL) for one in numbers):
+        raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
+    if not manifest.burst.instants_ns:
+        raise BadInputError(f"{path} has no instants")
+    names = [camera.name for camera in manifest.cameras]
+    if len(set(names)) != len(names):
+        raise BadInputError(f"{path} lists a camera twice")
+    for name in (*names, manifest.name, manifest.rig):
+        check_name(name, "camera, a rig or a session")
+    named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
+    named += [(f"missing[{i}]", gone.camera, gone.instant) for i, gone in enumerate(manifest.missing)]
+    for where, camera, instant in named:
+        if camera not in names:
+            raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}")
+        if instant >= len(manifest.burst.instants_ns):
+            raise BadInputError(f"{path}: {where} is of an unknown instant, {instant}")
+
+
+def _numbers(value: Any) -> Iterator[int | float]:
+    """Yield all numbers in plain data."""
+    if isinstance(value, dict):
+        value = value.values()
+    elif isinstance(value, int | float):
+        yield value
+        return
+    elif not isinstance(value, list | tuple):
+        return
+    for part in value:
+        yield from _numbers(part)
+
+
+def session_schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a session's manifest."""
+    schema = msgspec.json.schema(Manifest)
+    for struct in schema["$defs"].values():
+        if "description" in struct:
+            # From Python 3.13 on docstrings come without their indentation, before that with it.
+            struct["description"] = inspect.cleandoc(struct["description"])
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "simulshot session manifest (session.json)",
+        **schema,
+    }
+
+
+def session_schema_text() -> str:
+    """The schema as `docs/session.schema.json` holds it."""
+    return pretty_json(session_schema()).decode() + "\n"

@@ -12,10 +12,17 @@ from typing import Any
 
 from capture_app.errors import BadInputError
 from capture_app.session.exchange import FRAMES, ExportRecord, read_record
-from capture_app.session.files.strangers import read_text
+from capture_app.session.files.strangers import decode_struct, read_text
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references, decode_struct, inside
-from capture_app.session.format.manifest import CALIBRATION, MANIFEST, SCHEMA_VERSION, ImageRecord, Manifest
+from capture_app.session.format.manifest import (
+    CALIBRATION,
+    MANIFEST,
+    SCHEMA_VERSION,
+    ImageRecord,
+    Manifest,
+    check_references,
+    inside,
+)
 from capture_app.session.importers.bags import attachments, read_bag
 from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importers.sources import VIDEO_SUFFIXES, Images, Layout, Source, Video

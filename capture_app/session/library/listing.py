@@ -10,9 +10,9 @@ from typing import Literal
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
+from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.burst_plan import PLAN
-from capture_app.session.format.checks import inside, read_struct
-from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION, Manifest
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION, Manifest, inside
 from capture_app.session.reading.reader import is_being_written
 
 SessionState = Literal["complete", "being saved", "interrupted", "unreadable"]

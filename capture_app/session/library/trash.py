@@ -19,8 +19,8 @@ from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import free_name, make_folders, move_folder, sync_folder, write_atomic
 from capture_app.session.files.locks import lock_folder
+from capture_app.session.files.strangers import encode_checked, indented, read_struct
 from capture_app.session.format.burst_plan import PLAN
-from capture_app.session.format.checks import encode_checked, indented, read_struct
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.library.changes import move_result_folder, rename_session, results_folder
 
@@ -56,7 +56,7 @@ def trash_session(folder: Path) -> TrashedSession:
         now = datetime.now(UTC).isoformat().replace("+00:00", "Z")
         trashed = TrashedSession(id=entry.name, name=folder.name, trashed=now)
         # First where it came from: a crash in between leaves the session where it was.
-        write_atomic(entry / _RECORD, indented(encode_checked(trashed, TrashedSession)))
+        write_atomic(entry / _RECORD, indented(encode_checked(trashed)))
         sync_folder(trash)
         move_folder(folder, entry / _SESSION)
         move_result_folder(results_folder(folder), entry / _RESULTS)

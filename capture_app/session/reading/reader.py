@@ -10,9 +10,8 @@ import msgspec
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.names import is_name
-from capture_app.session.files.strangers import read_arrays, read_regular
+from capture_app.session.files.strangers import read_arrays, read_regular, read_struct
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references, inside, read_struct
 from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
 from capture_app.session.format.journal import frame_of_line, frames_path
 from capture_app.session.format.manifest import (
@@ -26,6 +25,8 @@ from capture_app.session.format.manifest import (
     ImageRecord,
     Manifest,
     VideoRecord,
+    check_references,
+    inside,
 )
 from capture_app.text import UNREADABLE
 

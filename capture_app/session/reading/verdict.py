@@ -1,95 +1,20 @@
 """How well a burst is synchronized and what it is good for: the one judgement that is shown everywhere."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 from msgspec import Struct
 
-from capture_app.camera_facts import unshared_uncertainties_ns
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.format.manifest import (
-    BurstRecord,
-    CameraRecord,
-    ImageRecord,
     Manifest,
-    MissingImage,
     SkippedInstant,
     SyncRecord,
-    row_exposures,
+    computed_sync,
 )
 from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.text import count, duration
-
-
-def sync_record(
-    cameras: Iterable[CameraRecord],
-    burst: BurstRecord,
-    images: Iterable[ImageRecord],
-    missing: Sequence[MissingImage],
-) -> SyncRecord:
-    """Compute the sync record of a burst from its images' records, over all cameras and instants.
-
-    The images of an instant must follow each other, as those of a manifest do: a recording has more of them
-    than need be in memory.
-    """
-    by_name = {camera.name: camera for camera in cameras}
-    facts = {name: camera.facts for name, camera in by_name.items()}
-    # Times that were found from the pictures or the sound themselves are right whatever the stamps are.
-    by_stamps = burst.common_times is None
-    unshared_ns = unshared_uncertainties_ns(facts) if by_stamps else dict.fromkeys(facts, 0)
-    spreads_ns = [0] * len(burst.instants_ns)
-    rows_ns: int | None = None
-    error_ns: int | None = 0
-    bound_ns: int | None = 0
-    number = substituted = late = 0
-    for instant, group in groupby(images, key=lambda image: image.instant):
-        of = list(group)
-        number += len(of)
-        spreads_ns[instant] = _spread([image.leader_ns for image in of])
-        rows = _row_spread([(by_name[image.camera], image) for image in of])
-        rows_ns = max(rows_ns or 0, rows) if rows is not None else rows_ns
-        for image in of:
-            known_ns = image.uncertainty_ns
-            shared_ns = None if known_ns is None else known_ns + unshared_ns[image.camera]
-            error_ns, bound_ns = _worse(error_ns, shared_ns), _worse(bound_ns, image.hard_bound_ns)
-            substituted += image.substitute
-            late += image.late
-    return SyncRecord(
-        spread_ns=tuple(spreads_ns),
-        row_spread_ns=rows_ns,
-        uncertainty_ns=error_ns if number else None,
-        hard_bound_ns=bound_ns if number else None,
-        dropped=sum(gone.dropped for gone in missing),
-        substituted=substituted,
-        late=late,
-    )
-
-
-def computed_sync(manifest: Manifest) -> SyncRecord:
-    """The sync record of a manifest's images, whatever their order and whatever record it keeps."""
-    images = sorted(manifest.images, key=lambda image: image.instant)
-    return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
-
-
-def _worse(worst: int | None, number: int | None) -> int | None:
-    """The larger of two; None, which stays so, where either is not known."""
-    return None if worst is None or number is None else max(worst, number)
-
-
-def _spread(times_ns: Sequence[int]) -> int:
-    return max(times_ns) - min(times_ns) if times_ns else 0
-
-
-def _row_spread(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
-    """The largest time between equal rows of the images: linear in the row, so the first and last suffice."""
-    rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
-    if len(rows) < 2:
-        return None
-    last = min(of.rows for of in rows) - 1
-    return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, last))
-
 
 PX_PER_S = 1000.0
 """The motion assumed in verdicts, in pixels a second: a person running through the picture in one or two."""

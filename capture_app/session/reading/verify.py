@@ -23,12 +23,12 @@ from capture_app.session.format.manifest import (
     CameraRecord,
     FrameRecord,
     ImageRecord,
+    computed_sync,
 )
 from capture_app.session.reading.checksums import changed_files
 from capture_app.session.reading.decoding import image_size
 from capture_app.session.reading.file_headers import size_of
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verdict import computed_sync
 
 _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 20e-6

@@ -18,7 +18,7 @@ from capture_app.session.files.durable import (
     sync_all,
     write_unsynced,
 )
-from capture_app.session.format.checks import encode_checked, indented
+from capture_app.session.files.strangers import encode_checked, indented
 from capture_app.session.format.ground_truth import (
     TIMES,
     TRUE_TIMES_JOURNAL,
@@ -26,7 +26,7 @@ from capture_app.session.format.ground_truth import (
     TrueTimes,
     ground_truth_path,
 )
-from capture_app.session.format.manifest import IMAGE_SUFFIXES, JOURNAL, ImageRecord, image_path
+from capture_app.session.format.manifest import JOURNAL, ImageRecord, check_image_path
 from capture_app.session.writing.recovery import recover_images, recover_true_times
 
 Key = tuple[str, int]
@@ -54,10 +54,8 @@ class StoredImage:
         """The record as the journal has it. Raises BadInputError for one that no session can hold."""
         record = self.record
         check_name(record.camera, "camera")
-        suffix = Path(record.path).suffix
-        if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
-            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
-        return encode_checked(record, ImageRecord)
+        check_image_path(record)
+        return encode_checked(record)
 
 
 class ImageStore:
@@ -150,7 +148,7 @@ class ImageStore:
         path = self._folder / TIMES
         changed = make_folders_unsynced(path.parent, self._folder)
         times = TrueTimes(images=images, clocks=self.clocks)
-        write_unsynced(path, indented(encode_checked(times, TrueTimes)))
+        write_unsynced(path, indented(encode_checked(times)))
         return path, path.parent, *changed
 
     def _check_new(self, image: StoredImage, begun: Set[Key]) -> None:

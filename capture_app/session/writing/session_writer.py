@@ -14,10 +14,9 @@ from typing import Any, Self
 import msgspec
 
 from capture_app import __version__
-from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError, DiskFullError, IncompleteError, SimulshotError
+from capture_app.errors import BadInputError, DiskError, IncompleteError, SimulshotError
 from capture_app.names import check_name
-from capture_app.session.files.disk import disk_error, disk_errors, make_new_folder, reserve
+from capture_app.session.files.disk import disk_errors, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     sync_all,
@@ -25,9 +24,9 @@ from capture_app.session.files.durable import (
     write_atomic,
 )
 from capture_app.session.files.locks import lock_folder
+from capture_app.session.files.strangers import encode_checked, indented
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references, encode_checked, indented
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
@@ -39,11 +38,12 @@ from capture_app.session.format.manifest import (
     ImageRecord,
     Manifest,
     MissingImage,
+    check_references,
     image_path,
+    sync_record,
 )
 from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verdict import sync_record
 from capture_app.session.writing.image_store import ImageStore, StoredImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.recovery import RESERVE, remove_leftovers
@@ -71,11 +71,11 @@ def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageReco
 
     Raises BadInputError where the records contradict each other.
     """
-    encode_checked(manifest, Manifest)
+    encode_checked(manifest)
     check_references(folder / MANIFEST, manifest)
     images = heapq.merge(manifest.images, frames, key=lambda image: image.instant)
     sync = sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
-    return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+    return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync)))
 
 
 def earlier_note(folder: Path) -> str:
@@ -107,7 +107,8 @@ class SessionWriter:
         self.created = created or now
         self.software = software or f"simulshot {__version__}"
         self._mutex = threading.RLock()
-        self._images = ImageStore(folder)
+        self.images = ImageStore(folder)
+        """The images that are files of their own, and the truth of all."""
         self.videos = VideoStore(folder)
         """The videos of a recording, whose frames are no files of their own."""
         self.plan: BurstPlan | None = None
@@ -115,12 +116,10 @@ class SessionWriter:
         self._open = True
         self._lock = lock_folder(folder)
         try:
-            self._recover()
-            self._events = AppendOnlyFile(folder / EVENTS)
-            sync_folder(folder)
-        except OSError as error:
-            os.close(self._lock)
-            raise disk_error(error, folder) from error
+            with disk_errors(folder):
+                self._recover()
+                self._events = AppendOnlyFile(folder / EVENTS)
+                sync_folder(folder)
         except SimulshotError:
             os.close(self._lock)
             raise
@@ -136,12 +135,11 @@ class SessionWriter:
         folder = Path(root) / name
         make_new_folder(folder)
         try:
-            sync_folder(Path(root))
-            return cls(folder, name, created)
-        except (OSError, DiskFullError) as error:
+            with disk_errors(folder):
+                sync_folder(Path(root))
+                return cls(folder, name, created)
+        except DiskError:
             shutil.rmtree(folder, ignore_errors=True)
-            if isinstance(error, OSError):
-                raise disk_error(error, folder) from error
             raise
 
     @classmethod
@@ -159,7 +157,7 @@ class SessionWriter:
         Raises DiskFullError where not even the manifest will find room.
         """
         with self._writing():
-            write_atomic(self.folder / PLAN, indented(encode_checked(plan, BurstPlan)))
+            write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
             if self.plan is None:
                 reserve_room(self.folder, plan)
             self._know_plan(plan)
@@ -210,22 +208,17 @@ class SessionWriter:
         """
         try:
             with self._writing():
-                return self.videos.save(images) if in_videos else self._images.save(images)
+                return self.videos.save(images) if in_videos else self.images.save(images)
         except SimulshotError as error:
             return [error] * len(images)
 
-    @property
-    def damaged(self) -> tuple[tuple[str, int], ...]:
-        """Images of a resumed session, by camera and instant, that were saved and are damaged now."""
-        return self._images.damaged
-
     def image(self, camera: str, instant: int) -> ImageRecord | None:
         """The record of an image that is saved already; None where it is not."""
-        return self._images.get(camera, instant) or self.videos.frame(camera, instant)
+        return self.images.get(camera, instant) or self.videos.frame(camera, instant)
 
     def instants_of(self, camera: str) -> InstantSet:
         """The instants of which a camera's image is saved."""
-        return InstantSet([*self._images.instants(camera), *self.videos.instants(camera)])
+        return InstantSet([*self.images.instants(camera), *self.videos.instants(camera)])
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
         """Append what the engine saw or did to events.ndjson."""
@@ -235,16 +228,12 @@ class SessionWriter:
     @property
     def knows_true_times(self) -> bool:
         """Whether any image came with its true time, as simulated ones do."""
-        return bool(self._images.true_times) or self.videos.knows_true_times
-
-    def set_ground_truth_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
-        """Keep each simulated camera's clock as it really is."""
-        self._images.clocks = dict(clocks)
+        return bool(self.images.true_times) or self.videos.knows_true_times
 
     def set_calibration(self, calibration: Calibration) -> None:
         """Save the rig's calibration. Raises BadInputError where it holds what JSON cannot (NaN)."""
         with self._writing():
-            write_atomic(self.folder / CALIBRATION, indented(encode_checked(calibration, Calibration)))
+            write_atomic(self.folder / CALIBRATION, indented(encode_checked(calibration)))
 
     def finish(
         self,
@@ -264,7 +253,7 @@ class SessionWriter:
             gone = (
                 gap
                 for gap in missing
-                if self._images.get(gap.camera, gap.instant) is None
+                if self.images.get(gap.camera, gap.instant) is None
                 and not self.videos.has(gap.camera, gap.instant)
             )
             manifest = Manifest(
@@ -274,14 +263,14 @@ class SessionWriter:
                 software=self.software,
                 cameras=tuple(cameras),
                 burst=burst,
-                images=self._images.records,
+                images=self.images.records,
                 missing=tuple(sorted(gone, key=lambda m: (m.instant, m.camera))),
                 note=earlier_note(self.folder) or note,
                 videos=self.videos.records(),
             )
             data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
             remove_leftovers(self.folder)
-            write_manifest(self.folder, data, (*self._images.write_truth(), self.folder / EVENTS))
+            write_manifest(self.folder, data, (*self.images.write_truth(), self.folder / EVENTS))
             self._close()
         return Session.open(self.folder)
 
@@ -308,13 +297,13 @@ class SessionWriter:
         if (self.folder / PLAN).exists():
             self._know_plan(read_plan(self.folder))
         interrupted = self.plan is not None or (self.folder / JOURNAL).exists()
-        self._images.open(recover=interrupted)
+        self.images.open(recover=interrupted)
         if interrupted:
             self.videos.recover()
 
     def _know_plan(self, plan: BurstPlan) -> None:
         # A crash is mended by the plan, and then the true times are wanted, too.
-        self.plan, self._images.is_crash_safe = plan, True
+        self.plan, self.images.is_crash_safe = plan, True
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -328,6 +317,6 @@ class SessionWriter:
         self.videos.close()
         self._open = False
         # All saved images are synced already: an error here loses none.
-        self._images.close()
+        self.images.close()
         self._events.close()
         os.close(self._lock)

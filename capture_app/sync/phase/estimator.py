@@ -8,11 +8,60 @@ Moves of the phase that were commanded, and which of them are in effect at a fra
 
 from bisect import bisect_right
 from collections import deque
+from dataclasses import dataclass
 from math import sqrt
 from statistics import median
 
-from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, Point
-from capture_app.sync.phase.stamps import FrameStamp, StampError, StampQuantum
+from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, Point, StampQuantum
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStamp:
+    """The driver's number and timestamp of one frame; the time in ns of the node's local clock.
+
+    `stream` counts the stream's starts: sequence numbers compare only within one stream.
+    """
+
+    sequence: int
+    stream: int
+    timestamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class StampError:
+    """What is known of one timestamp's error; times in ns."""
+
+    outlier_ns: int = 0
+    """How far it lies off the line of its stream's frames; where not 0, the line tells the frame's time."""
+    uncertainty_ns: float = 0.0
+    """How far off that time may be, in 95 of 100 cases, for the stamps' noise and the step they come in."""
+    hard_bound_ns: float = 0.0
+    """How far at most, for that step."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseEstimate:
+    """The error of a stream against its grid at one instant of leader time."""
+
+    error_ns: int
+    """Signed distance of the nearest frame from the nearest grid instant, in [-period/2, period/2)."""
+    period_ns: int
+    """The camera's period, in leader time; the drift says it more finely."""
+    drift_ppm: float
+    """Change of the error, in us per second."""
+    sigma_ns: float
+    """One standard deviation of the error from the timestamps' noise; the clock's comes on top."""
+    frames: int
+    """Frames since the phase last moved."""
+    at_leader_ns: int
+    quantum_error_ns: float = 0.0
+    """What the step that the timestamps come in may hide of the error, either way."""
+
+    @property
+    def uncertainty_ns(self) -> float:
+        """How far off the error may be, in 95 of 100 cases; the clock's uncertainty comes on top."""
+        return 2.0 * self.sigma_ns + self.quantum_error_ns
+
 
 LATENCY_FRAMES = (2, 13)
 """A command takes effect so many frames after the newest one, at the earliest and at the latest."""
@@ -178,10 +227,6 @@ class PhaseEstimator(FrameLine):
             return dropped
         self._add_point()
         return dropped
-
-    def time_of(self, sequence: int) -> int:
-        """Local time in ns of the frame of that number in the current stream, past or to come."""
-        return round(self._time_at(self._index + sequence - self._sequence))
 
     def nearest_frame_ns(self, local_ns: int) -> int:
         """Local time in ns of the frame nearest to a local time."""

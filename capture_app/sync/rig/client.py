@@ -16,7 +16,7 @@ from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.stamps import FrameStamp, PhaseEstimate
+from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import node_message
 from capture_app.sync.rig.events import (
     AlignmentFailed,

@@ -10,9 +10,8 @@ from msgspec import structs
 from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.estimator import PhaseEstimate, PhaseEstimator, StampError
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.stamps import PhaseEstimate, StampError
 from capture_app.sync.wire.messages import RigConfigMessage, Trigger
 
 F = TypeVar("F")
@@ -140,10 +139,8 @@ class Gap:
 class FramesSelected(Generic[F]):
     """Frames of a burst are picked: save and send them."""
 
-    leader: int
-    """The run of the leader that ordered it."""
-    burst: int
-    """Its number within that run."""
+    trigger: Trigger
+    """What was ordered, as it stands now."""
     frames: tuple[SelectedFrame[F], ...]
     """In the order of their instants."""
     gaps: tuple[Gap, ...]
@@ -154,15 +151,13 @@ class FramesSelected(Generic[F]):
     """The stream's phase at the last instant; None where it was not known."""
     further: bool = False
     """They add to what was told of the burst before: spare instants, or the next of one that is streamed."""
-    trigger: Trigger | None = None
-    """What was ordered of a burst that is streamed, as it stands now."""
     over: int = 0
-    """How many instants of a burst that is streamed have been told, these included."""
+    """How many instants have been told, these included."""
 
     @property
     def ended(self) -> bool:
-        """Whether no further frames of a burst that is streamed will come."""
-        return self.trigger is None or self.over >= self.trigger.count
+        """Whether no further frames will come."""
+        return self.over >= self.trigger.count
 
 
 def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:
@@ -311,14 +306,11 @@ class _PendingBurst(Generic[F]):
         self, picks: tuple[SelectedFrame[F], ...], time_map: TimeMap, phase: PhaseEstimate | None
     ) -> FramesSelected[F]:
         """What is new of it: the picks with their times by this map, and what is a gap."""
-        trigger, further = self.trigger, self.told > 0
+        further = self.told > 0
         gaps = tuple(gap for gap in self.picked if isinstance(gap, Gap))
         self.told, self.time_map = self.over, time_map
         self.picked.clear()
-        streamed = trigger if trigger.streamed else None
-        return FramesSelected(
-            trigger.leader, trigger.burst, picks, gaps, time_map, phase, further, streamed, self.told
-        )
+        return FramesSelected(self.trigger, picks, gaps, time_map, phase, further, self.told)
 
 
 class PendingBursts(Generic[F]):

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from capture_app.errors import BadInputError
-from capture_app.session.format.checks import inside
+from capture_app.session.format.manifest import inside
 from capture_app.text import count
 from capture_app.tui.jobs.run import (
     CLOUDS,

@@ -9,7 +9,7 @@ import msgspec
 from textual.content import Content
 
 from capture_app.errors import SimulshotError
-from capture_app.session.format.checks import inside
+from capture_app.session.format.manifest import inside
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import UNREADABLE, printable
 from capture_app.tui.jobs.run import MOMENT, Run, RunState, progress_words

@@ -44,7 +44,7 @@ async def test_images_that_come_during_a_sync_share_the_next(
     tmp_path: Path, turns: "queue.Queue[None]"
 ) -> None:
     writer = SlowWriter.create(tmp_path, "burst-001")
-    intake = Intake(writer, DISK, asyncio.Event(), in_videos=False)
+    intake = Intake(writer, DISK, asyncio.Event(), ["a"], in_videos=False)
 
     def add(instant: int) -> "asyncio.Future[str]":
         return intake.add(StoredImage(upload("a", instant).record, IMAGE))

@@ -77,7 +77,7 @@ def further(
     """
     trigger = Trigger(0, 1, 1, 0, 1, over if ended else over + 1, streamed=True)
     missing = tuple(Gap(instant, DROPPED) for instant in gaps)
-    return FramesSelected(1, 1, frames, missing, TIME_MAP, None, further=True, trigger=trigger, over=over)
+    return FramesSelected(trigger, frames, missing, TIME_MAP, None, further=True, over=over)
 
 
 Serve = Callable[[Channel[ToLeader]], Awaitable[None]]

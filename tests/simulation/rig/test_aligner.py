@@ -13,8 +13,8 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
+from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.stamps import FrameStamp
 from capture_app.sync.rig.client import ClientConfig, PhaseLoop
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts

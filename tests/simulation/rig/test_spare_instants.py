@@ -1,13 +1,15 @@
 """Bursts of cameras that drop frames, in virtual time: spare instants, long bursts, and cancelled ones."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.clock import SimulatedClock
 from capture_app.node.burst.plans import choose_instants
-from capture_app.node.camera.burst_upload import missing_images
+from capture_app.node.camera.burst_upload import BurstUpload
+from capture_app.node.wire.messages import CameraReport
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.simulation.profiles import PROFILES
@@ -24,14 +26,13 @@ def dropping_rig(cameras: int, drop_share: float, seed: int = 1) -> VirtualRig:
 
 
 def shares_of(node: VirtualNode, burst: Burst) -> CameraPlan | None:
-    picked = node.bursts.get(burst.number)
+    picked: Any = node.bursts.get(burst.number)
     if picked is None:
         return None
-    return CameraPlan(
-        camera=CameraRecord(name=node.spec.name, facts=node.client.config.camera),
-        instants=tuple(pick.instant for pick in picked.frames),
-        missing=missing_images(node.spec.name, picked.gaps),
-    )
+    plan = CameraPlan(camera=CameraRecord(name=node.spec.name, facts=node.client.config.camera))
+    upload = BurstUpload(CameraReport(leader=1, burst=burst.number, plan=plan))
+    upload.extend(picked)
+    return upload.report.plan
 
 
 def take(rig: VirtualRig, frames: int, spare: int) -> tuple[Burst, tuple[int, ...]]:

@@ -10,7 +10,7 @@ from msgspec import structs
 from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
 from capture_app.sync.engine import Address
-from capture_app.sync.phase.stamps import FrameStamp
+from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
@@ -164,7 +164,10 @@ class RelayRig:
         for name, camera in self.cameras.items():
             assert len(camera.ready) == had[name] + 1, name
             ready = camera.ready[-1]
-            assert (ready.leader, ready.burst) == (self.tree.root.config.instance, burst.number)
+            assert (ready.trigger.leader, ready.trigger.burst) == (
+                self.tree.root.config.instance,
+                burst.number,
+            )
             assert [pick.instant for pick in ready.frames] == list(range(frames))
             for pick in ready.frames:
                 true_ns = camera.clock.true_from_local(pick.frame)

@@ -143,7 +143,7 @@ def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
     rig.run(9.0)
     assert [(e.name, e.refusal) for e in rig.events if isinstance(e, BurstAnswered)] == [("cam", "")]
     (ready,) = camera.ready
-    assert ready.burst == burst.number
+    assert ready.trigger.burst == burst.number
     assert len(ready.frames) == 2
     assert rig.views()["cam"].via is None
 

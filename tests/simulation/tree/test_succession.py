@@ -114,7 +114,10 @@ class StandbyRig:
         within = 0
         for camera in self.cameras.values():
             ready = camera.ready[-1]
-            assert (ready.leader, ready.burst) == (machine.leader.config.instance, burst.number)
+            assert (ready.trigger.leader, ready.trigger.burst) == (
+                machine.leader.config.instance,
+                burst.number,
+            )
             assert len(ready.frames) == 3
             for pick in ready.frames:
                 at_ns = machine.leader_ns(

@@ -1,8 +1,8 @@
 """When a stream is called aligned: its error, how sure that is, and after how many frames."""
 
 from capture_app.camera_facts import PhaseControl
-from capture_app.sync.phase.alignment import AlignmentWindow
-from capture_app.sync.phase.stamps import PhaseEstimate
+from capture_app.sync.phase.aligner import AlignmentWindow
+from capture_app.sync.phase.estimator import PhaseEstimate
 
 TOLERANCE_NS = 20_000
 

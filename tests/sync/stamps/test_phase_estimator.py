@@ -6,8 +6,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.phase.estimator import PhaseEstimator
-from capture_app.sync.phase.stamps import FrameStamp
+from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
 
 NOMINAL_NS = 33_333_333
 PERIOD_NS = 33_334_000
@@ -32,17 +31,22 @@ def fed(stamps: list[FrameStamp]) -> PhaseEstimator:
     return phase
 
 
+def assert_frame_at(phase: PhaseEstimator, local_ns: int, *, within_ns: int) -> None:
+    assert phase.nearest_frame_ns(local_ns) == pytest.approx(local_ns, abs=within_ns)
+
+
 def test_period_and_phase_come_within_microseconds() -> None:
     phase = fed(stream(90))
     assert phase.period_ns == pytest.approx(PERIOD_NS, abs=60)
-    assert phase.time_of(95) == pytest.approx(10**9 + 95 * PERIOD_NS, abs=4000)
+    assert_frame_at(phase, 10**9 + 95 * PERIOD_NS, within_ns=4000)
     assert phase.noise_ns == pytest.approx(3000, rel=0.4)
-    assert phase.nearest_frame_ns(10**9 + 95 * PERIOD_NS + 10**7) == phase.time_of(95)
+    frame_ns = phase.nearest_frame_ns(10**9 + 95 * PERIOD_NS)
+    assert phase.nearest_frame_ns(frame_ns + 10**7) == frame_ns
 
 
 def test_a_noisy_virtual_machine_still_gives_a_phase() -> None:
     phase = fed(stream(300, noise_ns=2.5e6))
-    assert phase.time_of(300) == pytest.approx(10**9 + 300 * PERIOD_NS, abs=1_000_000)
+    assert_frame_at(phase, 10**9 + 300 * PERIOD_NS, within_ns=1_000_000)
     assert phase.sigma_at(phase.last_ns) < 500_000
 
 
@@ -131,7 +135,7 @@ def test_a_restart_changes_the_phase_and_keeps_the_period() -> None:
         phase.add(stamp)
     assert phase.period_ns == pytest.approx(before, abs=20)
     assert phase.run_frames == 6
-    assert phase.time_of(8) == pytest.approx(9 * 10**9 + 5_432_100 + 8 * PERIOD_NS, abs=8000)
+    assert_frame_at(phase, 9 * 10**9 + 5_432_100 + 8 * PERIOD_NS, within_ns=8000)
     assert phase.drops == 0
 
 
@@ -141,7 +145,7 @@ def test_a_jump_nobody_asked_for_starts_a_new_run() -> None:
     for stamp in stamps[100:]:
         phase.add(FrameStamp(stamp.sequence, 0, stamp.timestamp_ns + 4_000_000))
     assert phase.run_frames == 40
-    assert phase.time_of(140) == pytest.approx(10**9 + 140 * PERIOD_NS + 4_000_000, abs=8000)
+    assert_frame_at(phase, 10**9 + 140 * PERIOD_NS + 4_000_000, within_ns=8000)
 
 
 @pytest.mark.parametrize("other_ns", [25_000_000, 40_000_000, 50_000_000, 66_666_666])
@@ -159,7 +163,8 @@ def test_repeated_and_older_frames_are_passed_over() -> None:
     once, messy = fed(stamps), fed(stamps)
     for stamp in (stamps[-1], stamps[3], FrameStamp(500, -1, 10**12)):
         assert messy.add(stamp) == 0
-    assert messy.time_of(70) == once.time_of(70)
+    later_ns = 10**9 + 70 * PERIOD_NS
+    assert messy.nearest_frame_ns(later_ns) == once.nearest_frame_ns(later_ns)
     assert messy.frames == once.frames
 
 
@@ -189,7 +194,7 @@ def test_no_frames_whatsoever_raise(frames: list[FrameStamp | str], in_order: bo
 def test_whatever_is_lost_the_phase_stays(lost: set[int], seed: int) -> None:
     phase = fed([s for s in stream(90, seed=seed) if s.sequence not in lost])
     assert phase.drops == len(lost)
-    assert phase.time_of(90) == pytest.approx(10**9 + 90 * PERIOD_NS, abs=10_000)
+    assert_frame_at(phase, 10**9 + 90 * PERIOD_NS, within_ns=10_000)
 
 
 def test_frames_from_before_the_latest_shifts_lie_on_their_line() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.paper.phase_trials import EXACT, unknown_phone
 from benchmarks.simulated.aligner_bench import Bench
-from capture_app.sync.phase.stamps import StampQuantum, find_quantum
+from capture_app.sync.phase.frame_line import StampQuantum, find_quantum
 
 S = 1_000_000_000
 PERIOD_NS = 33_333_000 * (1 + 17e-6)

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.calibration import (
     METRES,
     Calibration,
@@ -23,7 +24,6 @@ from capture_app.session.format.calibration import (
     Matrix3,
     check_lens,
 )
-from capture_app.session.format.checks import read_struct
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.importers.calibrations.colmap import find_model, read_colmap, views_of_rig_config
 from capture_app.session.importers.calibrations.motion_capture import (

@@ -1,4 +1,4 @@
-"""Becoming known: a leader's or a relay's part, the machine's, and what each machine may ask for."""
+"""Becoming known: a leader's or a relay's part, the machine's, and what is said to who is not."""
 
 import asyncio
 import socket
@@ -11,9 +11,8 @@ from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.asking import ask
 from capture_app.node.news import Log
-from capture_app.node.wire import messages, operating, pairing
+from capture_app.node.wire import messages, pairing
 from capture_app.node.wire.message import Message
-from capture_app.node.wire.status import NodeDetail, Preview
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.camera_names import CameraNames
@@ -30,28 +29,11 @@ SAID_AGAIN_S = 30.0
 """Strangers are told of so often at most: they shall not fill a screen."""
 Asked = pairing.FromStranger | pairing.Invite | pairing.SpeaksFor | messages.KeyRequest
 """What leaders and relays answer alike."""
-OF_CAMERAS = (
-    messages.NodeStream
-    | messages.CameraReport
-    | messages.ImageUpload
-    | messages.SpoolSpace
-    | operating.Vitals
-    | Preview
-    | NodeDetail
-    | operating.ControlsAnswer
-    | operating.StampKept
-)
 
 
-def check_allowed(who: Peer, message: Message) -> None:
-    """Check that a peer may send such a message. Raises UnknownMachineError with what a person can do."""
-    if isinstance(message, pairing.FromStranger):
-        return
-    role = Role.RELAY if isinstance(message, pairing.SpeaksFor) else Role.OPERATOR
-    role = Role.CAMERA if isinstance(message, OF_CAMERAS) else role
-    if isinstance(message, messages.KeyRequest):
-        role = Role.RELAY if message.is_relay else Role.CAMERA
-    if not who.may(role):
+def check_allowed(who: Peer, role: Role | None) -> None:
+    """Check that a peer is known as that. Raises UnknownMachineError with what a person can do."""
+    if role is not None and not who.may(role):
         known = "not known here" if who.is_stranger else f"known here as {' and '.join(sorted(who.roles))}"
         raise UnknownMachineError(
             f"this machine is {known}, not as {role}",

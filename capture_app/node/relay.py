@@ -31,6 +31,7 @@ from capture_app.node.wire.messages import (
     StatusAnswer,
     StatusRequest,
     ToLeader,
+    sender_role,
 )
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderNews
@@ -182,7 +183,7 @@ class RelayNode:
     async def _serve(self, below: Channel[ToLeader]) -> None:
         while (message := await below.receive_header()) is not None:
             try:
-                check_allowed(below.who, message)
+                check_allowed(below.who, sender_role(message))
                 match message:
                     case _ if isinstance(message, Asked):
                         await self._enrolment.answer(below, message)

@@ -104,7 +104,7 @@ class LeaderService:
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message, working_on))
                         continue
-                    check_allowed(channel.who, message)
+                    check_allowed(channel.who, messages.sender_role(message))
                     self._check_speaker(channel, message, principal)
                     if isinstance(message, messages.NodeStream) and not message.shows:
                         self._end_speech(principal, channel)
@@ -162,8 +162,7 @@ class LeaderService:
         """Take in an image of what this stream has reported: who may bring it was asked then."""
         session = working_on.get((message.leader, message.burst, message.camera))
         if session is None:
-            what = f"this stream does not speak for camera {message.camera!r} in burst {message.burst}"
-            raise BadInputError(what, hint="its report comes first")
+            raise BadInputError(f"this stream does not speak for camera {message.camera!r} in that burst")
         saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
         saving.add_done_callback(lambda _: self._bursts.tell_progress(session))
         return saving

@@ -22,6 +22,7 @@ import msgspec
 
 from benchmarks.samples.recipe import read_recipe
 
+WITHIN = "within_2pct", "mover_within_2pct"
 RECIPE = Path(__file__).resolve().parents[2] / "sample_sessions" / "jumper"
 
 
@@ -40,11 +41,15 @@ def main() -> None:
     between = cpu_s()
     runs.append(follow(session, whole, None, "--whole"))
     show(clouds, runs)
+    shares = []
     for folder, cost_s in ((clouds, between - before), (whole, cpu_s() - between)):
         told = json.loads((folder / "sequence.json").read_text())["instants"]
-        shares = (100 * mean(one[name] for one in told) for name in ("within_2pct", "mover_within_2pct"))
-        right = ", movers ".join(f"{share:.2f} %" for share in shares)
+        shares.append([[100 * one[name] for name in WITHIN] for one in told])
+        right = ", movers ".join(f"{mean(share):.2f} %" for share in zip(*shares[-1], strict=True))
         print(f"{folder.name}: {cost_s / len(told):.2f} CPU-s an instant; within 2 %: {right}")
+    for what, number in (("all", 0), ("movers", 1)):
+        off = [mine[number] - its[number] for mine, its in zip(*shares, strict=True)]
+        print(f"{what}, reused less whole: {mean(off):+.2f} points, {min(off):+.2f} to {max(off):+.2f}")
 
 
 def cpu_s() -> float:

@@ -1,13 +1,15 @@
 """What stands still needs depth once: later instants sweep boxes around what moves, and what it uncovered."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, box_filter
+from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView, box_filter
 from reconstruction.depth.coarse_scene import CoarseScene
+from reconstruction.depth.compiled import CPU
 from reconstruction.depth.plane_sweep import Surface
 
 CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
@@ -34,7 +36,7 @@ class StillScene:
         self._surfaces: dict[str, Surface] = {}
         self._cameras: set[str] = set()
         self._pictures: dict[str, Array] = {}
-        """The grey levels by which each pixel's depth was found, `OUTSIDE` where something moved."""
+        """Grey levels by which depth was found; `OUTSIDE` where something moved, or hid it from a source."""
 
     def look(self, images: Mapping[str, CalibratedImage]) -> None:
         """Look at an instant's pictures: what moves, or looks otherwise than when its depth was found?"""
@@ -54,11 +56,21 @@ class StillScene:
         """What was found of a camera's picture until now."""
         return self._surfaces.get(name) or Surface(*np.zeros((4, *image.grey.shape), np.float32))
 
-    def keep(self, images: Mapping[str, CalibratedImage], surfaces: Mapping[str, Surface]) -> None:
-        """Keep what was found of these pictures."""
+    def keep(
+        self,
+        images: Mapping[str, CalibratedImage],
+        sources: Mapping[str, Sequence[str]],
+        surfaces: Mapping[str, Surface],
+    ) -> None:
+        """Keep what was found of these pictures: beside and behind what moves until that has gone on."""
         self._surfaces |= surfaces
-        for name, image in images.items():
-            shown = np.where(_moving(image), np.float32(OUTSIDE), image.grey)
+        moving = {name: _wider(_moving(image), WIDER_PX) for name, image in images.items()}
+        for name, surface in surfaces.items():
+            image, hidden = images[name], moving[name]
+            for other in sources[name]:
+                seen = replace(images[other], grey=moving[other].astype(np.float32))
+                hidden = hidden | (CPU.warp(SourceView(image, seen), surface.inverse_depth) > 0)
+            shown = np.where(hidden, np.float32(OUTSIDE), image.grey)
             known = self._pictures.get(name, shown)
             self._pictures[name] = np.where(self._new.get(name, True), shown, known)
 

@@ -144,7 +144,7 @@ def match_all_views(
             # What one of two has taken over from the other, the other may now see in turn.
             surfaces |= zip(paired, pool.map(propose, paired), strict=True)
             kept = _kept_depths(pool, images, sources, surfaces, engine)
-        still.keep(images, surfaces)
+        still.keep(images, sources, surfaces)
         facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
         return {
             name: ViewDepth(kept[name], np.where(kept[name][..., None] > 0, normals, 0), surfaces[name])

@@ -7,30 +7,33 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
+from reconstruction.depth.compiled import CPU
+from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.still_scene import StillScene, boxes_around
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from tests.reconstruction.depth.small_views import PAINT, PLACES, choose_by_depth, photo_of, view_at
 
 NEAR_M, HALF_M = 1.4, 0.16
+WIDE = np.ones((13, 13), np.uint8)
 RANGES = dict.fromkeys(PLACES, (1.1, 4.0))
 
 Pictures = dict[str, CalibratedImage]
 
 
-def take(across_m: float, seed: int) -> tuple[Pictures, dict[str, Array]]:
+def take(across_m: float, seed: int, near_m: float = NEAR_M) -> tuple[Pictures, dict[str, Array]]:
     """A card before the slanted plane: pictures that know where it moves, and true depth."""
     pictures, truth = {}, {}
     for number, (name, place) in enumerate(PLACES.items()):
         photo, behind = photo_of(view_at(*place), seed=10 * seed + number)
         rays = photo.view.rays(photo.view.grid())
-        at = photo.view.centre[:2] + NEAR_M * rays[:, :2] - (across_m, 0.0)
+        at = photo.view.centre[:2] + near_m * rays[:, :2] - (across_m, 0.0)
         card = (np.abs(at) < HALF_M).all(1).reshape(behind.shape)
         x, y = (np.mod(150 * at[:, i] + 77, 511).astype(np.float32).reshape(behind.shape) for i in (0, 1))
         grey = np.where(card, 255 - cv2.remap(PAINT, x, y, cv2.INTER_LINEAR), photo.grey)
         moving = cv2.dilate(card.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         pictures[name] = replace(photo, grey=np.asarray(grey, np.float32), moving=moving)
-        truth[name] = np.where(card, NEAR_M, behind)
+        truth[name] = np.where(card, near_m, behind)
     return pictures, truth
 
 
@@ -69,6 +72,22 @@ def test_only_what_moves_and_what_it_uncovered_is_swept_again(still: StillScene)
         assert right(found[name], truth[name], new) > right(whole[name], truth[name], new) - 0.03 > 0.75
     middle = found["middle"].depth[left["middle"].moving & ~pictures["middle"].moving]
     assert np.median(middle) > 1.8
+
+
+def test_what_was_hidden_from_a_source_is_swept_again() -> None:
+    pictures, truth = take(-0.15, 1, near_m=0.8)
+    known, flat = StillScene(), np.zeros((96, 128), np.float32)
+    known.look(pictures)
+    found = {name: Surface((1 / depth).astype(np.float32), flat, flat, flat) for name, depth in truth.items()}
+    known.keep(pictures, choose_by_depth({name: one.view for name, one in pictures.items()}), found)
+    known.look({name: replace(one, moving=np.zeros_like(flat, bool)) for name, one in pictures.items()})
+    for name, other in (("middle", "left"), ("middle", "right"), ("right", "middle")):
+        moving, card = (np.asarray(pictures[one].moving, np.float32) for one in (name, other))
+        to_other = SourceView(pictures[name], replace(pictures[other], grey=card))
+        hidden = (CPU.warp(to_other, found[name].inverse_depth) > 0.5) & (cv2.dilate(moving, WIDE) == 0)
+        assert hidden.mean() > 0.005
+        assert known.new(name, pictures[name])[hidden].all()
+        assert known.new(name, pictures[name]).mean() < 0.6
 
 
 @pytest.mark.parametrize("change", ["light", "nudge", "camera"])

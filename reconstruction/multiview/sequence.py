@@ -93,7 +93,7 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     condition: str
     time_shifts_ms: dict[str, float]
     matcher: str
-    meshes: bool
+    mesh: bool = msgspec.field(name="meshes")
     depth: bool
     quick: bool = False
     whole: bool = True
@@ -101,11 +101,13 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     def require_same(self, earlier: "SequencePlan", out: Path) -> None:
         """Raises BadInputError where an earlier plan differs."""
         for name in self.__struct_fields__:
-            if getattr(self, name) != getattr(earlier, name):
-                what = f"{out} holds clouds of {name.replace('_', ' ')} {getattr(earlier, name)!r}"
-                raise BadInputError(
-                    f"{what}, not {getattr(self, name)!r}", hint="choose a new folder for --out"
-                )
+            was = getattr(earlier, name)
+            if getattr(self, name) != was:
+                made = f"of {name.replace('_', ' ')} {was!r}, not {getattr(self, name)!r}"
+                if isinstance(was, bool):
+                    made = f"made {'with' if was else 'without'} --{name}"
+                hint = "ask for the same, or choose a new folder for --out"
+                raise BadInputError(f"{out} holds clouds {made}", hint=hint)
 
 
 class SequenceFolder:
@@ -279,7 +281,7 @@ def model_sequence(
         condition=options.condition.name,
         time_shifts_ms=dict(options.each.time_shifts_ms),
         matcher=matcher.name,
-        meshes=options.each.mesh,
+        mesh=options.each.mesh,
         depth=options.depth,
         quick=options.each.quick,
         whole=options.whole,

@@ -115,6 +115,11 @@ def test_what_does_not_belong_is_refused_and_nothing_is_left(
     refused = reconstruct(*at, "--instants", "all", "--condition", "33")
     assert refused.code == 3
     assert "condition 'synced', not '33ms'" in refused.complaint
+    # Of the time before still parts were kept, when nothing was said of them.
+    plan = json.loads((out / "plan.json").read_text())
+    del plan["whole"]
+    (out / "plan.json").write_text(json.dumps(plan))
+    assert "made with --whole" in reconstruct(*at, "--instants", "all").complaint
     assert "holds other files" in reconstruct(*at, "--instant", "1").complaint
     mine = tmp_path / "mine"
     (mine / "depth").mkdir(parents=True)

@@ -54,6 +54,11 @@ def count(number: int, thing: str) -> str:
     return f"{number} {thing}" if abs(number) == 1 else f"{number} {thing}s"
 
 
+def first_line(error: object) -> str:
+    """Return the first line of what an exception said, or its kind."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
 def printable(text: str) -> str:
     """Return the text with control characters, but for tabs and line ends, replaced by their escapes."""
     return _CONTROL.sub(lambda found: repr(found[0])[1:-1], text)

@@ -26,6 +26,7 @@ import msgspec
 from capture_app.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
 from capture_app.optional_packages import load_optional
 from capture_app.session.files.durable import write_atomic
+from capture_app.text import first_line
 from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
 from reconstruction.common.memory import (
     DEFAULT_SHARE,
@@ -209,10 +210,10 @@ class SlurmExecutor:
             with redirect_stderr(StringIO()):
                 submitted: list[Any] = executor.map_array(partial(_run_in_job, task, str(root)), units)
         except (ValueError, TypeError) as error:
-            raise BadInputError(f"--slurm: {_first_line(error)}") from error
+            raise BadInputError(f"--slurm: {first_line(error)}") from error
         except (self.submitit.core.utils.FailedJobError, subprocess.CalledProcessError, OSError) as error:
             raise SimulshotError(
-                f"SLURM refused the jobs: {_first_line(error)}", hint="check sinfo and the --slurm settings"
+                f"SLURM refused the jobs: {first_line(error)}", hint="check sinfo and the --slurm settings"
             ) from error
         return submitted
 
@@ -255,7 +256,7 @@ def _outcome(key: str, job: Any) -> Outcome:
     if error is None:
         outcome: Outcome = job.result()
         return outcome
-    return Outcome(key=key, error=_first_line(error), exit_code=ExitCode.FAILURE)
+    return Outcome(key=key, error=first_line(error), exit_code=ExitCode.FAILURE)
 
 
 def _squeue() -> set[str]:
@@ -277,7 +278,7 @@ def _squeue() -> set[str]:
             return set(asked.stdout.split())
         time.sleep(POLL_S)
     raise NotAvailableError(
-        f"SLURM does not answer: {_first_line(asked.stderr)}",
+        f"SLURM does not answer: {first_line(asked.stderr)}",
         hint="its jobs continue; repeat the command later",
     )
 
@@ -299,8 +300,3 @@ def _setting(text: str) -> tuple[str, Any]:
     with suppress(msgspec.DecodeError):
         return name, msgspec.json.decode(value)
     return name, value
-
-
-def _first_line(error: object) -> str:
-    lines = [line for line in str(error).splitlines() if line.strip()]
-    return lines[0].strip() if lines else type(error).__name__

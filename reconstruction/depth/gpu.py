@@ -14,6 +14,8 @@ from weakref import ref
 import numpy as np
 
 from capture_app.errors import NotAvailableError
+from capture_app.terminal import talk
+from capture_app.text import first_line
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU
@@ -42,11 +44,7 @@ def _told_in_words() -> Iterator[None]:
         yield
     except Exception as error:
         hint = "CUDA_VISIBLE_DEVICES= (empty) keeps to the CPU"
-        raise NotAvailableError(f"the GPU failed: {_first_line(error)}", hint=hint) from error
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise NotAvailableError(f"the GPU failed: {first_line(error)}", hint=hint) from error
 
 
 class GpuEngine(SweepEngine):
@@ -177,7 +175,7 @@ def use_gpu(cupy: Any) -> SweepEngine:
     # No driver, one too old, no compiler, all memory taken.
     except Exception as error:  # noqa: BLE001
         cause = error.__cause__ if isinstance(error, NotAvailableError) else error
-        said = _first_line(cause if isinstance(cause, Exception) else error)
+        said = first_line(cause if isinstance(cause, Exception) else error)
         return on_cpu(f"the GPU cannot be used ({said})")
     if not (place == 2).all():
         return on_cpu(f"{name} computes wrongly")
@@ -186,15 +184,17 @@ def use_gpu(cupy: Any) -> SweepEngine:
 
 @cache
 def find_engine() -> SweepEngine:
-    """A GPU's engine where CuPy and a GPU are here, else the CPU's; looked for once a process."""
+    """A GPU's engine where CuPy and a GPU are here, else the CPU's; looked for, and told, once a process."""
     try:
-        cupy = importlib.import_module("cupy")
+        engine = use_gpu(importlib.import_module("cupy"))
     except ImportError:
-        return CPU
+        engine = CPU
     # One that was built for another NumPy, or without its libraries, fails as it likes.
     except Exception as error:  # noqa: BLE001
-        return on_cpu(f"CuPy is broken ({_first_line(error)})")
-    return use_gpu(cupy)
+        engine = on_cpu(f"CuPy is broken ({first_line(error)})")
+    if engine.note:
+        talk(f"depth {engine.note}")
+    return engine
 
 
 def _lanes(padded: int) -> tuple[int, int]:

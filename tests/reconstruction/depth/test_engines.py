@@ -1,5 +1,7 @@
 """The compiled engine, and the GPU's kernels compiled for the CPU, beside the array version."""
 
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +12,7 @@ import pytest
 
 from capture_app.errors import NotAvailableError
 from reconstruction.common.geometry import Array
+from reconstruction.depth import gpu
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
@@ -301,16 +304,35 @@ def test_a_gpu_that_fails_later_ends_the_run_with_a_sentence() -> None:
         engine.find_cheapest(volume, np.zeros((4, 4), np.float32), 1, 2)
 
 
+@pytest.fixture
+def looked_for() -> Iterator[None]:
+    """Engines are looked for in the test, and again after it."""
+    find_engine.cache_clear()
+    yield
+    find_engine.cache_clear()
+
+
+@pytest.mark.usefixtures("looked_for")
 def test_a_broken_cupy_leaves_the_cpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "cupy.py").write_text("raise ValueError('numpy.dtype size changed')")
     monkeypatch.syspath_prepend(tmp_path)
-    find_engine.cache_clear()
-    try:
-        found = find_engine()
-    finally:
-        find_engine.cache_clear()
+    found = find_engine()
     assert type(found) is type(CPU)
     assert found.note.startswith("on the CPU: CuPy is broken (numpy.dtype size changed)")
+
+
+@pytest.mark.usefixtures("looked_for")
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_terminal_says_once_that_numpy_sweeps(
+    compiled: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "cupy", None)
+    engine = SweepEngine("" if compiled else "by NumPy, three times slower")
+    monkeypatch.setattr(gpu, "CPU", engine)
+    assert find_engine() is find_engine() is engine
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err == ("" if compiled else "depth by NumPy, three times slower\n")
 
 
 def fail_for_memory(*_: object) -> None:

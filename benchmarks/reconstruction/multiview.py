@@ -20,10 +20,12 @@ import pickle
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -34,6 +36,7 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth import sweep_matcher
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
 from reconstruction.depth.compiled import CPU, CompiledEngine
@@ -60,9 +63,13 @@ def ours(
     engine: SweepEngine = CPU,
     *,
     quick: bool = False,
+    planes: bool = True,
     seed: int = 0,
 ) -> Result:
-    """The package: every view's depth, checked by the others, fused; what moves is known by its truth."""
+    """The package: every view's depth, checked by the others, fused; what moves is known by its truth.
+
+    Not `planes`: blank walls stay as they were found.
+    """
     images = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
     begun, cpu = time.perf_counter(), time.process_time()
     calibrated = {
@@ -75,7 +82,8 @@ def ours(
     }
     scene = find_coarse_scene(calibrated)
     sources = choose_source_views(views, scene.points)
-    found = match_all_views(calibrated, sources, scene.depth_ranges, engine=engine, quick=quick)
+    with nullcontext() if planes else patch.object(sweep_matcher, "settle_blank_walls", _as_found):
+        found = match_all_views(calibrated, sources, scene.depth_ranges, engine=engine, quick=quick)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
     write_workspace(scratch / "workspace", views, colours, found)
@@ -93,6 +101,10 @@ def ours(
     facing = found[reference].normals
     result["normals_deg"] = normal_error_deg(facing, condition.depth[reference], views[reference])
     return result
+
+
+def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: Any) -> Any:
+    return surfaces
 
 
 def straightforward(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
@@ -132,6 +144,7 @@ def unpadded_sgbm(views: dict[str, View], condition: Condition, reference: str, 
 METHODS: dict[str, Callable[..., Result]] = {
     "multiview": ours,
     "multiview --quick": partial(ours, quick=True),
+    "multiview without planes": partial(ours, planes=False),
     "straightforward sweep": straightforward,
     "SGBM, best pair": sgbm,
     "SGBM, best pair, not padded": unpadded_sgbm,

@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from capture_app.errors import ExitCode
 from reconstruction.batch.units import RESULT, Unit
+from reconstruction.scores.truth import DepthShares
 from reconstruction.session.conditions import SYNCED
 
 FIGURES = (
@@ -46,7 +47,7 @@ class Row(Struct, frozen=True, kw_only=True):
         return f"not applicable: {self.not_applicable}" if self.not_applicable else ""
 
 
-class Group(Struct, frozen=True, kw_only=True):
+class Group(DepthShares, frozen=True, kw_only=True):
     """Medians over a session's instants in one condition; None where no instant has the figure."""
 
     session: str
@@ -55,10 +56,6 @@ class Group(Struct, frozen=True, kw_only=True):
     failed: int
     not_applicable: int = 0
     coverage: float | None = None
-    within_2pct: float | None = None
-    mover_within_2pct: float | None = None
-    static_within_2pct: float | None = None
-    median_error_pct: float | None = None
     fused_points: float | None = None
 
 

@@ -3,10 +3,11 @@
 from msgspec import Struct, field
 
 from reconstruction.common.outputs import Provenance
+from reconstruction.scores.truth import DepthShares
 
 
-class ViewResult(Struct, frozen=True, kw_only=True):
-    """One camera's depth map. Shares are of all its pixels that have a true depth; empty ones are wrong."""
+class ViewResult(DepthShares, frozen=True, kw_only=True):
+    """One camera's depth map, and how right it is."""
 
     camera: str
     instant: int
@@ -17,12 +18,7 @@ class ViewResult(Struct, frozen=True, kw_only=True):
     depth: str
     """File with `depth` (height x width, 0 = none) and `normals` (x 3, camera's frame)."""
     picture: str
-    within_2pct: float | None = None
-    mover_within_2pct: float | None = None
-    static_within_2pct: float | None = None
     mover_coverage: float | None = None
-    median_error_pct: float | None = None
-    """Median of the relative errors of the depths that there are, percent."""
 
 
 class CloudScore(Struct, frozen=True, kw_only=True):
@@ -72,7 +68,7 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     """Wall seconds of each stage."""
 
 
-class SequenceInstant(Struct, frozen=True, kw_only=True, omit_defaults=True):
+class SequenceInstant(DepthShares, frozen=True, kw_only=True, omit_defaults=True):
     """One instant of a sequence; `reason` says why it has no cloud."""
 
     instant: int
@@ -81,10 +77,8 @@ class SequenceInstant(Struct, frozen=True, kw_only=True, omit_defaults=True):
     points: int = 0
     reference: str = ""
     coverage: float | None = None
-    within_2pct: float | None = None
-    mover_within_2pct: float | None = None
     movers_1cm: CloudScore | None = None
-    left_out: dict[str, str] = {}
+    left_out: dict[str, str] = field(default_factory=dict)
     """Cameras without depth, and why."""
     seconds: float = 0.0
     reason: str = ""

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from reconstruction.common.geometry import Array, View, other_from_reference
 from reconstruction.session.motion import dilate
@@ -30,6 +31,16 @@ def share_right(depth: Array, truth: Array, mask: Array | None = None) -> float 
     """Share of a mask's pixels (bool) with a true depth (0 = unknown) whose depth is right; None = none."""
     known = truth > 0 if mask is None else (truth > 0) & mask
     return float(right_depth(depth, truth)[known].mean()) if known.any() else None
+
+
+class DepthShares(Struct, frozen=True, kw_only=True):
+    """How right a depth map is, by its pixels with a true depth: empty ones are wrong; None = none known."""
+
+    within_2pct: float | None = None
+    mover_within_2pct: float | None = None
+    static_within_2pct: float | None = None
+    median_error_pct: float | None = None
+    """Median of the relative errors of the depths that there are, percent."""
 
 
 def depth_shares(depth: Array, truth: Array, movers: Array) -> dict[str, float | None]:

@@ -58,8 +58,12 @@ async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
 async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
     """Take until a take has all images: a starved machine refuses one or drops frames, and says so."""
 
+    answered: set[Question] = set()
+
     def is_taken(before: int) -> bool:
-        if isinstance(app.screen, Question):  # a camera that has just lost the band
+        asked = app.screen
+        if isinstance(asked, Question) and asked not in answered:  # a camera that has just lost the band
+            answered.add(asked)  # a second t would open the notes of the mode below, where spaces are typed
             app.simulate_key("t")
         return len(view.takes) > before and is_over(view.takes[-1])
 

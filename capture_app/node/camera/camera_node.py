@@ -297,9 +297,10 @@ class RigMember:
         if facts.kind == SIMULATED and true_clock is None:
             true_clock = SimulatedClock(0)
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
-        held = self.controls.held
         plan = CameraPlan(
-            camera=camera_record(name, facts, picked, corrections, tolerance_ns, camera.device_clock, held),
+            camera=camera_record(
+                name, facts, picked, corrections, tolerance_ns, camera.device_clock, self.controls.held
+            ),
             reported=True,
             picking=streamed,
             calibration=camera.calibration,

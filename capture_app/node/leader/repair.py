@@ -47,7 +47,8 @@ async def repair(path: Path, *, wait_s: float, address: Address, news: Log) -> l
     for folder in broken:
         if _problem(folder):
             try:
-                await _finish_as_it_is(folder)
+                with closing(DiskThreads()) as disk:
+                    await BurstSession.resume(folder, 0, disk).finish_now(NOT_BROUGHT)
             except SimulshotError as error:
                 problems[folder] = str(error)
     return [_result(folder, problems[folder], folder in broken) for folder in folders]
@@ -69,11 +70,6 @@ async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, ne
         raise NetworkError(error.what, hint=hint) from error
     async with leader:
         await leader.bursts.resumed.wait_until_finished()
-
-
-async def _finish_as_it_is(folder: Path) -> None:
-    with closing(DiskThreads()) as disk:
-        await BurstSession.resume(folder, 0, disk).finish_now(NOT_BROUGHT)
 
 
 def _sessions(path: Path) -> list[Path]:

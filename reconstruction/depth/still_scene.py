@@ -16,8 +16,8 @@ CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
 """Grey levels by which the mean of a window of so many px differs from when a depth was found there."""
 WIDER_PX = 6
 """Around what has changed, whose windows show some of it."""
-BAND_PX, MARGIN_PX = 160, 12
-"""Rows that have boxes of their own; around what a box is for, where its windows and paths begin."""
+MARGIN_PX = 12
+"""Around what a box is for, where its windows and paths begin."""
 MOST_NEW = 0.6
 """Share of the pictures from which on all is swept again: the light has changed, or a camera was nudged."""
 
@@ -87,18 +87,14 @@ def _wider(mask: Array, radius_px: int) -> Array:
 
 def boxes_around(new: Array) -> list[tuple[Box, Array]]:
     """Boxes that hold all of a mask (bool) and a margin, and what of the mask each is for (bool)."""
-    found, rows_each = [], len(new) if new.all() else BAND_PX
-    for top in range(0, len(new), rows_each):
-        band = new[top : top + rows_each]
-        wide = _wider(np.array([band.any(0)]), MARGIN_PX)[0]
-        ends = np.flatnonzero(np.diff(wide.astype(int), prepend=0, append=0))
-        for left, right in ends.reshape(-1, 2).tolist():
-            mine = np.zeros_like(new)
-            mine[top : top + rows_each, left:right] = band[:, left:right]
-            rows = np.flatnonzero(mine.any(1))
-            around = slice(max(int(rows[0]) - MARGIN_PX, 0), int(rows[-1]) + 1 + MARGIN_PX)
-            found.append(((around, slice(left, right)), mine))
-    return found
+    wide = _wider(new, MARGIN_PX).astype(np.uint8)
+    _, parts, boxes, _ = cv2.connectedComponentsWithStats(wide)
+    # The first is all that lies outside.
+    return [
+        ((slice(top, top + height), slice(left, left + width)), new & (parts == part))
+        for part, (left, top, width, height, _) in enumerate(boxes.tolist())
+        if part
+    ]
 
 
 def renewed(surface: Surface, swept: Surface, box: Box, new: Array) -> Surface:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.cli import run
+from capture_app.errors import BadInputError, ExitCode
 from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.library.changes import set_note
@@ -81,6 +82,16 @@ def test_what_is_wrong_with_a_video_is_noticed(
 ) -> None:
     spoil(recording.folder)
     assert any(says in str(problem) for problem in verify(Session.open(recording.folder)))
+
+
+def test_a_video_that_is_gone_is_one_thing_that_is_missing(
+    recording: Session, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (recording.folder / VIDEO).unlink()
+    assert run(["sessions", "verify", str(recording.folder), "--json"]) == ExitCode.INCOMPLETE
+    (told,) = json.loads(capsys.readouterr().out)["sessions"]
+    missing = [one for one in told["problems"] if one["kind"] == "missing"]
+    assert missing == [{"kind": "missing", "where": VIDEO, "what": "the video is missing"}]
 
 
 def test_frames_that_cannot_be_read_are_refused(recording: Session) -> None:

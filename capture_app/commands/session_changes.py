@@ -244,7 +244,7 @@ def wiggle(
     suffix = _check_file(out, (".gif", ".webp"), replace=replace)
     opened = TakeSheet.open(session)
     shown = opened.instants // 2 if instant is None else instant
-    frames = list(wiggle_frames(opened, shown, width))
+    frames = wiggle_frames(opened, shown, width)
     step_ms = round(1000 / fps)
     _write(out, encode_animation(frames, suffix, step_ms, step_ms))
     told = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}

@@ -86,4 +86,16 @@ def test_a_sheet_beyond_reason_is_refused(tmp_path: Path, capsys: pytest.Capture
 def test_a_wiggle_needs_two_pictures(tmp_path: Path) -> None:
     sheet = TakeSheet(make_take(tmp_path, cameras=1))
     with pytest.raises(BadInputError, match="a wiggle needs two"):
-        list(wiggle_frames(sheet, 0, 64))
+        wiggle_frames(sheet, 0, 64)
+
+
+def test_pictures_that_are_damaged_make_no_wiggle(
+    take: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for image in take.images_by_instant()[1].values():
+        take.image_file(image).write_bytes(b"no picture")
+    out = tmp_path / "wiggle.gif"
+    command = ["sessions", "wiggle", str(take.folder), "--out", str(out), "--instant", "1"]
+    assert run(command) == ExitCode.BAD_INPUT
+    assert "has 0 pictures of instant 1 that can be read" in capsys.readouterr().err
+    assert not out.exists()

@@ -1,6 +1,6 @@
 """A take as a picture to show around: its contact sheet, and the wiggle through its cameras."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError, NotAvailableError
@@ -60,28 +60,27 @@ def contact_sheet(
     return whole
 
 
-def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> Iterator["Picture"]:
+def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> "list[Picture]":
     """The pictures of an instant along the cameras' arc, of one size; cameras without one are left out.
 
-    Raises BadInputError where the take has no such instant, or fewer than two pictures of it.
+    Raises BadInputError where the take has no such instant, or fewer than two pictures of it that are whole.
     """
     import numpy as np
 
-    there = [camera for camera in sheet.cameras if sheet.image(camera, instant) is not None]
-    if len(there) < 2:
-        raise BadInputError(
-            f"{sheet.session.folder} has {count(len(there), 'picture')} of instant {instant}; "
-            "a wiggle needs two",
-            hint="choose another --instant",
-        )
-    height = round(width * sheet.aspect)
-    for camera in there:
-        image = sheet.load(camera, instant, width)
+    height, frames = round(width * sheet.aspect), []
+    for image in (sheet.load(camera, instant, width) for camera in sheet.cameras):
         if image is not None:
             fitted, whole = fit(image, width, height), np.zeros((height, width, 3), np.uint8)
             top, left = (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2
             whole[top : top + fitted.shape[0], left : left + fitted.shape[1]] = fitted
-            yield whole
+            frames.append(whole)
+    if len(frames) < 2:
+        raise BadInputError(
+            f"{sheet.session.folder} has {count(len(frames), 'picture')} of instant {instant} that can be "
+            "read; a wiggle needs two",
+            hint="choose another --instant",
+        )
+    return frames
 
 
 def encode_animation(frames: "list[Picture]", suffix: str, step_ms: int, rest_ms: int) -> bytes:

@@ -13,6 +13,8 @@ from capture_app.sync.clock.clock_filter import ClockSample
 
 COLUMNS = ("t_s", "rtt_ms")
 LEAST_ROWS = 50
+MOST = 1e10
+"""No recording lasts so many s, and no round trip so many ms."""
 
 
 def read_trace(path: Path, rng: random.Random) -> Link:
@@ -30,6 +32,8 @@ def read_trace(path: Path, rng: random.Random) -> Link:
         ) from None
     if len(rows) < LEAST_ROWS:
         raise BadInputError(f"{path} has {len(rows)} rows", hint=f"{LEAST_ROWS} or more are needed")
+    if not all(abs(number) < MOST for row in rows for number in row):
+        raise BadInputError(f"{path} has numbers that are none or no times", hint="leave lost messages out")
     times_s, round_trips_ms = zip(*rows, strict=True)
     every_ns = round((times_s[-1] - times_s[0]) / (len(rows) - 1) * 1e9)
     least_ms = min(round_trips_ms)

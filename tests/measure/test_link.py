@@ -190,6 +190,15 @@ def test_a_real_recorded_link(shared: Path) -> None:
     assert result.baseline["minimum"]["error_us"]["mean_abs"] > 2.0 * result.ours["error_us"]["mean_abs"]
 
 
+@pytest.mark.parametrize("lost", ["nan", "inf", "-1e300"])
+def test_what_is_no_round_trip_in_a_recording_is_told(
+    recording: Path, capsys: pytest.CaptureFixture[str], lost: str
+) -> None:
+    recording.write_text(f"{recording.read_text()}\n120.0,{lost}")
+    assert run(["link", "--replay", str(recording)]) == ExitCode.BAD_INPUT
+    assert "leave lost messages out" in capsys.readouterr().err
+
+
 def test_a_recording_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["link", "--replay", "nowhere.csv"]) == ExitCode.BAD_INPUT
     assert "nowhere.csv" in capsys.readouterr().err

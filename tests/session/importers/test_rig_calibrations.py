@@ -121,6 +121,11 @@ def test_the_field_of_view_of_older_transforms(tmp_path: Path) -> None:
     camera = read(path).cameras["cam0"]
     assert (camera.fx, camera.fy) == pytest.approx((500, 500))
     assert (camera.cx, camera.cy) == (319.5, 239.5)
+    for degrees_or_none in (65.2, 0):
+        path.write_text(json.dumps({**content, "frames": frames, "camera_angle_x": degrees_or_none}))
+        with pytest.raises(BadInputError, match="camera_angle_x") as refused:
+            read(path)
+        assert "radians" in str(refused.value)
 
 
 # OpenCap

@@ -270,7 +270,10 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
 def _focal_length(where: str, given: Mapping[str, Any], key: str, pixels: int) -> float | None:
     if key not in given:
         return None
-    return pixels / 2 / math.tan(_number(where, given, key) / 2)
+    angle = _number(where, given, key)
+    if not 0 < angle < math.pi:
+        raise BadInputError(f"{where} has the {key} {angle:g}", hint="it is in radians, between 0 and pi")
+    return pixels / 2 / math.tan(angle / 2)
 
 
 def _number(where: str, given: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:

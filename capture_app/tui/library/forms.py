@@ -1,5 +1,6 @@
 """The questions that the sessions ask: a name, a note, which command, which format and where to."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -121,11 +122,16 @@ def name_question(card: SessionCard) -> TextQuestion:
 def import_question(folder: str) -> TextQuestion:
     """Ask which folder is imported; `folder` is proposed."""
 
+    def check(text: str) -> str:
+        # As `Path` asks, a name that no folder can have, or one behind a closed door, would be an error.
+        there = text.strip() and os.path.isdir(typed_path(text))  # noqa: PTH112
+        return "" if there else "there is no such folder"
+
     return TextQuestion(
         "A folder of videos, or of another program's recording. Clips that belong together are found and "
         "aligned by all they have.",
         folder,
-        check=lambda text: "" if text.strip() and typed_path(text).is_dir() else "there is no such folder",
+        check=check,
         title="Import",
     )
 
@@ -181,4 +187,5 @@ def _free_folder(folder: Path) -> Path:
 
 def typed_path(text: str) -> Path:
     """The path of a folder as a user types it."""
-    return Path(text.strip()).expanduser()
+    # `Path` raises an error of a home that nobody has, such as that of a name half typed.
+    return Path(os.path.expanduser(text.strip()))  # noqa: PTH111

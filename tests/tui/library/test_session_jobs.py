@@ -181,6 +181,27 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         await pilot.press("escape")
 
 
+@pytest.mark.parametrize("key", ["e", "i"])
+@pytest.mark.parametrize("typed", ["~nobody-of-this-name/films", "x" * 300])
+async def test_a_path_that_none_can_be_is_no_folder_and_no_error(
+    sessions: Path, key: str, typed: str
+) -> None:
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press(key)
+        await settle(pilot)
+        line = pilot.app.screen.query_one(Input)
+        line.focus()
+        await type_text(pilot, typed)
+        await settle(pilot)
+        assert line.value == typed
+        wrong = pilot.app.screen.query_one(".wrong", Static)
+        assert ("there is no such folder" in str(wrong.content)) == (key == "i")
+        await pilot.press("escape")
+        await settle(pilot)
+        assert not jobs(pilot)
+
+
 async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path: Path) -> None:
     films = tmp_path / "walk"
     export_session(Session.open(sessions / "one"), "mp4", films, ExportOptions())

@@ -90,6 +90,18 @@ def test_commands_say_what_is_wrong_in_a_sentence(
     assert len(said.err.splitlines()) <= 1
 
 
+def test_a_session_of_no_camera_is_refused_before_it_is_shown(
+    session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = json.loads((session.folder / MANIFEST).read_text())
+    content |= {"cameras": [], "images": [], "missing": [], "sync": None}
+    (session.folder / MANIFEST).write_text(json.dumps(content))
+    for command, out in (("sheet", "sheet.jpg"), ("wiggle", "wiggle.gif")):
+        told = ["sessions", command, str(session.folder), "--out", str(tmp_path / out)]
+        assert run(told) == ExitCode.BAD_INPUT
+        assert "has no cameras" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", [MANIFEST, JOURNAL, CALIBRATION, CHECKSUMS, "images/rig1/left/000000.jpg"])
 def test_a_pipe_in_a_session_keeps_nobody_waiting(session: Session, name: str) -> None:
     path = session.folder / name

@@ -387,6 +387,8 @@ def check_references(path: Path, manifest: Manifest) -> None:
     if not manifest.burst.instants_ns:
         raise BadInputError(f"{path} has no instants")
     names = [camera.name for camera in manifest.cameras]
+    if not names:
+        raise BadInputError(f"{path} has no cameras")
     if len(set(names)) != len(names):
         raise BadInputError(f"{path} lists a camera twice")
     for name in (*names, manifest.name, manifest.rig):

@@ -76,8 +76,9 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
         left_out.append(f"{path.name}: looks like calibration; reconstruct calibrate takes it")
         del inner[path]
     if len(inner) == 1 and not own:
+        # What cannot be read there was said already, when its clips were looked for.
         shoots, deeper = find_shoots(next(iter(inner)))
-        return shoots, left_out + deeper
+        return shoots, [*(line for line in left_out if line not in deeper), *deeper]
     if len(own) >= max(1, len(inner)):
         left_out += [f"{path.name}: {count(len(clips), 'clip')} beside" for path, clips in inner.items()]
         shoots = _of_one_folder(own, left_out)
@@ -119,10 +120,17 @@ def _read(path: Path, _: Any, container: Any) -> Clip | str:
         return "it has no pictures"
     stream = container.streams.video[0]
     seconds = float(stream.duration * stream.time_base) if stream.duration else 0.0
-    texts = [of.metadata.get("creation_time", "") for of in (container, stream)]
-    dates = [datetime.fromisoformat(text).timestamp() for text in texts if text]
+    dates = [_date_s(of.metadata.get("creation_time", "")) for of in (container, stream)]
     # The zero of QuickTime's dates, 1904, is no date.
-    return Clip(path, seconds, next((date for date in dates if date > 0), None))
+    return Clip(path, seconds, next((date_s for date_s in dates if date_s > 0), None))
+
+
+def _date_s(text: str) -> float:
+    """The time since 1970 of a date; 0 where it is none, or written as no other camera writes it."""
+    try:
+        return datetime.fromisoformat(text).timestamp()
+    except ValueError:
+        return 0.0
 
 
 def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list[Clip]:

@@ -18,7 +18,7 @@ PAGES = {"a4": (297.0, 210.0), "a3": (420.0, 297.0), "letter": (279.4, 215.9)}
 MARGIN_MM = 9.0
 """White around what is drawn, which markers need, and what printers leave empty."""
 FOOT_MM = 24.0
-"""Below it, for the bar and the text."""
+"""Room below what is drawn, for the bar and the text."""
 BAR_MM = 100.0
 POINTS_PER_MM = 72 / 25.4
 TEXT_MM = 3.2

@@ -10,7 +10,7 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.text import duration
 
 PITCH_MM = 10.0
-"""From one LED to the next, unless something else is asked for: it suits LEDs of 5 mm."""
+"""The distance from one LED to the next, unless another is asked for: it suits LEDs of 5 mm."""
 CROSS_MM = (4.0, 0.3)
 """Length and width of a cross's lines."""
 

@@ -65,7 +65,7 @@ class RigErrors(Struct, frozen=True, kw_only=True):
     """What a panel tells of a session's synchronization."""
 
     all: PairTable | None
-    """None where no instant has two pictures that could be read."""
+    """The errors of all pairs together; None where no instant has two pictures that could be read."""
     pairs: tuple[PairTable, ...]
     errors: tuple[PairError, ...]
     within_uncertainty: Held | None

@@ -22,13 +22,13 @@ MARKER_MODULES = 6
 _MARGIN = 0.5
 """White around markers, which is one of their squares."""
 _SIDE = 5.0
-"""From the frame's edge to the first column: room for a marker."""
+"""The way from the frame's edge to the first column: room for a marker."""
 _TOP = 1.25
 _ROW_STEP = 1.5
 _DARK_EDGE = 0.75
-"""From the outer lamps to the edge of the dark ground that lies behind them."""
+"""The way from the outer lamps to the edge of the dark ground behind them."""
 _ARRAY_STEP = 11.5
-"""From the first column of an array to that of the next."""
+"""The way from the first column of an array to that of the next."""
 SCAN_SHARE = 0.9
 """Share of a refresh in which a screen draws from one edge of the panel to the other."""
 
@@ -42,12 +42,12 @@ class Lamp:
     """A lamp: lit while (tick - start) mod period is less than `lit`; one of a group that is lit by turns."""
 
     x: float
-    """Its middle, in pitches, as y."""
+    """The lamp's middle across, in pitches, as `y` down."""
     y: float
     group: int
     """Lamps of a group are lit by turns: at any time those of one start."""
     start: int
-    """In ticks, as `lit` and `period`."""
+    """The tick at which the lamp lights up first; `lit` and `period` are in ticks too."""
     lit: int
     period: int
     delay: float
@@ -99,12 +99,12 @@ class Panel:
 
     @property
     def width(self) -> float:
-        """Of the frame; the markers are in its corners."""
+        """The frame's width in pitches; the markers are in its corners."""
         return 2 * _SIDE + COUNT - 1 + (len(self.ticks) - 1) * _ARRAY_STEP
 
     @property
     def height(self) -> float:
-        """Of the frame."""
+        """The frame's height in pitches."""
         return 2 * _TOP + COUNT - 1 + self.rows * _ROW_STEP
 
     @property

@@ -26,11 +26,11 @@ class PictureTime:
 
     image: ImageRecord
     panel_ns: float
-    """In the panel's cycle."""
+    """The time by the panel, within its cycle."""
     uncertainty_ns: float
     """95 % error of the reading."""
     stamp_ns: int
-    """In leader time."""
+    """The time by the session, in the leader's clock."""
     true_ns: int | None
     """The truth, of a simulated session."""
     reading: PanelTime

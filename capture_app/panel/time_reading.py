@@ -295,7 +295,8 @@ _MISFIT = 4.0
 _MAX_MISFITS = 0.12
 """A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
 _MAX_RMS, _SCREEN_MAX_RMS = 1.3, 3.5
-"""Nor is one whose lamps misfit by as many sigmas on the whole; usual are 0.3 to 1, of slow screens 2."""
+"""A panel whose lamps misfit by more sigmas on the whole is not it either; usual are 0.3 to 1, of slow
+screens 2."""
 _MAX_TICKS = 2.0
 """An error bar of more ticks of LEDs tells no time that they are for."""
 _MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
@@ -324,7 +325,7 @@ class PanelTime:
     row: float
     """Row of the picture in which the panel's middle lies."""
     shutter: Shutter
-    """As told, or as it fits best."""
+    """The shutter as it was told, or as it fits best."""
     row_time_error_ns: float
     """The row time is within this with a chance of 95 %; 0 where it was told."""
     markers: int

@@ -127,7 +127,7 @@ class PhoneCamera(Camera):
         await self._phone.restart(command.delay_ns)
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Those that the phone's browser has, as they stand."""
+        """The controls that the phone's browser has, as they stand."""
         return self._phone.controls
 
     async def set_control(self, control: Control, value: float | None) -> None:

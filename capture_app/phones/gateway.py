@@ -38,7 +38,7 @@ _faults.addFilter(_is_ours)
 MOST_STRANGERS = 128
 """Connections open at a time that are no phone's link; the newest beyond are closed."""
 STRANGER_S = 20.0
-"""One that has not become a link by then is closed: no page takes so long to load."""
+"""A connection that has not become a link by then is closed: no page takes so long to load."""
 HANDSHAKE_S = 10.0
 MOST_GREETED = 64
 LOOK_EVERY_S = 0.5

@@ -139,13 +139,13 @@ class Phone:
         self._hello, self.page = hello, hello.page
         """The load of its page, whose frames the phone keeps."""
         self.clock = PhoneClock(hello.resolution_us)
-        """Its page's clock."""
+        """The clock of the phone's page."""
         self._opened: wire.Opened | None = None
         self._why_away = NEVER
         self._times = FrameTimes(0.0)
         self._pictures: dict[tuple[str, int, bool], asyncio.Future[bytes]] = {}
         self.controls: tuple[ControlState, ...] = ()
-        """Its camera's controls, as they stood when its page told of them last."""
+        """The camera's controls, as they stood when the page told of them last."""
         self._orders: dict[int, asyncio.Future[str]] = {}
         self._last_order = 0
         self._on_frame: OnFrame | None = None
@@ -211,13 +211,13 @@ class Phone:
 
     @property
     def exposure_ns(self) -> int | None:
-        """Of its frames, where its browser tells."""
+        """The exposure of the phone's frames, where its browser tells."""
         exposure_us = self._value(Control.EXPOSURE)
         return None if exposure_us is None else round(min(max(exposure_us, 0.0), MOST_EXPOSURE_US) * 1000)
 
     @property
     def gain(self) -> float | None:
-        """Of its frames, 1 for ISO 100, where its browser tells."""
+        """The gain of the phone's frames, 1 for ISO 100, where its browser tells."""
         return self._value(Control.GAIN)
 
     def _value(self, control: Control) -> float | None:

@@ -52,7 +52,7 @@ class Opened(Struct, frozen=True, kw_only=True, tag_field="type", tag="opened"):
     width: Pixels
     height: Pixels
     frame_rate: Annotated[float, Meta(ge=0.0, le=1000.0)] = 0.0
-    """As the browser sets it; 0 where it does not say."""
+    """Frames a second as the browser sets them; 0 where it does not say."""
     label: Words = ""
 
 

@@ -48,7 +48,7 @@ def read_trace(path: Path, rng: random.Random) -> Link:
 
 
 TURNAROUND_NS = 30_000
-"""From the receipt of a request to the reply, at the leader."""
+"""How long a leader takes from the receipt of a request to the reply."""
 START_TRUE_NS = 10**12
 
 

@@ -11,7 +11,7 @@ from capture_app.errors import CameraError
 from capture_app.simulation.profiles import SensorProfile
 
 DELIVERY_NS = 5_000_000
-"""From a frame's last row to the driver's callback, where nothing else is asked for."""
+"""The time from a frame's last row to the driver's callback, unless another is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Sensor:
         self._stream_start_true_ns = 0
         self._rows = 0
         self._late_ns = 0
-        """By how much injections moved the stream beyond whole rows."""
+        """How much later than whole rows injections have moved the stream."""
         self._sequence = 0
         self._lateness_ns: dict[int, int] = {}
         self._exposure_rows: dict[int, int] = {}

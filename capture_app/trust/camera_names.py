@@ -16,7 +16,7 @@ class CameraNames:
             folder / FILE, dict[str, str], {}, "delete it: cameras keep their names from then on"
         )
         self.owners = dict(self._file.read())
-        """By name, the pin of its machine: to be changed by whoever leads, and kept by `keep`."""
+        """The pin of each name's machine: to be changed by whoever leads, and kept by `keep`."""
         self._kept = dict(self.owners)
 
     def keep(self) -> None:

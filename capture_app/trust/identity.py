@@ -25,9 +25,9 @@ class Identity:
     """A key, in a file that its user alone can read, and the certificate of it."""
 
     file: Path
-    """Both, in PEM."""
+    """The file of the key and its certificate, in PEM."""
     certificate: bytes
-    """In DER."""
+    """The certificate, in DER."""
     pin: str
 
 

@@ -12,7 +12,7 @@ from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, Side,
 Address = tuple[str, int]
 
 MOST_KEYS = 20_000
-"""Beyond, the key that was not used for the longest is forgotten."""
+"""The most keys that are kept: beyond, that which was not used for the longest is forgotten."""
 MOST_OF_ONE = 256
 """How many one machine has. Beyond, the one that it used least lately is forgotten: no room of others."""
 
@@ -43,10 +43,10 @@ class ClientKeys:
         """`random_bytes` returns so many bytes that nobody can guess."""
         self._random_bytes, self._most = random_bytes, most
         self._clients: dict[int, _Client] = {}
-        """By the key's number, the one that was used last at the end."""
+        """The clients by their keys' numbers, the one that was heard last at the end."""
         self._at: dict[Address, _Client] = {}
         self._given: dict[str, dict[int, None]] = {}
-        """By the pin of a machine, the numbers of its keys in the order in which they were given out."""
+        """The numbers of each machine's keys, by its pin, in the order in which they were given out."""
         self._make_group()
 
     def __len__(self) -> int:

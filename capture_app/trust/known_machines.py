@@ -44,7 +44,7 @@ class KnownMachine(Struct, frozen=True, kw_only=True):
     name: str
     roles: tuple[Role, ...]
     certificate: bytes | None = None
-    """In DER; None until a machine that was added by its pin has shown it."""
+    """The machine's certificate in DER; None until one that was added by its pin has shown it."""
     added_unix_s: int = 0
     vouched_by: str = ""
     """Pin of the leader by whose word alone it is known; empty of one that was confirmed here."""

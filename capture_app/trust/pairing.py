@@ -29,7 +29,7 @@ class Invitation:
     code: str
     role: Role
     ends_s: float
-    """By the clock that the invitations were given."""
+    """When the code is good no more, by the clock that the invitations were given."""
     tries_left: int = TRIES
 
 
@@ -103,7 +103,7 @@ class Candidate:
 
         self._half = SPAKE2_A(code.encode(), idA=pin.encode(), idB=leader_pin.encode())
         self.share: bytes = self._half.start()
-        """Its word."""
+        """The first word of the exchange, for the leader."""
         self._key = b""
 
     def prove(self, share: bytes) -> bytes:

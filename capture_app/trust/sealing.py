@@ -147,7 +147,7 @@ _UNKNOWN_KEY = MAGIC + bytes([VERSION, KIND_UNKNOWN_KEY])
 
 TELL_EVERY_NS = 10_000_000_000
 FEW = 10
-"""Fewer that came twice, or with a key of before the leader was started anew, are nobody's doing."""
+"""How many must come twice, or with a key of before a new start, to be somebody's doing."""
 MOST_KINDS = 32
 """How many places and reasons are told apart between two tellings."""
 

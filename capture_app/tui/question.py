@@ -35,7 +35,7 @@ class Dialog(Screen[Result]):
         self._parts = parts
 
     def compose(self) -> ComposeResult:
-        """Its parts."""
+        """Lay out the dialog's parts."""
         yield from self._parts
 
     def dismiss(self, result: Result | None = None) -> AwaitComplete:

@@ -33,7 +33,7 @@ class RigRecord:
     """Why the leader does not answer; empty while it does."""
     news: deque[NewsLine] = field(default_factory=lambda: deque(maxlen=NEWS_KEPT))
     phases: dict[str, deque[tuple[float, int | None]]] = field(default_factory=dict)
-    """By camera its phase error in ns, from when on, by the clock; None: not known."""
+    """Each camera's phase errors in ns, with the time of the clock from which on; None: not known."""
 
     def add(self, update: Update) -> None:
         """Take note of an update."""

@@ -36,7 +36,7 @@ class Settings:
     """Called when a choice differs from what is on disk."""
     choices: dict[str, Choice] = field(default_factory=dict)
     _writing: threading.Lock = field(default_factory=threading.Lock, repr=False)
-    """Of two saves at once, one would move away what the other is writing."""
+    """Keeps two saves apart: one would move away what the other is writing."""
 
     @classmethod
     def load(cls, folder: Path | None = None) -> "Settings":

@@ -259,7 +259,7 @@ what share of the picture."""
 USUAL_WIDTH = 640
 """In smaller pictures exchanged cameras contradict each other by fewer pixels."""
 MOST_SUSPECTS = 12
-"""Of more cameras it is not tried whether two were exchanged."""
+"""The most cameras of which it is tried whether two were exchanged."""
 
 Views = dict[str, View]
 

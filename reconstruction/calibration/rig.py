@@ -121,7 +121,7 @@ class Rig:
         )
         """The features of an image, of what moves in it too."""
         self.features = lru_cache(maxsize=KEPT_INSTANTS)(self._features_at_rest)
-        """By camera, its features at rest in the image nearest to an instant."""
+        """Each camera's features at rest in the image nearest to an instant."""
 
     @property
     def source(self) -> str:

@@ -28,7 +28,7 @@ MAX_FOCAL_RATIO = 1.25
 """Equivalent focal lengths are whole millimetres, and lenses' data sheets rounded."""
 WIDEST_DEG = 100.0
 LEAST_TO_TELL_LENSES = 3
-"""Of two cameras whose axes meet any focal lengths fit, each with its own small error."""
+"""The fewest cameras that tell focal lengths: of two whose axes meet, any fit."""
 GUESS = "a guess from these pictures alone"
 """What the source of a calibration says that nothing but pictures is behind."""
 

@@ -58,7 +58,7 @@ class Column:
 
     @property
     def label(self) -> str:
-        """Its name where it stands without its group above it."""
+        """The column's name where it stands without its group above it."""
         return f"{self.group}, {self.name.lower()}" if self.group else self.name
 
 

@@ -27,7 +27,7 @@ EDGE_ROWS = 0.05
 LEAST_RISE = 0.12
 """A flash makes at least one row of twenty this much brighter."""
 CLEAR = 8.0
-"""And by so many times what brightness otherwise changes by."""
+"""A flash changes brightness by so many times what it otherwise changes by."""
 LONGEST_FRAMES = 2.5
 """What lights up longer is no flash."""
 LEAST_STEP = 0.25
@@ -214,7 +214,7 @@ LEAST = 3
 CANDIDATES = 6
 """How many offsets are tried."""
 MOST = 30
-"""More tell hardly more."""
+"""The most flashes that are fitted: further ones tell hardly more."""
 EDGE_S = 2.5e-4
 """The most that an edge that is seen is off, what the flash itself lasts included."""
 LEAST_BAR_S = 4e-4

@@ -80,7 +80,7 @@ class _Item:
         return list(struct.iter_unpack(layout, self.data[:whole]))
 
     def first(self) -> float | None:
-        """Its first number."""
+        """The first number of the first sample; None where there is none."""
         found = self.numbers()
         return found[0][0] if found and found[0] and math.isfinite(found[0][0]) else None
 
@@ -176,7 +176,7 @@ WORST_DILUTION = 5.0
 FEWEST = 3
 """Fixes that a camera's time can rest on."""
 PAYLOAD_BYTES = 4_000_000
-"""At most; a second of all that a GoPro measures is some 100 kB."""
+"""The largest payload that is read; a second of all that a GoPro measures is some 100 kB."""
 PAYLOADS = 100_000
 JUMP_S = 0.5
 """Fixes whose lateness spreads wider than this were not recorded at the video's pace: a time lapse."""

@@ -41,13 +41,13 @@ BIN_S = 0.004
 """The length of a bin of loudness."""
 WINDOW_S = 1.0
 WINDOWS = 80
-"""At most, spread over the time that both recorded, where it is loudest."""
+"""The most windows, spread over the time that both recorded, where it is loudest."""
 REACH_S = 0.08
 """What the rough offset may be wrong by, clocks that run apart included."""
 DISTINCT = 1.4
 """The best rough offset must fit so many times as well as any other."""
 PROMINENT = 8.0
-"""And so many standard deviations better than chance; a window's own likewise."""
+"""An offset must fit so many standard deviations better than chance, in each window too."""
 WINDOW_SD_S = 5e-5
 SOUND_M_PER_S = 343.0
 

@@ -94,9 +94,9 @@ class Bag:
 
     sources: list[Source]
     times: dict[str, list[TimedFrame]]
-    """By camera, in the order of the stamps."""
+    """The frames of each camera, in the order of the stamps."""
     places: dict[tuple[str, int], int]
-    """By camera and the number that a message has: which of its frames that is."""
+    """Which of its camera's frames a message is, by camera and the number that the message has."""
     views: Views | None
 
 
@@ -221,7 +221,7 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
 
 
 _ENCODINGS = {True: "protobuf", False: "cdr"}
-"""Of Foxglove's messages, and of ROS 2's."""
+"""How messages are encoded: Foxglove's (True) and those of ROS 2."""
 
 
 def _decode(kind: str, data: bytes) -> Any:

@@ -93,7 +93,7 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
 
 
 def with_own_times(timeline: Timeline) -> Timeline:
-    """The same, each frame's time kept as that of its own camera too."""
+    """A timeline in which each frame's time is kept as that of its own camera too."""
     instants = [
         replace(one, frames={name: replace(of, local_ns=of.leader_ns) for name, of in one.frames.items()})
         for one in timeline.instants

@@ -17,7 +17,7 @@ from capture_app.session.importers.rate_or_table import timeline_by_rate, timeli
 from capture_app.session.importers.sources import FOLDER, Images, Source, Video
 
 ASSUMED_FPS = 30.0
-"""Of images that belong together by their numbers."""
+"""The rate of images that belong together by their numbers, where nobody tells it."""
 
 
 def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:

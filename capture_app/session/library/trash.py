@@ -32,7 +32,7 @@ class TrashedSession(Struct, frozen=True, kw_only=True):
     """One session in the trash."""
 
     id: str
-    """Its folder in the trash, by which it is restored."""
+    """The name of the session's folder in the trash, by which it is restored."""
     name: str
     """The name of its folder before."""
     trashed: str

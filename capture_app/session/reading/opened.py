@@ -38,7 +38,7 @@ class Frame:
 
     camera: str
     instant: int
-    """Its number in the burst, from 0."""
+    """The instant's number in the burst, from 0."""
     missing: str
     """Why there is no such frame; empty for one that is there."""
     _record: ImageRecord | None = field(repr=False)
@@ -110,7 +110,7 @@ class InstantFrames:
     leader_ns: int
     """The instant that all frames were meant for, ns in the leader's clock."""
     frames: dict[str, Frame]
-    """By camera, in the session's order."""
+    """Each camera's frame, in the session's order."""
 
     def bgr(self) -> Pixels:
         """All pictures, uint8 cameras x height x width x 3 in OpenCV's order.
@@ -151,7 +151,7 @@ class CameraFrames:
     record: CameraRecord
     """What the camera is, and how its clock and phase stood."""
     frames: tuple[Frame, ...]
-    """By instant."""
+    """One frame for each instant, in their order."""
     calibration: CameraMatrices | None
 
 

@@ -48,7 +48,7 @@ class Verdict(Struct, frozen=True, kw_only=True):
     sentence: str
     """What the times mean for something that moves."""
     spread_ns: int | None = None
-    """From the first to the last image of the worst instant."""
+    """The time from the first to the last image of the worst instant."""
     spread_error_ns: int | None = None
     """The spread is surer than this, 95 %: twice the error of the worst image's time."""
     motion_px_per_s: float | None = None

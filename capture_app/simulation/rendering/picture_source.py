@@ -33,7 +33,7 @@ class PictureSource(ABC):
     """Renders one camera's frames, of flat things by default; each is a pure function of frame and seed."""
 
     width: int
-    """In pixels, as the height."""
+    """The pictures' width in pixels, as `height`."""
     height: int
 
     @property

@@ -67,7 +67,7 @@ class Scene:
         self._drafts: dict[float, Scene] = {}
 
     def draft(self, scale: float) -> "Scene":
-        """The same scene in pictures of `scale` times the size, one sample a pixel: quick to render.
+        """This scene in pictures of `scale` times the size, one sample a pixel: quick to render.
 
         It shares what stands in it, and is made once for each scale, rounded to a percent.
         """

@@ -35,7 +35,7 @@ class Command:
     quick: str = ""
     """Options that make it quick; a user may change them."""
     writes: bool = True
-    """It writes a folder, which it is given by --out."""
+    """The command writes a folder, which it is given by --out."""
     result: str = ""
     """The file of its folder that holds its figures; empty where there is nothing to look at."""
     fixed: tuple[str, ...] = ()

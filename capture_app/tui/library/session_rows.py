@@ -40,7 +40,7 @@ class Entry:
 
     card: SessionCard
     is_sample: bool = False
-    """It came with the program, and stays as it is."""
+    """The session came with the program, and stays as it is."""
     is_best: bool = False
     """The best synchronized of those that are listed."""
 

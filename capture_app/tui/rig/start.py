@@ -56,7 +56,7 @@ class _Choice(NamedTuple):
 
 
 CAMERA_KEYS = "cefgmpuvwxyz"
-"""One for each camera that is found; the others are taken by what is always there."""
+"""A key for each camera that is found; other letters belong to what is always offered."""
 MAX_WIDTH, MARGIN = 96, 8
 """Width of the panel in a wide terminal, in cells; what is left free beside its words."""
 CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"

@@ -40,7 +40,7 @@ KEPT = 12
 
 
 def nearest_pair(first: Iterable[Preview], second: Iterable[Preview]) -> tuple[int, Preview, Preview] | None:
-    """Of the previews of two cameras those nearest in time, after how many ns they are apart.
+    """The previews of two cameras that are nearest in time, after how many ns they are apart.
 
     The newest of equals, of those whose times are known; None where a camera has none.
     """

@@ -127,7 +127,7 @@ class Moment:
     seconds: int = 0
     """Left until the take; 0 when it is to be taken."""
     watches: bool = False
-    """It is taken when something moves."""
+    """The take begins when something moves."""
 
     def __str__(self) -> str:
         """Return it in words."""

@@ -25,12 +25,12 @@ class Take:
     status: BurstStatus
     request: BurstRequest | None = None
     sheet: TakeSheet | None = None
-    """Its pictures and its verdict, where it is on this machine's disk."""
+    """The take's pictures and verdict, where it is on this machine's disk."""
     problem: str = ""
     """Why it could not be judged."""
     trashed: bool = False
     is_new: bool = True
-    """It was taken while the screen was open."""
+    """The take was made while the screen was open."""
     begun_s: float = 0.0
     """When the screen heard of it first."""
     retake_of: str = ""

@@ -35,11 +35,11 @@ from capture_app.tui.signs import cameras_of, is_settled
 from capture_app.tui.widgets.lines import Lines
 
 MOST_ANSWERS = 9
-"""As many as there are keys for."""
+"""How many bursts are offered to be cancelled: as many as there are keys for."""
 WAIT_READY_S = 120.0
 MOST_TAKES = 100
 NARROW = 110
-"""Below so many columns the plan leaves the pictures more room."""
+"""A window of fewer columns is narrow: the plan leaves the pictures more room."""
 
 
 class ShootView(ModeView):

@@ -35,7 +35,7 @@ def justified(left: Content, right: Content, width: int) -> Content:
 
 
 def fitting(parts: Iterable[Content], gap: str, width: int) -> list[Content]:
-    """Those of the parts that fit beside each other in a line, the first of them first."""
+    """The parts that fit beside each other in a line, the first of them first."""
     fit: list[Content] = []
     for part in parts:
         if sum(one.cell_length + len(gap) for one in fit) + part.cell_length <= width:

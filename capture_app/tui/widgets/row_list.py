@@ -34,7 +34,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         """Another row is under the cursor, or none."""
 
         opens: bool = False
-        """It was clicked twice; what keys open it is the view's to say."""
+        """The row was clicked twice; what keys open one is the view's to say."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         self.items: dict[str, Item] = {}
         """What is shown, by key."""
         self.keys: tuple[str, ...] = ()
-        """Their keys in their order."""
+        """The items' keys in the order of the rows."""
         self._at = 0
         self._drawn: dict[str, list[Strip]] = {}
 

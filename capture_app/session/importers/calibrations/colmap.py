@@ -53,9 +53,9 @@ Rig = dict[int, Pose]
 
 
 Lens = tuple[str, tuple[float, ...], tuple[int, int]]
-"""Its model, its parameters in COLMAP's order, and its width and height in pixels."""
+"""A lens: model, parameters in COLMAP's order, and the pictures' width and height in pixels."""
 Image = tuple[str, int, Pose]
-"""Its path, the number of its camera, and its pose in the world."""
+"""An image: path, the number of its camera, and its pose in the world."""
 
 
 def find_model(path: Path) -> Path | None:

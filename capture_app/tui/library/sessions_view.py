@@ -85,6 +85,8 @@ class SessionsView(ModeView):
         self._wanted: Path | None = None
         """Where the cursor is put as soon as it is listed: a session, or a folder of sessions."""
         self._settling: Timer | None = None
+        self._reading = asyncio.Lock()
+        """Held while the folder is read: on a slow disk that may take longer than until the next look."""
         super().__init__(self._frame, self._pane)
 
     def on_mount(self) -> None:
@@ -133,7 +135,7 @@ class SessionsView(ModeView):
         self.look_at_disk()
 
     def _look_again(self) -> None:
-        if self.screen.is_active:
+        if self.screen.is_active and not self._reading.locked():
             self._rows.show_all_again()
             self.look_at_disk()
 
@@ -148,15 +150,20 @@ class SessionsView(ModeView):
         if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
             self._frame.border_title, self._frame.border_subtitle = title, subtitle
 
-    @work(exclusive=True, group="listing")
+    @work(group="listing")
     async def look_at_disk(self) -> None:
         """Read the folder in a thread and show what has changed."""
-        cards = await asyncio.to_thread(self._listing.read)
-        if self._sample_listing is not None and self._cards is None:
-            self._samples = await asyncio.to_thread(self._sample_listing.read)
-        if cards != self._cards or self._wanted is not None:
-            self._cards = cards
-            self._show()
+        await self._list()
+
+    async def _list(self) -> None:
+        async with self._reading:
+            listing = self._listing
+            cards = await asyncio.to_thread(listing.read)
+            if self._sample_listing is not None and self._cards is None:
+                self._samples = await asyncio.to_thread(self._sample_listing.read)
+            if listing is self._listing and (cards != self._cards or self._wanted is not None):
+                self._cards = cards
+                self._show()
 
     @property
     def _order(self) -> Order:
@@ -351,7 +358,7 @@ class SessionsView(ModeView):
             run = self._runs.add(IMPORT, folder, out=root)
             while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
                 await asyncio.sleep(FOLLOW_EVERY_S)
-            await self.look_at_disk().wait()
+            await self._list()
             self._rows.choose(next((key for key in self._rows.keys if key not in before), ""))
 
     def _start(

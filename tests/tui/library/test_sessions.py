@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import time
+from collections import Counter
 from functools import partial
 from pathlib import Path
 
@@ -10,11 +12,13 @@ from textual.widgets import Input
 
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.library.changes import set_note
+from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.library.trash import trashed_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.library.sessions_view import LOOK_AGAIN_S
 from capture_app.tui.rig_record import SessionsRequested
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.contact_sheet import ContactSheet
@@ -35,6 +39,23 @@ async def test_what_is_there_at_the_start_is_shown_and_what_comes_later(sessions
         await until(pilot, lambda: "four" in names(pilot))
         set_note(sessions / "four", "another")
         await until(pilot, lambda: "another" in text(pilot.app))
+
+
+async def test_a_folder_that_takes_longer_to_read_than_until_the_next_look_is_shown(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, at_once = SessionListing.read, Counter[int]()
+
+    def read_slowly(listing: SessionListing) -> list[SessionCard]:
+        at_once[id(listing)] += 1
+        assert at_once[id(listing)] == 1, "one thread at a time"
+        time.sleep(LOOK_AGAIN_S + 0.5)
+        at_once[id(listing)] -= 1
+        return read(listing)
+
+    monkeypatch.setattr(SessionListing, "read", read_slowly)
+    async with library(sessions) as pilot:
+        assert set(names(pilot)) == {"one", "two", "three"}
 
 
 async def test_the_best_synchronized_is_marked_and_sorted_first(sessions: Path) -> None:

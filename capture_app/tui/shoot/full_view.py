@@ -88,6 +88,8 @@ class FullView(WholeScreen[str]):
         self._previews: dict[str, deque[Preview]] = {}
         """The last of each of the two that are blinked."""
         self._shows_second = False
+        self._newest: Preview | None = None
+        """The picture that is measured next, or just now; None while nothing is measured."""
 
     def on_mount(self) -> None:
         """Ask for its pictures."""
@@ -142,7 +144,10 @@ class FullView(WholeScreen[str]):
             if message.what.camera in self._previews:
                 self._previews[message.what.camera].append(message.what)
         elif message.what.camera == self.camera:
-            self._measure(message.what)
+            idle = self._newest is None
+            self._newest = message.what
+            if idle:
+                self._measure()
 
     def _begin(self) -> None:
         self._previews = {camera: deque(maxlen=KEPT) for camera in (self.camera, self._partner)}
@@ -161,16 +166,18 @@ class FullView(WholeScreen[str]):
             self._picture.show((pair[2] if self._shows_second else pair[1]).jpeg)
             self._show_title()
 
-    @work(exclusive=True, group="measuring")
-    async def _measure(self, preview: Preview) -> None:
-        """Decode and measure in a thread; a newer picture takes the place of one that is not done."""
-        measured = await asyncio.to_thread(_decode_and_measure, preview.jpeg)
-        if measured is None or preview.camera != self.camera:
-            return
-        image, focus, self._exposure = measured
-        self.focus_numbers.append((self._record.clock(), focus))
-        self._picture.show(image)
-        self._show_meters()
+    @work(group="measuring")
+    async def _measure(self) -> None:
+        """Decode and measure the newest picture in a thread, until no newer one is there."""
+        while (preview := self._newest) is not None:
+            measured = await asyncio.to_thread(_decode_and_measure, preview.jpeg)
+            if measured is not None and preview.camera == self.camera:
+                image, focus, self._exposure = measured
+                self.focus_numbers.append((self._record.clock(), focus))
+                self._picture.show(image)
+                self._show_meters()
+            if self._newest is preview:
+                self._newest = None
 
     def _show_title(self) -> None:
         shown = self._partner if self._shows_second else self.camera

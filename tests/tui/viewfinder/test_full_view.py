@@ -1,15 +1,19 @@
 """A camera full size, its aids, and two cameras blinked."""
 
+import asyncio
+import time
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 from textual.pilot import Pilot
 
 from capture_app.node.wire.status import Preview
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.preview_grid import PreviewGrid
+from capture_app.tui.widgets.focus_aids import sharpness
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture
 from tests.tui.shoot.studio import Studio, ready_rig
@@ -50,6 +54,25 @@ async def test_a_camera_is_opened_and_left(tmp_path: Path) -> None:
         assert studio.wishes[-2][2] == 0.0
         assert studio.wishes[-1] == (None, 128, 2.0), "the previews of all are asked for again"
         assert studio.view.stage.grid.tiles[1].title.startswith("▸")
+
+
+async def test_pictures_that_come_faster_than_they_are_measured_are_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def measure_slowly(image: np.ndarray) -> float:
+        time.sleep(0.3)
+        return sharpness(image)
+
+    monkeypatch.setattr("capture_app.tui.shoot.full_view.sharpness", measure_slowly)
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(100, 30)) as pilot:
+        finder = await open_first(studio, pilot)
+        for light in range(15):
+            rig.preview("cam00", board(light=light), 320, 240)
+            await asyncio.sleep(0.1)
+        assert 1 <= len(finder.focus_numbers) < 15
+        assert finder.query_one(Picture).cells is not None
 
 
 async def test_focus_and_light_are_numbers_and_marks(tmp_path: Path) -> None:

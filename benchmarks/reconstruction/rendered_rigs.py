@@ -121,7 +121,7 @@ def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> 
     for number, placed in enumerate(rig.cameras):
         camera = f"cam{number:02d}"
         view = _view(camera, placed, scale)
-        layers = still.still_layers(view, stage, samples)
+        layers = [still.still_layer(view, stage, number) for number in range(samples)]
         light = np.sum([layer.from_sky + layer.from_sun for layer in layers], axis=0) / np.float32(samples)
         depth, thing = still.cast_depth(view, stage, view.directions())
         if rig.turned:

@@ -3,7 +3,7 @@
 Rows are read one after the other, so moving parts and their shadows are cast for each row at its own time.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,11 +105,6 @@ class StillLayer:
     """Flat indices of the pixels that the sun reaches."""
 
 
-def still_layers(view: View, room: Body, samples: int = len(SUBPIXELS)) -> list[StillLayer]:
-    """The layers of a view of the room, one for each of so many samples of a pixel."""
-    return [_layer(view, room, number) for number in range(samples)]
-
-
 def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
     """Depth (H, W) in m and thing (H, W) of the room; 0 where there is none."""
     hits = room.cast(bundle_rays(view.centre, directions))
@@ -119,7 +114,8 @@ def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDAr
     return depth.reshape(directions.shape[:2]), thing.reshape(directions.shape[:2])
 
 
-def _layer(view: View, room: Body, number: int) -> StillLayer:
+def still_layer(view: View, room: Body, number: int) -> StillLayer:
+    """The layer of a view of the room by that one of a pixel's SUBPIXELS."""
     directions = view.directions(*SUBPIXELS[number])
     rays = bundle_rays(view.centre, directions)
     hits = room.cast(rays)
@@ -194,12 +190,8 @@ class MovingPart:
         return np.asarray(turned[:, 0], np.float32)
 
 
-def moving_parts(view: View, bodies: Mapping[str, Body], poses: Mapping[str, Poses]) -> dict[str, MovingPart]:
-    """Parts with poses for each row of the view, by name; those outside the picture have no rectangle."""
-    return {name: _moving_part(view, bodies[name], pose) for name, pose in poses.items()}
-
-
-def _moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
+def moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
+    """A part with a pose for each row of the view; one outside the picture has an empty rectangle."""
     rotation, translation = pose.rotation.astype(np.float32), pose.translation.astype(np.float32)
     centres = rotation @ body.centre + translation
     image = view.project(centres)

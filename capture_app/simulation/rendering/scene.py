@@ -19,8 +19,8 @@ from capture_app.simulation.rendering.layers import (
     find_visible,
     light_changes,
     look_at,
-    moving_parts,
-    still_layers,
+    moving_part,
+    still_layer,
 )
 from capture_app.simulation.rendering.lighting import OpenSky, sun_direction
 from capture_app.simulation.rendering.raycast import Body, Texture
@@ -150,15 +150,15 @@ class Scene:
     def _layers(self, view: View) -> list[StillLayer]:
         with self._lock:
             if view.name not in self._still:
-                layers = still_layers(view, self._room, self._samples)
+                layers = [still_layer(view, self._room, number) for number in range(self._samples)]
                 self._still_light[view.name] = np.sum([x.from_sky + x.from_sun for x in layers], axis=0)
                 self._still[view.name] = layers
             return self._still[view.name]
 
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
         times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
-        seconds = moving_bodies.cycle_seconds(times_ns)
-        return moving_parts(view, self._bodies, self._definition.poses(seconds))
+        poses = self._definition.poses(moving_bodies.cycle_seconds(times_ns))
+        return {name: moving_part(view, self._bodies[name], pose) for name, pose in poses.items()}
 
 
 def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:

@@ -36,8 +36,8 @@ def load_optional(module: str, extra: str, purpose: str, *, hint: str = "") -> A
         raise _not_installed(package, extra, purpose, hint) from error
 
 
-def require_installed(package: str, extra: str, purpose: str, *, hint: str = "") -> None:
-    """Look, before long work begins, that a package of an extra is there; it is not imported.
+def require_reconstruction(package: str, purpose: str) -> None:
+    """Look, before long work begins, that one of reconstruction's packages is there; it is not imported.
 
     Raises:
         NotAvailableError: it is not installed, or has no package for this machine.
@@ -47,10 +47,10 @@ def require_installed(package: str, extra: str, purpose: str, *, hint: str = "")
     except (ModuleNotFoundError, ValueError):
         is_here = False
     if not is_here:
-        raise _not_installed(package, extra, purpose, hint)
+        raise _not_installed(package, RECONSTRUCTION, purpose)
 
 
-def _not_installed(package: str, extra: str, purpose: str, hint: str) -> NotAvailableError:
+def _not_installed(package: str, extra: str, purpose: str, hint: str = "") -> NotAvailableError:
     ways = (how_to_install(extra), hint)
     return NotAvailableError(
         f"{purpose} needs {package}, which is not installed", hint="; or ".join(filter(None, ways))

@@ -16,7 +16,7 @@ from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.optional_packages import RECONSTRUCTION, load_optional, require_installed
+from capture_app.optional_packages import RECONSTRUCTION, load_optional
 
 MAX_WORDS = 30
 TRACEBACK = "SIMULSHOT_TRACEBACK"
@@ -202,11 +202,6 @@ def load_open3d() -> ModuleType:
     # Its warnings would go through Python's own stdout.
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
     return GuardedModule(module, "Open3D")
-
-
-def require_reconstruction(name: str, purpose: str) -> None:
-    """Raise NotAvailableError where one of the two is not installed, before long work begins."""
-    require_installed(name, RECONSTRUCTION, purpose)
 
 
 def library_versions() -> dict[str, str]:

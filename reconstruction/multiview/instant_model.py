@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import NotApplicableError
+from capture_app.optional_packages import require_reconstruction
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
@@ -17,7 +18,7 @@ from reconstruction.calibration.kept import settle_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
-from reconstruction.common.native_libraries import library_versions, require_reconstruction
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace

@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.errors import BadInputError, DiskFullError, TryAgainError
-from capture_app.optional_packages import load_optional
+from capture_app.optional_packages import load_optional, require_reconstruction
 from capture_app.session.exporters.common.files import mask_path
 from capture_app.session.exporters.common.point_cloud import read_ply
 from capture_app.session.exporters.rrd import log_cameras, set_times
@@ -34,7 +34,7 @@ from capture_app.text import pretty_json
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.memory import memory_budget
-from reconstruction.common.native_libraries import library_versions, require_reconstruction
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, model_instant
 from reconstruction.multiview.matcher import ChosenMatcher, choose_matcher

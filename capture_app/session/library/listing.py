@@ -37,7 +37,6 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     """The offsets between its cameras' times are not known."""
     uncertainty_ns: int | None = None
     """95 % error of the worst image's time."""
-    dropped: int = 0
     late: int = 0
     note: str = ""
     first_images: tuple[Path, ...] = ()
@@ -135,7 +134,6 @@ def read_card(folder: Path) -> SessionCard:
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
         unsynchronized=unsynchronized,
         uncertainty_ns=None if sync is None else sync.uncertainty_ns,
-        dropped=0 if sync is None else sync.dropped,
         late=0 if sync is None else sync.late,
         note=manifest.note,
         first_images=first,

@@ -79,7 +79,7 @@ class MadeMultiview(Made[MultiviewResult]):
 
     @property
     def cloud(self) -> PointCloud:
-        """`points` (n, 3) and their `colours` (n, 3), uint8 RGB. Raises BadInputError where there is none."""
+        """`points` (n, 3) and their `colours` (n, 3), uint8 RGB. Raises IncompleteError for none."""
         return read_ply(self.folder / FUSED)
 
     def _view(self, camera: str) -> dict[str, Array]:

@@ -8,11 +8,9 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.text import pretty_json
-from reconstruction.common.geometry import Array
 
 METRICS = "metrics.json"
 STAGES = "stages"
@@ -46,48 +44,6 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 def write_metrics(folder: Path, result: msgspec.Struct) -> None:
     """Write what was measured into a comparison's folder."""
     write_atomic(folder / METRICS, pretty_json(result))
-
-
-VERTEX = np.dtype([("at", "<f4", 3), ("colour", "u1", 3)])
-HEADER = """ply
-format binary_little_endian 1.0
-element vertex {count}
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-end_header
-"""
-
-
-def write_points(path: Path, points: Array, colours: Array) -> None:
-    """Write points (n, 3) and their colours (n, 3) uint8 RGB."""
-    rows = np.empty(len(points), VERTEX)
-    rows["at"], rows["colour"] = points, colours
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(HEADER.format(count=len(rows)).encode() + rows.tobytes())
-
-
-def read_points(path: Path) -> tuple[Array, Array]:
-    """The points and colours of a file that `write_points` made.
-
-    Raises:
-        BadInputError: it is missing or another kind of file.
-    """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BadInputError(f"cannot read the cloud {path}: {error.strerror or error}") from error
-    count = (len(data) - len(HEADER.format(count=""))) // VERTEX.itemsize
-    start = HEADER.format(count=count).encode()
-    if not data.startswith(start) or len(data) != len(start) + count * VERTEX.itemsize:
-        raise BadInputError(
-            f"{path} is not a cloud as a comparison writes it", hint="compare the session again"
-        )
-    rows = np.frombuffer(data, VERTEX, offset=len(start))
-    return np.array(rows["at"]), np.array(rows["colour"])
 
 
 Result = TypeVar("Result")

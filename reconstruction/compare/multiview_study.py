@@ -9,12 +9,12 @@ from typing import Self
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.session.exporters.common.point_cloud import PointCloud, write_ply
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.outputs import write_points
 from reconstruction.compare.study import Study, write_pictures
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.mesh import draw_clouds
@@ -109,8 +109,9 @@ def save_clouds(
         return None
     paths = {}
     for side, found in maps.items():
-        paths[side] = f"pictures/cloud_{side}.ply"
-        write_points(out / paths[side], found.points, found.colours)
+        if len(found.points):
+            paths[side] = f"pictures/cloud_{side}.ply"
+            write_ply(out / paths[side], PointCloud(found.points, found.colours))
     return InstantClouds(
         instant=instant,
         **paths,

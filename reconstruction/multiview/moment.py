@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_app.session.exporters.common.point_cloud import PointCloud, write_ply
 from reconstruction.common.geometry import Array
-from reconstruction.common.outputs import write_points
 from reconstruction.depth.colmap import read_fused_cloud
 from reconstruction.multiview.input_images import InputImage, find_movers
 from reconstruction.multiview.result import MultiviewResult
@@ -31,7 +31,7 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
     `image` and `depth` are the reference's.
     """
     points, colours, _ = read_fused_cloud(fused, len(result.views))
-    write_points(fused.with_name(POINTS), points, colours)
+    write_ply(fused.with_name(POINTS), PointCloud(points, colours))
     view = image.calibrated.view
     clouds = InstantClouds(
         instant=result.instant,

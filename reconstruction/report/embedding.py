@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.session.exporters.common.point_cloud import read_ply
 from reconstruction.common.geometry import Array
-from reconstruction.common.outputs import read_points
 from reconstruction.scores.study_result import InstantClouds
 
 MAX_POINTS = 26_000
@@ -71,15 +71,16 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
     down). `points` are packed `of` so many.
 
     Raises:
-        BadInputError: a file is missing or not as it was written.
+        IncompleteError: a file is missing.
+        BadInputError: it is not as it was written.
     """
     rotation = np.array(clouds.rotation).reshape(3, 3)
     centre = np.array(clouds.centre)
     sides = {}
     for side, name in (("synced", clouds.synced), ("offset", clouds.offset)):
         if name:
-            points, colours = read_points(out / name)
-            sides[side] = ((points - centre) @ rotation.T, colours)
+            cloud = read_ply(out / name)
+            sides[side] = ((cloud.points - centre) @ rotation.T, cloud.colours)
     box = np.percentile(sides["synced"][0], [CROP, 100 - CROP], axis=0)
     pivot = (np.array(clouds.pivot) - centre) @ rotation.T
     return {

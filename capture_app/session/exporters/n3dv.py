@@ -64,7 +64,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
         rows.append([*_pose(wanted[name]).ravel(), *bounds[name]])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     cloud = read_ply(options.points) if options.points else _scattered(wanted, bounds)
-    write_ply(folder / POINTS, cloud.thinned(_MOST_POINTS))
+    write_ply(folder / POINTS, cloud.thinned(_MOST_POINTS), normals=True)
     _add_notes(burst, together, min(_kept(cameras[name], wanted[name]) for name in cameras))
 
 

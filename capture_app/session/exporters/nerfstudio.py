@@ -51,7 +51,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     }
     if burst.options.points:
         content["ply_file_path"] = _POINTS
-        write_ply(folder / _POINTS, read_ply(burst.options.points))
+        write_ply(folder / _POINTS, read_ply(burst.options.points), normals=True)
     (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     if several:
         burst.notes.append(

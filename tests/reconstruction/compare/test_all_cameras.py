@@ -11,7 +11,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.compare.multiview_study import MultiviewStudy
+from reconstruction.compare.multiview_study import MultiviewStudy, save_clouds
 from reconstruction.depth.colmap import ENVIRONMENT
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
@@ -26,6 +26,7 @@ from reconstruction.multiview.matcher import (
     Matcher,
     choose_matcher,
 )
+from reconstruction.report.embedding import view_clouds
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
@@ -258,6 +259,22 @@ def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
     apart = multiview(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b")
     with pytest.raises(ValueError, match="away: overlaps too little with any two others"):
         apart.prepare(0, QUIET)
+
+
+def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:
+    view = VIEWS["middle"]
+    nothing = np.zeros((view.height, view.width), np.float32)
+    colours = np.full((5000, 3), 200, np.uint8)
+    points = np.random.default_rng(0).normal((0, 0, 3), 0.3, (5000, 3)).astype(np.float32)
+    maps = {
+        side: InstantDepth(nothing, nothing > 0, nothing, points[:kept], colours[:kept], nothing, nothing)
+        for side, kept in (("synced", 5000), ("offset", 0))
+    }
+    clouds = save_clouds(3, maps, view, nothing > 0, tmp_path)
+    assert clouds is not None
+    shown = view_clouds(clouds, tmp_path, "middle", 3)
+    assert shown["synced"]["points"] > 4000
+    assert shown["offset"] is None
 
 
 def test_a_cloud_is_held_against_true_surfaces() -> None:

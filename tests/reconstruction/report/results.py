@@ -8,7 +8,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from reconstruction.common.outputs import write_points
+from capture_app.session.exporters.common.point_cloud import PointCloud, write_ply
 from reconstruction.scores.comparison_results import (
     BulletTime,
     BurstGrid,
@@ -167,7 +167,8 @@ def clouds(out: Path) -> InstantClouds:
     paths = {}
     for side, points in (("synced", np.vstack([ball, wall])), ("offset", wall)):
         paths[side] = f"pictures/cloud_{side}.ply"
-        write_points(out / paths[side], points, rng.integers(80, 255, points.shape))
+        colours = rng.integers(80, 255, points.shape).astype(np.uint8)
+        write_ply(out / paths[side], PointCloud(points, colours))
     return InstantClouds(
         instant=2,
         **paths,

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
-from reconstruction.common.outputs import read_points, write_points
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
 from reconstruction.report.embedding import MAX_POINTS, view_clouds
 from reconstruction.scores.study_result import InstantClouds
 
@@ -27,7 +27,8 @@ def unpack(packed: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 def save(out: Path, synced: np.ndarray, offset: np.ndarray) -> InstantClouds:
     for name, points in (("synced", synced), ("offset", offset)):
         rig = points @ TURN + CENTRE
-        write_points(out / f"{name}.ply", rig, np.arange(points.size).reshape(-1, 3) % 256)
+        colours = (np.arange(points.size).reshape(-1, 3) % 256).astype(np.uint8)
+        write_ply(out / f"{name}.ply", PointCloud(rig, colours))
     return InstantClouds(
         instant=3,
         synced="synced.ply",
@@ -72,21 +73,21 @@ def test_large_clouds_are_thinned_evenly(tmp_path: Path) -> None:
 
 
 def test_the_file_of_points_is_a_ply_that_comes_back_whole(tmp_path: Path) -> None:
-    points = np.array([[0.5, -1, 2], [3, 4, 5]], np.float32)
+    points = np.array([[0.5, -1, 2], [3, 4, 5]])
     colours = np.array([[1, 2, 3], [254, 255, 0]], np.uint8)
-    write_points(tmp_path / "deep" / "cloud.ply", points, colours)
-    found, shades = read_points(tmp_path / "deep" / "cloud.ply")
-    assert (found == points).all()
-    assert (shades == colours).all()
+    write_ply(tmp_path / "deep" / "cloud.ply", PointCloud(points, colours))
+    found = read_ply(tmp_path / "deep" / "cloud.ply")
+    assert (found.points == points).all()
+    assert (found.colours == colours).all()
 
 
 @pytest.mark.parametrize("broken", ["missing", "cut", "other"])
 def test_a_cloud_that_cannot_be_read_is_one_clear_error(tmp_path: Path, broken: str) -> None:
     path = tmp_path / "cloud.ply"
-    write_points(path, np.zeros((20, 3)), np.zeros((20, 3), np.uint8))
+    write_ply(path, PointCloud(np.zeros((20, 3)), np.zeros((20, 3), np.uint8)))
     if broken == "missing":
         path.unlink()
     else:
         path.write_bytes(path.read_bytes()[:-3] if broken == "cut" else b"solid cube")
-    with pytest.raises(BadInputError, match=r"cloud\.ply"):
-        read_points(path)
+    with pytest.raises(IncompleteError if broken == "missing" else BadInputError, match=r"cloud\.ply"):
+        read_ply(path)

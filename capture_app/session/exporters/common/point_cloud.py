@@ -15,10 +15,6 @@ _TYPES = {
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
-_WRITTEN = [
-    *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
-    *((name, "u1") for name in ("red", "green", "blue")),
-]
 _GREY = 128
 
 
@@ -45,7 +41,7 @@ def read_ply(path: Path) -> PointCloud:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise IncompleteError(f"{path} is missing", hint="give a point cloud as PLY") from None
+        raise IncompleteError(f"{path} is missing", hint="a point cloud as PLY belongs there") from None
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
     try:
@@ -63,22 +59,18 @@ def read_ply(path: Path) -> PointCloud:
     return PointCloud(points[kept], colours[kept])
 
 
-def write_ply(path: Path, cloud: PointCloud) -> None:
-    """Write points, normals of 0 and colours: binary, little-endian."""
-    rows = np.zeros(len(cloud.points), _WRITTEN)
-    for axis, name in enumerate(("x", "y", "z")):
-        rows[name] = cloud.points[:, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        rows[name] = cloud.colours[:, channel]
-    properties = [f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in _WRITTEN]
-    head = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"element vertex {len(rows)}",
-        *properties,
-        "end_header",
-    ]
-    path.write_bytes("".join(f"{line}\n" for line in head).encode() + rows.tobytes())
+def write_ply(path: Path, cloud: PointCloud, *, normals: bool = False) -> None:
+    """Write points and colours, binary and little-endian; with `normals` of 0 for programs that want some."""
+    zeros = [("normal", "<f4", 3)] if normals else []
+    rows = np.zeros(len(cloud.points), [("at", "<f4", 3), *zeros, ("colour", "u1", 3)])
+    rows["at"], rows["colour"] = cloud.points, cloud.colours
+    floats = ("x", "y", "z", "nx", "ny", "nz")[: 6 if normals else 3]
+    properties = [f"property float {name}" for name in floats]
+    properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    count = f"element vertex {len(rows)}"
+    head = "\n".join(["ply", "format binary_little_endian 1.0", count, *properties, "end_header\n"])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(head.encode() + rows.tobytes())
 
 
 def _vertices(data: bytes) -> NDArray[np.void]:

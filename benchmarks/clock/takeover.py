@@ -1,7 +1,8 @@
 """Thousands of cameras below relays whose leader is killed: a trigger's time, and what the root is asked.
 
 In virtual time, on the paper's link, with the engine's own leaders, relays and memberships. The cameras send
-heartbeats twice a second, ask their relay for the time once, and confirm triggers, but have no frames. After
+heartbeats twice a second, ask their relay for the time once when they have learned it, and confirm triggers,
+but have no frames. Their times are compared with the leader's at each burst. After
 all have joined, messages of the root are counted for some seconds, a burst is ordered, and the leader of two
 that are ranked is killed; then messages of the one that takes over are counted by the half second, and a
 burst is ordered again. With `--relays 0` all are nodes of one leader, and keep the time as a camera's node
@@ -26,7 +27,7 @@ from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
@@ -44,16 +45,15 @@ class Member:
     """A camera's node without its frames: membership, clock, and an answer to each trigger."""
 
     def __init__(self, name: str, rng: random.Random, leaders: tuple[Address, ...], tree: Tree) -> None:
-        """Below a relay, which is its only leader, it asks for the time once a second."""
-        schedule = None
-        if len(leaders) == 1:
-            schedule = SteadySchedule(first_pace_ns=S, easing_paces_ns=(), pace_ns=S, near_ns=0)
+        """A relay, which is its only leader, it asks for the time as a relay does."""
+        schedule = TreeSchedule() if len(leaders) == 1 else None
         keeper = Timekeeper(rng.getrandbits(32), schedule, target=AccuracyTarget(TOLERANCE_NS))
         self.time = TimeClient(name, rng.getrandbits(32), keeper, CAMERA)
         self.choice = LeaderChoice(leaders, self.time)
         self.next_timer = self.time.next_timer
         self.triggered_ns: dict[int, int] = {}
         """True times at which the first trigger of each burst came, by the run of its leader."""
+        self.clock = tree.add(name, self, rng, leaders)
         self._tree = tree
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
@@ -89,15 +89,13 @@ class BigRig:
         for i in range(relays):
             rng = random.Random(f"{seed} relay{i}")
             member = TreeMember(f"relay{i}", rng.getrandbits(32), leaders, rng, OF_CAMERAS)
-            relay = Relay(member, LeaderConfig(0, 0), rng)
+            relay = Relay(member, LeaderConfig(0, 0, exchanges_per_s=max(1.0, members / relays)), rng)
             self.relays.append(relay)
             self.tree.add(f"relay{i}", relay, rng, leaders, member)
         for i in range(members):
             rng = random.Random(f"{seed} cam{i}")
             above = ((f"relay{i % relays}", 0),) if relays else leaders
-            node = Member(f"cam{i}", rng, above, self.tree)
-            self.members.append(node)
-            self.tree.add(f"cam{i}", node, rng, above)
+            self.members.append(Member(f"cam{i}", rng, above, self.tree))
 
     @property
     def now_s(self) -> float:
@@ -133,12 +131,20 @@ class BigRig:
         """How many the leaders have received and sent."""
         return sum(self.tree.nodes[name, 0].datagrams for name in self.machines)
 
+    def errors_us(self, machine: Machine) -> list[float]:
+        """By how much the members' times are off that leader's, in us, smallest first."""
+        true_ns = self.tree.now_true_ns
+        leader_ns = machine.leader_ns(machine.clock.local_from_true(true_ns))
+        maps = [(m.time.time_map, m.clock.local_from_true(true_ns)) for m in self.members]
+        return sorted(abs(m.leader_from_local(local) - leader_ns) / 1e3 for m, local in maps if m is not None)
+
     def order(self, name: str) -> dict[str, Any]:
         """Order a burst; measure when all have heard of it, and when the leader knows that."""
         machine = self.machines[name]
         assert machine.leader is not None
         for _ in iter(machine.leader.next_event, None):
             pass
+        errors_us = self.errors_us(machine)
         before, before_kinds = self.datagrams(), Counter(machine.received)
         began_ns, began_s = self.tree.now_true_ns, process_time()
         now_ns = machine.leader_ns(machine.clock.local_from_true(began_ns))
@@ -157,6 +163,7 @@ class BigRig:
             "cameras": len(burst.clients),
             "heard": len(heard_ns),
             "answered": len(answered),
+            "error_us": {"median": errors_us[len(errors_us) // 2], "largest": errors_us[-1]},
             "heard_ms": {"median": heard_ns[len(heard_ns) // 2] / 1e6, "all": heard_ns[-1] / 1e6},
             "all_acknowledged_ms": (self.tree.now_true_ns - began_ns) / 1e6,
             "root_messages": self.datagrams() - before,
@@ -223,16 +230,26 @@ def _print(report: dict[str, Any]) -> None:
     ]
     print_table(("figure", "value"), rows)
     print_table(
-        ("trigger", "cameras", "answered", "half heard, ms", "all", "all acknowledged", "root's messages"),
+        (
+            "trigger",
+            "answered",
+            "half heard, ms",
+            "all",
+            "all acknowledged",
+            "root's messages",
+            "clocks off by, us",
+            "at most",
+        ),
         [
             (
                 when,
-                str(one["cameras"]),
                 str(one["answered"]),
                 f"{one['heard_ms']['median']:.1f}",
                 f"{one['heard_ms']['all']:.1f}",
                 f"{one['all_acknowledged_ms']:.0f}",
                 str(one["root_messages"]),
+                f"{one['error_us']['median']:.0f}",
+                f"{one['error_us']['largest']:.0f}",
             )
             for when, one in (("before", report["trigger"]), ("after", report["trigger_after"]))
         ],

@@ -21,7 +21,7 @@ from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges
 from capture_app.simulation.links import DelayLaw, Link
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
-from capture_app.sync.tree.member import WINDOW_NS
+from capture_app.sync.tree.member import LONGEST_NS
 
 FIRST = 300
 """K of the paper, and of our engine."""
@@ -157,10 +157,9 @@ FIRST_SECOND, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
 AHEAD = {FIRST_SECOND: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
 """How long after the last message of the first second; ns."""
 STEADY = {f"asking for {s} s": s * _S for s in (2, 3, 4, 10, 30)}
-ROUND, GAP = "after a round", "before the next"
-ROUND_EVERY_NS = 50 * _S
-ROUNDS_FROM_NS = 300 * _S
-SITUATIONS = (*AHEAD, *STEADY, ROUND, GAP)
+RARELY = "asking once a second"
+RARELY_FOR_NS, RAREST_NS = 300 * _S, _S
+SITUATIONS = (*AHEAD, *STEADY, RARELY)
 
 
 @dataclass(slots=True)
@@ -189,7 +188,7 @@ def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_
         _first_second(found, _Trial(draw, f"{seed} drawn {i}"))
     for i in range(min(count, most)):
         _steady(found, _Trial(draw, f"{seed} steady {i}"))
-        _rounds(found, _Trial(draw, f"{seed} rounds {i}"))
+        _rarely(found, _Trial(draw, f"{seed} rarely {i}"))
     return found
 
 
@@ -257,20 +256,18 @@ def _steady(found: Coverages, trial: _Trial) -> None:
         trial.judge(clock, now_ns, {next(situations): 0}, found)
 
 
-def _rounds(found: Coverages, trial: _Trial) -> None:
-    """A follower: rounds that are further and further apart."""
-    sent_ns = [i * poll_schedule.SPACING_NS for i in range(poll_schedule.FIRST_SAMPLES)]
-    ends_ns, every_ns = [], float(_S)
-    while sent_ns[-1] < ROUNDS_FROM_NS:
-        every_ns = min(every_ns * poll_schedule.GROWTH, ROUND_EVERY_NS)
-        begin_ns = sent_ns[-1] + round(every_ns)
-        sent_ns += [begin_ns + i * poll_schedule.SPACING_NS for i in range(poll_schedule.ROUND_EXCHANGES)]
-        ends_ns.append(sent_ns[-1] + 60_000_000)
-    clock = ClockFilter(window_ns=WINDOW_NS)
+def _rarely(found: Coverages, trial: _Trial) -> None:
+    """A node of a relay of many: it asks ever more rarely."""
+    sent_ns = [0]
+    while sent_ns[-1] < RARELY_FOR_NS:
+        pace_ns = max(poll_schedule.SPACING_NS, sent_ns[-1] // poll_schedule.EASING)
+        sent_ns.append(sent_ns[-1] + min(pace_ns, RAREST_NS))
+    ends_ns = list(range(_S, sent_ns[-1] + _S, 2 * _S))
+    clock = ClockFilter(window_ns=LONGEST_NS)
     for now_ns in trial.feed(clock, sent_ns, ends_ns):
-        # It looks at its clock after each round.
+        # It looks at its clock now and then.
         clock.time_map(trial.local_ns(now_ns))
-    trial.judge(clock, ends_ns[-1], {ROUND: 0, GAP: ROUND_EVERY_NS}, found)
+    trial.judge(clock, ends_ns[-1], {RARELY: 0}, found)
 
 
 COUNTS = (10, 30, 100, 300, 1000, 3000, 10_000)

@@ -22,7 +22,7 @@ from capture_app.sync.rig.events import ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.wire.messages import Group, NodeState
 
@@ -94,7 +94,7 @@ class NodeSpec:
     tolerance_ns: int = 60_000
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
-    schedule: Callable[[], PollSchedule] = SteadySchedule
+    schedule: Callable[[], SteadySchedule] = SteadySchedule
     """Makes the schedule by which it asks for the time."""
     any_clock: bool = False
     """Whether its clock is good enough once its schedule calls it synchronized, however well it is known."""

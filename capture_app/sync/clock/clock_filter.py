@@ -90,8 +90,9 @@ class ClockFilter:
     MAX_SKEW: it is that of the sample of each direction that is tightest now.
     """
 
-    def __init__(self, *, window_ns: int = 30_000_000_000) -> None:
-        self._least_window_ns = window_ns
+    def __init__(self, *, window_ns: int = 30_000_000_000, longest_ns: int = LONGEST_NS) -> None:
+        """It looks back by `window_ns`, where the leader asks for a slow pace by up to `longest_ns`."""
+        self._least_window_ns, self._longest_ns = window_ns, longest_ns
         self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
         self.way: KnownWay | None = None
@@ -104,7 +105,7 @@ class ClockFilter:
 
     def look_back(self, pace_ns: int) -> None:
         """Keep as many samples as usual where they come so far apart, in ns: quick ones are rare."""
-        self._groups.window_ns = max(self._least_window_ns, min(PACES * pace_ns, LONGEST_NS))
+        self._groups.window_ns = max(self._least_window_ns, min(PACES * pace_ns, self._longest_ns))
 
     def reset(self) -> None:
         """Forget all samples."""

@@ -37,7 +37,7 @@ from capture_app.sync.rig.frame_selection import (
 )
 from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, PollSchedule
+from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
@@ -181,7 +181,7 @@ class Client(Generic[F]):
         self,
         config: ClientConfig,
         rng: random.Random,
-        schedule: PollSchedule | None = None,
+        schedule: SteadySchedule | None = None,
         *,
         samples: MutableSequence[ClockSample] | None = None,
     ) -> None:

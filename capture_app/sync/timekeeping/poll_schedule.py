@@ -1,4 +1,4 @@
-"""When a node asks for the time and estimates it: steadily as cameras need it, or in rounds far apart.
+"""When a node asks for the time and estimates it: steadily as cameras need it, or ever more rarely.
 
 Whether a clock is known as well as was asked for, and whether asking on quickly still helps.
 """
@@ -21,23 +21,6 @@ class Progress(NamedTuple):
     """Whether the clock is known as well as was asked for."""
 
 
-class _Due:
-    """When a node's next request and its next estimate are due, in ns of its own clock."""
-
-    def __init__(self) -> None:
-        self.request_due_ns = self.estimate_due_ns = NEVER_NS
-        self.slot = 0.0
-        """The part of the leader's pace, 0 to 1, at which this node's requests are due."""
-        self.leader_pace_ns = 0
-        """Mean time between two requests of a node that the leader can bear; 0 for any."""
-        self.time_is_known = False
-        """Whether the time was known when the leader began to be asked, and no clock has stepped since."""
-
-    def restart(self, now_ns: int) -> None:
-        """Ask as often as at first again: a clock has stepped."""
-        self.time_is_known = False
-
-
 FIRST_SAMPLES = 300
 """K of the paper: as many samples at least are taken in quick succession."""
 FIRST_PACE_NS = 3_000_000
@@ -50,7 +33,7 @@ NEAR_NS = 750_000
 BACKLOG_NS = 100_000_000
 
 
-class SteadySchedule(_Due):
+class SteadySchedule:
     """Many requests in quick succession, then one each `pace_ns`, on the grid of this node's slot."""
 
     least_samples, synced_samples = 1, FIRST_SAMPLES
@@ -65,7 +48,14 @@ class SteadySchedule(_Due):
         near_ns: int = NEAR_NS,
     ) -> None:
         """After a round trip shorter than `near_ns` the next request is sent at once."""
-        super().__init__()
+        self.request_due_ns = self.estimate_due_ns = NEVER_NS
+        """When the next are due, in ns of the node's own clock."""
+        self.slot = 0.0
+        """The part of the leader's pace, 0 to 1, at which this node's requests are due."""
+        self.leader_pace_ns = 0
+        """Mean time between two requests of a node that the leader can bear; 0 for any."""
+        self.time_is_known = False
+        """Whether the time was known when the leader began to be asked, and no clock has stepped since."""
         self._first_pace_ns, self._easing_paces_ns, self._pace_ns = first_pace_ns, easing_paces_ns, pace_ns
         self._near_ns = near_ns
         self._grid_ns = 0
@@ -75,6 +65,10 @@ class SteadySchedule(_Due):
         """Ask and estimate, in this node's slot: many may have begun together."""
         pace_ns = max(self._first_pace_ns, self.leader_pace_ns)
         self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(self.slot * pace_ns)
+
+    def restart(self, now_ns: int) -> None:
+        """Ask as often as at first again: a clock has stepped."""
+        self.time_is_known = False
 
     def request_sent(self, now_ns: int, progress: Progress) -> None:
         """Fix when the next is due: what a late timer has missed is made up for, but never at once."""
@@ -117,79 +111,42 @@ class SteadySchedule(_Due):
         return max(easing, self.leader_pace_ns)
 
 
-FIRST_EXCHANGES = 300
-LEARNING_EXCHANGES = 40
-ROUND_EXCHANGES = 50
+SPACING_NS, TREE_PACE_NS = 8_000_000, 50_000_000
+"""Between two requests of a relay: at first, and once it has long kept the time."""
+EASING = 200
+"""By then it has watched for so many times as long, so no rate is taken from a small part of that time."""
+CALM_NS = 5_000_000_000
+"""Thousands may have lost one leader: the next one is asked as if it had been watched for so long."""
 LEAST_EXCHANGES = 10
-SPACING_NS = 4_000_000
-SETTLE_NS = 60_000_000
-"""From a round's last request to the estimate."""
-SHORTEST_NS, LONGEST_NS = 2_000_000_000, 60_000_000_000
-"""Between two rounds of a leader's pace."""
-FIRST_NS = 500_000_000
-GROWTH = 1.2
-"""Each gap between rounds is so much longer than the last one, until the leader's pace is reached. So no
-estimate is extrapolated by more than a fifth of the time that the clock was watched."""
+ESTIMATE_EVERY_NS = 1_000_000_000
 
 
-class RoundSchedule(_Due):
-    """Rounds of requests in quick succession, ever further apart: a leader of many bears it, radios sleep."""
+class TreeSchedule(SteadySchedule):
+    """Ever fewer requests: a leader of many bears it, and all of them together come evenly."""
 
     least_samples = synced_samples = LEAST_EXCHANGES
 
     def __init__(self) -> None:
-        super().__init__()
-        self._left = 0
-        self._every_ns = 0
+        super().__init__(first_pace_ns=SPACING_NS, pace_ns=TREE_PACE_NS)
+        self._began_ns = 0
 
     def begin(self, now_ns: int) -> None:
-        """Start anew, with a first round of many; of few, and not with others, where the time is known."""
-        self._left, self._every_ns = FIRST_EXCHANGES, 0
-        self.request_due_ns, self.estimate_due_ns = now_ns, NEVER_NS
-        if self.time_is_known:
-            self._left, self._every_ns = LEAST_EXCHANGES, round(self.slot * SHORTEST_NS)
-            self.request_due_ns = now_ns + round(self.slot * FIRST_NS)
+        """Ask in quick succession first, but where the time is known as after some seconds."""
+        super().begin(now_ns)
+        self._began_ns = max(self._began_ns, now_ns - CALM_NS) if self.time_is_known else now_ns
 
     def restart(self, now_ns: int) -> None:
-        """Ask as if for the first time, from the next request on."""
+        """Ask as if for the first time."""
         super().restart(now_ns)
-        self._left, self._every_ns = FIRST_EXCHANGES, 0
-        self.request_due_ns = min(self.request_due_ns, now_ns + SPACING_NS)
-
-    def request_sent(self, now_ns: int, progress: Progress) -> None:
-        """Fix when the next request is due, and after the last one of a round the estimate."""
-        self._left -= 1
-        if self._left > 0:
-            self.request_due_ns = now_ns + SPACING_NS
-            return
-        self.estimate_due_ns = now_ns + SETTLE_NS
-        longest_ns = min(max(ROUND_EXCHANGES * self.leader_pace_ns, SHORTEST_NS), LONGEST_NS)
-        least_ns = max(FIRST_NS, LEAST_EXCHANGES * self.leader_pace_ns if self.time_is_known else 0)
-        self._every_ns = min(max(round(self._every_ns * GROWTH), least_ns), longest_ns)
-        most = share = longest_ns // max(self.leader_pace_ns, longest_ns // ROUND_EXCHANGES)
-        if self._every_ns < longest_ns:
-            even = share * self._every_ns // longest_ns
-            most = even if self.time_is_known else min(share, LEARNING_EXCHANGES)
-        self._left = max(most, LEAST_EXCHANGES)
-        self.request_due_ns = now_ns + self._every_ns
-        time_map = progress.time_map
-        if self._every_ns == longest_ns and time_map is not None:
-            # All count from the root's time, each in its slot, so that no two begin together.
-            past_ns = time_map.leader_from_local(self.request_due_ns)
-            self.request_due_ns -= (past_ns - round(self.slot * longest_ns)) % longest_ns
-            if self.request_due_ns < now_ns + longest_ns // 4:
-                self.request_due_ns += longest_ns
-
-    def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
-        """The round goes on as it began."""
-        return False
+        self.begin(now_ns)
 
     def estimated(self, now_ns: int) -> None:
-        """The next estimate is after the next round."""
-        self.estimate_due_ns = NEVER_NS
+        """The next estimate is some requests later."""
+        self.estimate_due_ns = now_ns + max(ESTIMATE_EVERY_NS, LEAST_EXCHANGES * self._pace())
 
-
-PollSchedule = SteadySchedule | RoundSchedule
+    def _pace(self, progress: Progress | None = None) -> int:
+        eased_ns = max(self._first_pace_ns, (self._grid_ns - self._began_ns) // EASING)
+        return min(eased_ns, max(self._pace_ns, self.leader_pace_ns))
 
 
 LEAVE_AT = 1.5

@@ -19,7 +19,6 @@ from capture_app.sync.timekeeping.clock_events import (
 from capture_app.sync.timekeeping.poll_schedule import (
     AT_ONCE_NS,
     AccuracyTarget,
-    PollSchedule,
     Progress,
     SteadySchedule,
 )
@@ -43,7 +42,7 @@ class Timekeeper:
     def __init__(
         self,
         first_sequence: int,
-        schedule: PollSchedule | None = None,
+        schedule: SteadySchedule | None = None,
         *,
         clock: ClockFilter | None = None,
         target: AccuracyTarget | None = None,
@@ -256,7 +255,7 @@ class Timekeeper:
     def _is_worse(self, time_map: TimeMap) -> bool:
         """Whether the map of the leader before is better still: it has the better skew."""
         assert self.time_map is not None, "in holdover there is a map"
-        until_ns = self.schedule.request_due_ns
+        until_ns = self.schedule.estimate_due_ns
         return self.time_map.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)
 
     def _corrected(self, own: TimeMap, now_ns: int) -> TimeMap:

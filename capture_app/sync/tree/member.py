@@ -7,8 +7,8 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.failover import LeaderChoice, answers_probe
-from capture_app.sync.rig.time_client import HEARTBEAT_EVERY_NS, LEADER_SILENT_NS, TimeClient
-from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
+from capture_app.sync.rig.time_client import LEADER_SILENT_NS, TimeClient
+from capture_app.sync.timekeeping.poll_schedule import TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
 from capture_app.sync.wire.messages import (
@@ -18,8 +18,12 @@ from capture_app.sync.wire.messages import (
     Welcome,
 )
 
-WINDOW_NS = 300_000_000_000
-"""Several rounds, for the skew between them; over longer times a clock is not a straight line."""
+WINDOW_NS, LONGEST_NS = 60_000_000_000, 300_000_000_000
+"""Its clock looks back so far: further than a camera's, as it asks more rarely."""
+
+
+HEARTBEAT_EVERY_NS = 1_000_000_000
+"""Its requests for the time show, too, that it and its parent are there."""
 
 
 class TreeMember:
@@ -47,7 +51,11 @@ class TreeMember:
         self.time = TimeClient(
             name,
             instance,
-            Timekeeper(rng.getrandbits(32), RoundSchedule(), clock=ClockFilter(window_ns=WINDOW_NS)),
+            Timekeeper(
+                rng.getrandbits(32),
+                TreeSchedule(),
+                clock=ClockFilter(window_ns=WINDOW_NS, longest_ns=LONGEST_NS),
+            ),
             camera,
             heartbeat_every_ns=heartbeat_every_ns,
             silent_ns=silent_ns,

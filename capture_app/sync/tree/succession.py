@@ -22,7 +22,7 @@ AGAIN_NS = 300_000_000
 """One that is gone is asked once more for so long."""
 FIRST_NS, EACH_BETTER_NS = 2_000_000_000, 500_000_000
 """At first, for each other one and each better one; later, for each better one that is there."""
-STANDBY = replace(CLOCK, kind=RELAY, model="standby")
+STANDBY = replace(CLOCK, kind=RELAY, model="standby: leads when this leader is gone")
 """How it describes itself to the one that leads: it must be missed within seconds."""
 
 

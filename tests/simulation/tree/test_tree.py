@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,8 +17,9 @@ from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, LeaderChoice
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.roster import CLIENT_SILENT_NS, FORGET_LOST_NS
+from capture_app.sync.rig.roster import CLIENT_SILENT_NS, FORGET_LOST_NS, van_der_corput
 from capture_app.sync.rig.time_client import HELLOS, TimeClient
+from capture_app.sync.timekeeping.poll_schedule import Progress, TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import Relay
@@ -77,6 +79,35 @@ def test_everybody_gets_the_time_and_every_hard_bound_holds() -> None:
     assert result.within_bound == result.judged
     assert result.within_95 >= 0.93 * result.judged
     assert max(abs(error) for error in result.errors_us[-1]) < 300.0
+
+
+def test_relays_that_lost_one_leader_together_ask_the_next_one_evenly() -> None:
+    asked: Counter[int] = Counter()
+    progress = Progress(synced=False, samples=0, time_map=time_map(0, 20e-6, 0, 1.0, 2.0))
+    for number in range(70):
+        schedule = TreeSchedule()
+        schedule.slot, schedule.time_is_known = van_der_corput(number), True
+        schedule.begin(60 * S)
+        while schedule.request_due_ns < 75 * S:
+            asked[schedule.request_due_ns // (S // 20)] += 1
+            schedule.request_sent(schedule.request_due_ns, progress)
+    counts = [asked[twentieth] for twentieth in range(20 * 65 + 1, 20 * 75)]
+    assert min(counts) >= 65
+    assert max(counts) <= 75
+
+
+def test_a_relay_knows_the_time_as_well_after_minutes_as_after_one() -> None:
+    tree = Tree(TreeSpec(0, 1, 180.0, relay_pace_s=0.001), seed=1)
+    relay, stated_ns = tree.nodes["relay0", 0], []
+    for at_s in (60, 180):
+        tree.run_until(at_s * S)
+        assert relay.member is not None
+        found = relay.member.time.time_map
+        error_ns = abs(checked_error_ns(found, relay.clock, tree.now_true_ns))
+        assert found is not None
+        stated_ns.append(found.uncertainty_at(relay.clock.local_from_true(tree.now_true_ns)))
+        assert error_ns <= stated_ns[-1]
+    assert max(stated_ns) < 100_000
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:

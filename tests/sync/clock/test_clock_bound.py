@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.tree.member import WINDOW_NS
+from capture_app.sync.tree.member import LONGEST_NS
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -56,7 +56,7 @@ waits = st.integers(0, 60 * S)
 @given(
     exchanges=exchanges,
     skews=st.lists(skews, min_size=16, max_size=16),
-    window_ns=st.sampled_from((30 * S, WINDOW_NS)),
+    window_ns=st.sampled_from((30 * S, LONGEST_NS)),
     ahead_ns=st.integers(0, 60 * S),
 )
 @example(  # a slewed leader, from before to after, over a link without any delay
@@ -68,7 +68,7 @@ waits = st.integers(0, 60 * S)
 @example(  # the whole limit, one way and the other
     exchanges=[(t * S, 0, 0) for t in range(0, 290, 10)],
     skews=[MOST_SKEW, -MOST_SKEW] * 8,
-    window_ns=WINDOW_NS,
+    window_ns=LONGEST_NS,
     ahead_ns=30 * S,
 )
 def test_it_holds_for_any_delays_and_any_rates_up_to_the_limit(

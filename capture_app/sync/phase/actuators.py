@@ -1,8 +1,8 @@
 """Moving a stream's phase: the interface, and reset sampling, which restarts it until its phase is right.
 
-A camera's start latency modulo its period is all that counts. Kernel densities of several widths, one wrapped
-normal density and a uniform one predict each next start, weighted by how well they predicted (Bayes), so
-that a camera whose starts cannot be predicted is restarted at random, as in the paper.
+A camera's start latency modulo its period is all that counts. A kernel density, a wrapped normal one and
+a uniform one predict each next start, weighted by how well they predicted (Bayes), so that a camera whose
+starts cannot be predicted is restarted at random, as in the paper.
 """
 
 import random
@@ -113,8 +113,8 @@ class PhaseActuator:
 LEAD_NS = 1_000_000_000
 """From a command until the phase is known again."""
 REMEMBERED = 24
-WIDTHS = (1 / 200, 1 / 60, 1 / 20)
-"""Widths of the kernels, as shares of a period."""
+WIDTH = 1 / 40
+"""Width of the kernels, as a share of a period."""
 FIRST_WIDTH = 0.1
 """Spread that is assumed after a single latency."""
 FORGETTING = 0.95
@@ -134,8 +134,8 @@ class ResetActuator(PhaseActuator):
         self._rng = rng
         self._aimed = aimed
         self.latencies: deque[float] = deque(maxlen=REMEMBERED)
-        self._credit = [0.0] * (len(WIDTHS) + 2)
-        """Log-likelihood of the latencies, by kernel width; the normal and the uniform density's are last."""
+        self._credit = [0.0] * 3
+        """Log-likelihood of the latencies by kernels, by the normal density and by the uniform one."""
         self._start_ns: int | None = None
         self._period_ns = 1.0
 
@@ -169,23 +169,22 @@ class ResetActuator(PhaseActuator):
         latency = (first_frame_local_ns - self._start_ns) / self._period_ns % 1.0
         self._start_ns = None
         if self.latencies:
-            densities = [self._density(width, latency) for width in WIDTHS]
-            densities += [self._normal_density(latency), 1.0]
+            densities = self._density(latency), self._normal_density(latency), 1.0
             for i, density in enumerate(densities):
                 self._credit[i] += max(-7.0, log(density))
         self._credit = [FORGETTING * credit for credit in self._credit]
         self.latencies.append(latency)
 
-    def _density(self, width: float, at: float) -> float:
+    def _density(self, at: float) -> float:
         """Predicted density of a latency, as a share of a period; the newer a latency, the more it counts."""
         total = mass = 0.0
         weight = 1.0
         for latency in reversed(self.latencies):
             off = (at - latency + 0.5) % 1.0 - 0.5
-            mass += weight * exp(-0.5 * (off / width) ** 2)
+            mass += weight * exp(-0.5 * (off / WIDTH) ** 2)
             total += weight
             weight *= FORGETTING
-        return BACKGROUND + (1.0 - BACKGROUND) * mass / (total * width * sqrt(2.0 * pi))
+        return BACKGROUND + (1.0 - BACKGROUND) * mass / (total * WIDTH * sqrt(2.0 * pi))
 
     def _normal(self) -> tuple[float, float]:
         """Middle and width of the wrapped normal density that the latencies suggest."""
@@ -217,14 +216,12 @@ class ResetActuator(PhaseActuator):
             off = (i / AIMS - at + 0.5) % 1.0 - 0.5
             density[i] += height * exp(-0.5 * (off / width) ** 2)
         ages = [FORGETTING**age for age in range(len(self.latencies))]
-        for width, say in zip(WIDTHS, says, strict=False):
-            height = (1.0 - BACKGROUND) * say / total / (sum(ages) * width * sqrt(2.0 * pi))
-            near = min(AIMS // 2, ceil(4.0 * width * AIMS))
-            for latency, weight in zip(reversed(self.latencies), ages, strict=True):
-                middle = round(latency * AIMS)
-                for i in range(middle - near, middle + near + 1):
-                    off = i / AIMS - latency
-                    density[i % AIMS] += height * weight * exp(-0.5 * (off / width) ** 2)
+        height, near = says[0] / total / (sum(ages) * WIDTH * sqrt(2.0 * pi)), ceil(4.0 * WIDTH * AIMS)
+        for latency, weight in zip(reversed(self.latencies), ages, strict=True):
+            middle = round(latency * AIMS)
+            for i in range(middle - near, middle + near + 1):
+                off = i / AIMS - latency
+                density[i % AIMS] += (1.0 - BACKGROUND) * height * weight * exp(-0.5 * (off / WIDTH) ** 2)
         reach = max(1, min(AIMS // 2 - 1, round(half_window * AIMS)))
         mass = sum(density[i] for i in range(-reach, reach + 1))
         most, middle = mass, 0

@@ -185,8 +185,13 @@ def _rows_of(
 
     for name, time in found.cameras.items():
         if name not in news:
-            known = time.offset_ms is not None
-            yield name, "as they were known: that is surer" if known else f"cannot be told: {time.reason}"
+            if name == found.reference:
+                yield name, "as they were known: all others are told against it"
+            elif time.offset_ms is None or time.sd_ms is None:
+                yield name, f"cannot be told: {time.reason}"
+            else:
+                off, unsure = duration(time.offset_ms * 1e6, signed=True), duration(2e6 * time.sd_ms)
+                yield name, f"as they were known: that is surer than {off} ±{unsure}"
             continue
         stamp, way = news[name].stamp, news[name].way
         words = describe_stamp(stamp) if stamp else "as they were known"

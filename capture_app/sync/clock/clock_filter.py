@@ -73,10 +73,10 @@ class KnownWay:
     def sigma(self, gap: float) -> float | None:
         """One sigma of `late_ns` with a least round trip of `gap`; None where less is known than usual.
 
-        What is beyond chance by far shows that the link is not a usual one.
+        What is beyond three sigma shows that the link is not a usual one.
         """
         sigma = hypot(self.uncertainty_ns / SIGMAS_95, (gap - self.round_trip_ns) / 2.0)
-        return sigma if sigma < max(ASYMMETRY * gap / 2.0, abs(self.late_ns) / 4.0) else None
+        return sigma if sigma < max(ASYMMETRY * gap / 2.0, abs(self.late_ns) / 3.0) else None
 
 
 Bound = tuple[int, int]

@@ -346,6 +346,8 @@ def test_a_link_that_was_measured_keeps_what_messages_cannot_show() -> None:
     error, known = unequal_clock(KnownWay(200_000, 20_000, 1_210_000))
     assert abs(error) < known.uncertainty_ns < unknown.uncertainty_ns
     assert abs(error) <= known.hard_bound_ns < unknown.hard_bound_ns + 201_000
+    error, unsure = unequal_clock(KnownWay(200_000, 110_000, 1_210_000))
+    assert abs(error) < 60_000 < unsure.uncertainty_ns, "three and a half sigma from a usual link"
 
 
 def test_a_measurement_that_tells_less_than_is_usual_or_is_of_another_link_changes_nothing() -> None:

@@ -36,6 +36,9 @@ def test_a_small_change_of_the_rate_is_noticed_in_seconds() -> None:
 
 def test_an_outage_with_a_crystal_that_warms_up_is_told_as_it_is() -> None:
     assert share(figures("hold-over, warming, wire", 3), "stated_95_held") >= 0.9
+    all_along = figures("hold-over, warming all along, wire")
+    used = share(all_along, "mean_us") / share(all_along, "stated_us")
+    assert 0.8 < used < 1.05, "two sigma of the premise: the bar is as wide as that asks for, and no wider"
 
 
 @pytest.mark.slow

@@ -1,12 +1,11 @@
 """Thousands of cameras below relays whose leader is killed: a trigger's time, and what the root is asked.
 
 In virtual time, on the paper's link, with the engine's own leaders, relays and memberships. The cameras send
-heartbeats twice a second, ask their relay for the time once when they have learned it, and confirm triggers,
-but have no frames. Their times are compared with the leader's at each burst. After
-all have joined, messages of the root are counted for some seconds, a burst is ordered, and the leader of two
-that are ranked is killed; then messages of the one that takes over are counted by the half second, and a
-burst is ordered again. With `--relays 0` all are nodes of one leader, and keep the time as a camera's node
-does.
+heartbeats twice a second, ask their relay for the time as relays do, and confirm triggers, but have no
+frames; their times are compared with the leader's at each burst. After all have joined, messages of the root
+are counted for some seconds, a burst is ordered, and the leader of two that are ranked is killed; then
+messages of the one that takes over are counted by the half second, and a burst is ordered again. With
+`--relays 0` all are nodes of one leader, and keep the time as a camera's node does.
 """
 
 import random
@@ -27,7 +26,7 @@ from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, TreeSchedule
+from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, Progress, SteadySchedule, TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
@@ -41,12 +40,24 @@ FLAT_FROM_S = 5.0
 TOLERANCE_NS = 100_000
 
 
+class OnceASecond(TreeSchedule):
+    """Asks once a second from the start."""
+
+    def _pace(self, progress: Progress | None = None) -> int:
+        return S
+
+
 class Member:
     """A camera's node without its frames: membership, clock, and an answer to each trigger."""
 
-    def __init__(self, name: str, rng: random.Random, leaders: tuple[Address, ...], tree: Tree) -> None:
-        """A relay, which is its only leader, it asks for the time as a relay does."""
-        schedule = TreeSchedule() if len(leaders) == 1 else None
+    def __init__(
+        self,
+        name: str,
+        rng: random.Random,
+        leaders: tuple[Address, ...],
+        tree: Tree,
+        schedule: SteadySchedule | None = None,
+    ) -> None:
         keeper = Timekeeper(rng.getrandbits(32), schedule, target=AccuracyTarget(TOLERANCE_NS))
         self.time = TimeClient(name, rng.getrandbits(32), keeper, CAMERA)
         self.choice = LeaderChoice(leaders, self.time)
@@ -81,7 +92,8 @@ class Member:
 class BigRig:
     """Two ranked leaders, relays, and members below them."""
 
-    def __init__(self, members: int, relays: int, seed: int) -> None:
+    def __init__(self, members: int, relays: int, seed: int, below: type[SteadySchedule]) -> None:
+        """Members ask their relays for the time by a schedule of their own."""
         self.tree = Tree(TreeSpec(0, 0), seed=seed)
         self.machines = add_leaders(self.tree, "ab")
         leaders = tuple((name, 0) for name in self.machines)
@@ -95,7 +107,7 @@ class BigRig:
         for i in range(members):
             rng = random.Random(f"{seed} cam{i}")
             above = ((f"relay{i % relays}", 0),) if relays else leaders
-            self.members.append(Member(f"cam{i}", rng, above, self.tree))
+            self.members.append(Member(f"cam{i}", rng, above, self.tree, below() if relays else None))
 
     @property
     def now_s(self) -> float:
@@ -179,9 +191,11 @@ class BigRig:
         return {"all": (self.datagrams() - before) / seconds, **rates}
 
 
-def measure(members: int, relays: int, seed: int) -> dict[str, Any]:
+def measure(
+    members: int, relays: int, seed: int, below: type[SteadySchedule] = TreeSchedule
+) -> dict[str, Any]:
     """Let all join, count, order a burst, kill the leader, and count and order again."""
-    began_s, rig = process_time(), BigRig(members, relays, seed)
+    began_s, rig = process_time(), BigRig(members, relays, seed, below)
     first, second = rig.machines.values()
     joined_s = rig.until("is_complete", "a", 60.0)
     rig.run(max(0.0, SETTLE_S - rig.now_s))
@@ -268,9 +282,14 @@ def main() -> int:
     parser = new_parser(__doc__, seed_of="links and clocks")
     parser.add_argument("--members", type=int, default=MEMBERS, help=f"cameras ({MEMBERS})")
     parser.add_argument("--relays", type=int, help="relays below the leader (the root of that)")
+    parser.add_argument(
+        "--sparing",
+        action="store_true",
+        help="members ask once a second from the start: for tens of thousands",
+    )
     options: Namespace = parser.parse_args()
     relays = isqrt(options.members) if options.relays is None else options.relays
-    report = measure(options.members, relays, options.seed)
+    report = measure(options.members, relays, options.seed, OnceASecond if options.sparing else TreeSchedule)
     print_report(report, _print, as_json=options.json)
     whole = all(one["answered"] == options.members for one in (report["trigger"], report["trigger_after"]))
     return 0 if whole and report["leader_knows_all_s"] < AFTER_S else 1

@@ -18,7 +18,7 @@ from capture_app.interop.app_protocol import (
     Method,
     decode_call,
     encode_call,
-    read_heartbeat,
+    heartbeat_name,
 )
 from capture_app.names import name_like
 from capture_app.node.news import FollowerNews
@@ -93,18 +93,18 @@ class AppLeader:
         """Take in a call; all but heartbeats are a leader's to make."""
         host = address[0]
         call = decode_call(data)
-        beat = read_heartbeat(call[1]) if call is not None and call[0] == Method.HEARTBEAT else None
-        if call is None or beat is None:
+        name = heartbeat_name(call[1]) if call is not None and call[0] == Method.HEARTBEAT else None
+        if call is None or name is None:
             return
         phone = self._phones.get(host)
         if phone is None or phone.lost:
             if phone is None and len(self._phones) >= MOST_PHONES:
                 return
-            phone = self._phones[host] = AppPhone(self._free_name(beat[0], host), host, now_ns)
+            phone = self._phones[host] = AppPhone(self._free_name(name, host), host, now_ns)
             what = f"phone {phone.name} at {host} is here with the Android app, which nobody has let in"
             self._events.append(FollowerNews(phone.name, what))
             self._set_pace()
-        phone.last_heard_ns, phone.says_synced = now_ns, beat[1]
+        phone.last_heard_ns = now_ns
         # To where it came from: the address that it tells may be one of its other networks.
         self._out.append((encode_call(Method.HEARTBEAT_ACK, call[1]), (host, CALL_PORT)))
 

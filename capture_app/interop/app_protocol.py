@@ -55,15 +55,15 @@ def decode_call(data: bytes) -> tuple[int, str] | None:
     return _METHOD.unpack_from(data)[0], data[_METHOD.size :].decode("utf-8", "replace")
 
 
-def read_heartbeat(text: str) -> tuple[str, bool] | None:
-    """Read a heartbeat's text: the phone's name, and whether it says that it has the time; else None.
+def heartbeat_name(text: str) -> str | None:
+    """The phone's name by the text of a heartbeat; None where it is the text of none.
 
-    The address in it may be another network's.
+    Its address may be another network's, and last it says whether it has the time.
     """
     parts = text.rsplit(",", 2)
     if len(parts) != 3 or parts[2] not in ("true", "false"):
         return None
-    return parts[0], parts[2] == "true"
+    return parts[0]
 
 
 KNOCK_EVERY_NS = 100_000_000
@@ -83,8 +83,6 @@ class AppPhone:
     def __init__(self, name: str, host: str, now_ns: int) -> None:
         self.name, self.host = name, host
         self.last_heard_ns = now_ns
-        self.says_synced = False
-        """Whether the phone itself says that it has the time."""
         self.lost = False
         self.synced = False
         """Whether its clock is known well enough to be told."""

@@ -81,12 +81,12 @@ class TakePanel(VerticalScroll, can_focus=False):
     """The newest take in full, a line for each of those before it."""
 
     def __init__(self) -> None:
-        self._text = Static(id="takes-text")
+        self._newest, self._earlier = Static(id="takes-newest"), Static(id="takes-earlier")
         self.plain = ""
         """What it says."""
         self._picture = Picture(id="takes-depth")
-        self._picture.display = False
-        super().__init__(self._text, self._picture, id="takes")
+        self._picture.display = self._earlier.display = False
+        super().__init__(self._newest, self._picture, self._earlier, id="takes")
         self.border_title = "Takes"
 
     def show(
@@ -99,11 +99,14 @@ class TakePanel(VerticalScroll, can_focus=False):
         """Show these, the newest last, with lines about its depth and a picture of it."""
         self._picture.display = picture is not None
         self._picture.show(picture)
-        text = Content("\n").join(_lines(takes, now_s, depth, wide=self.size.width >= WIDE))
-        shown = self._text.content
-        if not isinstance(shown, Content) or not shown.is_same(text):
-            self.plain = text.plain
-            self._text.update(text)
+        self._earlier.display = len(takes) > 1
+        newest = Content("\n").join(_lines(takes, now_s, depth, wide=self.size.width >= WIDE))
+        earlier = Content("\n").join(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])
+        self.plain = f"{newest.plain}\n\n{earlier.plain}".rstrip()
+        for part, text in ((self._newest, newest), (self._earlier, earlier)):
+            shown = part.content
+            if not isinstance(shown, Content) or not shown.is_same(text):
+                part.update(text)
 
 
 def verdict_line(verdict: Verdict) -> Content:
@@ -144,9 +147,6 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content], *, wid
     else:
         yield from _in_full(takes[-1], now_s, wide=wide)
         yield from depth
-    if len(takes) > 1:
-        yield Content("")
-        yield from (_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])
 
 
 def _verdict_lines(verdict: Verdict, *, wide: bool) -> Iterator[Content]:

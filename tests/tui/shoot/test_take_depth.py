@@ -66,6 +66,13 @@ async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
         assert studio.view.take_panel.query_one("#takes-depth").display
         await pilot.press("d")
         assert opened == [made.report.resolve().as_uri()]
+        # The newest take's depth stays with its lines.
+        await pilot.press("space")
+        panel = studio.view.take_panel
+        await until(pilot, lambda: len(studio.app.runs.all) == 2 and "94 %" in panel.plain)
+        depth, earlier = (panel.query_one(f"#takes-{name}") for name in ("depth", "earlier"))
+        await until(pilot, lambda: depth.display and earlier.region.y >= depth.region.bottom > 0)
+        assert panel.plain.splitlines()[-1].startswith(studio.view.takes[0].name)
 
 
 async def test_a_rig_without_a_calibration_gets_a_line_and_no_alarm(studio: Studio, tmp_path: Path) -> None:

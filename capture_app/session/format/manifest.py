@@ -381,9 +381,7 @@ def check_references(path: Path, manifest: Manifest) -> None:
 
     Raises BadInputError for the first that is not.
     """
-    numbers = list(_numbers(msgspec.to_builtins(manifest)))
-    if not all(abs(one) < (MOST_INTEGER if isinstance(one, int) else MOST_REAL) for one in numbers):
-        raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
+    check_numbers(path, manifest)
     if not manifest.burst.instants_ns:
         raise BadInputError(f"{path} has no instants")
     names = [camera.name for camera in manifest.cameras]
@@ -400,6 +398,13 @@ def check_references(path: Path, manifest: Manifest) -> None:
             raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}")
         if instant >= len(manifest.burst.instants_ns):
             raise BadInputError(f"{path}: {where} is of an unknown instant, {instant}")
+
+
+def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
+    """Check the numbers of the manifest at `path`, or of a part of it. Raises BadInputError for odd ones."""
+    numbers = _numbers(msgspec.to_builtins(record))
+    if not all(abs(one) < (MOST_INTEGER if isinstance(one, int) else MOST_REAL) for one in numbers):
+        raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
 
 
 def _numbers(value: Any) -> Iterator[int | float]:

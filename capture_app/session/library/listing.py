@@ -12,7 +12,14 @@ from msgspec import Struct
 from capture_app.errors import BadInputError
 from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.burst_plan import PLAN
-from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION, Manifest, inside
+from capture_app.session.format.manifest import (
+    JOURNAL,
+    MANIFEST,
+    SCHEMA_VERSION,
+    Manifest,
+    check_numbers,
+    inside,
+)
 from capture_app.session.reading.reader import is_being_written
 
 SessionState = Literal["complete", "being saved", "interrupted", "unreadable"]
@@ -109,6 +116,8 @@ def read_card(folder: Path) -> SessionCard:
     """Read what a list shows of a session that has a manifest."""
     try:
         manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
+        # All others are checked where it is opened: a list reads thousands.
+        check_numbers(folder / MANIFEST, manifest.sync)
         files = {video.camera: video.path for video in manifest.videos if video.frames}
         files |= {image.camera: image.path for image in reversed(manifest.images)}
         names = tuple(camera.name for camera in manifest.cameras)

@@ -57,6 +57,13 @@ def test_a_hostile_manifest_is_told_and_not_followed(session: Session, tmp_path:
     assert "outside the session" in card.problem
 
 
+def test_a_spread_of_hundreds_of_digits_is_told(session: Session, tmp_path: Path) -> None:
+    edit_manifest(session, lambda content: content["sync"].update(spread_ns=[10**400]))
+    (card,) = SessionListing(tmp_path).read()
+    assert card.state == "unreadable"
+    assert "over 64 bits" in card.problem
+
+
 def test_the_best_synchronized_is_the_one_with_the_least_surely(session: Session, tmp_path: Path) -> None:
     fill(SessionWriter.create(tmp_path, "better"))
     edit_manifest(session, lambda content: content["sync"].update(spread_ns=[14_000]))

@@ -64,6 +64,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict
     rig.communicate()
 
 
+@pytest.mark.timeout(1200)  # calibrations by pictures: minutes of processor time, beside three other tests
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.stem}")
 def test_a_pages_blocks_run(page: Path, world: tuple[Path, dict[str, str]]) -> None:
     folder, environment = world

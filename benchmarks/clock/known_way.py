@@ -11,14 +11,13 @@ import os
 import sys
 import time
 from pathlib import Path
-from statistics import fmean
 from typing import Any
 
+from benchmarks.clock.clock_errors import COLUMNS, error_figures, read_clock_errors
 from benchmarks.clock.reference_broadcast import TAILS_US
 from benchmarks.emulated_link.delays import Delays, EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
-from capture_app.session.reading.reader import Session
 
 PORT, ADDRESS = 47010, "10.77.0.1"
 LEADER = ("--leader", f"{ADDRESS}:{PORT}")
@@ -54,7 +53,8 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
 
     def judge(name: str) -> None:
         talk(f"{name} ...")
-        parts[name] = _figures([burst() for _ in range(options.bursts)])
+        taken = [burst() for _ in range(options.bursts)]
+        parts[name] = error_figures(read_clock_errors(taken)["far"])
 
     node = (*CAPTURE_APP, "node", *CAMERA, "--name")
     with (
@@ -81,46 +81,10 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
     return {"kind": kind, "told": told, "parts": parts, "links": links, "load_average": load}
 
 
-def _figures(folders: list[Path]) -> dict[str, float]:
-    """Errors in us of the far camera's times."""
-    errors_us, stated_us, bounds_us = [], [], []
-    for folder in folders:
-        session = Session.open(folder)
-        truth = session.true_times()
-        assert truth is not None
-        for image in session.manifest.images:
-            if image.camera == "far":
-                assert image.local_ns is not None
-                true_ns = truth.clocks["far"].true_from_local(image.local_ns)
-                errors_us.append(abs(image.leader_ns - true_ns) / 1000)
-                stated_us.append((image.uncertainty_ns or 0) / 1000)
-                bounds_us.append((image.hard_bound_ns or 0) / 1000)
-    return {
-        "images": len(errors_us),
-        "mean_us": fmean(errors_us),
-        "max_us": max(errors_us),
-        "stated_95_us": fmean(stated_us),
-        "stated_95_held": sum(error <= bar for error, bar in zip(errors_us, stated_us, strict=True)),
-        "bound_us": fmean(bounds_us),
-        "bound_held": sum(error <= bar for error, bar in zip(errors_us, bounds_us, strict=True)),
-    }
-
-
-COLUMNS = {
-    "name": ("far camera's clock, us", ""),
-    "images": ("images", ""),
-    "mean_us": ("mean error", ".1f"),
-    "max_us": ("largest", ".1f"),
-    "stated_95_us": ("95 %", ".1f"),
-    "stated_95_held": ("held", ""),
-    "bound_us": ("bound", ".1f"),
-    "bound_held": ("held", ""),
-}
-
-
 def _print(report: dict[str, Any]) -> None:
     print(f"{report['kind']}\n{report['told']}")
-    print_rows([{"name": name, **row} for name, row in report["parts"].items()], COLUMNS)
+    rows = [{"name": name, **row} for name, row in report["parts"].items()]
+    print_rows(rows, {"name": ("error of the far camera's clock, us", ""), **COLUMNS})
     print_circumstances(report)
 
 

@@ -16,10 +16,10 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from benchmarks.clock.clock_errors import COLUMNS, error_figures, read_clock_errors
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
-from capture_app.session.reading.reader import Session
 
 LEADER, RELAY = "10.77.0.1:47010", "10.79.0.1:47010"
 NODES = {"near": ("top", LEADER, 0), "once": ("middle", LEADER, 1)} | dict.fromkeys(
@@ -84,50 +84,17 @@ def _burst(namespace: str) -> dict[str, Any]:
 
 def _errors(sessions: Path) -> dict[str, Any]:
     """Each node's errors of the root's time, in us, and those between the two nodes below the relay."""
-    seen: dict[str, list[tuple[float, float, float]]] = {name: [] for name in NODES}
-    for folder in sorted(sessions.glob("burst-*")):
-        session = Session.open(folder)
-        truth = session.true_times()
-        assert truth is not None
-        for image in session.manifest.images:
-            assert image.local_ns is not None
-            error_us = (image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns)) / 1000
-            sure_us, bound_us = (image.uncertainty_ns or 0) / 1000, (image.hard_bound_ns or 0) / 1000
-            seen[image.camera].append((error_us, sure_us, bound_us))
-    nodes = {
-        name: {
-            "links": NODES[name][2],
-            "images": len(rows),
-            "mean_abs_us": fmean(abs(error) for error, _, _ in rows),
-            "max_us": max(abs(error) for error, _, _ in rows),
-            "stated_95_us": fmean(sure for _, sure, _ in rows),
-            "stated_95_held": sum(abs(error) <= sure for error, sure, _ in rows),
-            "bound_us": fmean(bound for _, _, bound in rows),
-            "bound_held": sum(abs(error) <= bound for error, _, bound in rows),
-        }
-        for name, rows in seen.items()
-    }
-    pairs = [abs(a[0] - b[0]) for a, b in zip(seen["far"], seen["far2"], strict=True)]
+    seen = read_clock_errors(sorted(sessions.glob("burst-*")))
+    nodes = {name: {"links": node[2], **error_figures(seen[name])} for name, node in NODES.items()}
+    pairs = [abs(a.off_us - b.off_us) for a, b in zip(seen["far"], seen["far2"], strict=True)]
     return {"nodes": nodes, "far_pair": {"mean_abs_us": fmean(pairs), "max_us": max(pairs)}}
-
-
-COLUMNS = {
-    "name": ("error of the root's time, us", ""),
-    "links": ("links", ""),
-    "images": ("images", ""),
-    "mean_abs_us": ("mean", ".1f"),
-    "max_us": ("largest", ".1f"),
-    "stated_95_us": ("95 %", ".1f"),
-    "stated_95_held": ("held", ""),
-    "bound_us": ("bound", ".1f"),
-    "bound_held": ("held", ""),
-}
 
 
 def _print(report: dict[str, Any]) -> None:
     pair, healed = report["far_pair"], report["healed"]
     rows = [{"name": name, **row} for name, row in report["nodes"].items()]
-    print_rows([*rows, {"name": "far against far2", **pair}], COLUMNS)
+    columns = {"name": ("error of the root's time, us", ""), "links": ("links", ""), **COLUMNS}
+    print_rows([*rows, {"name": "far against far2", **pair}], columns)
     print(
         f"relay killed and started again: {healed['images']} of {healed['expected']} images in a session"
         f" after {healed['seconds_from_start_to_session']} s"

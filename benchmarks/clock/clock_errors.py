@@ -1,0 +1,56 @@
+"""How far the times of simulated cameras' pictures are off the leader's, by what their sessions know."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import NamedTuple
+
+from capture_app.session.reading.reader import Session
+
+
+class ClockError(NamedTuple):
+    """The error of one picture's time, and what was stated of it, in us."""
+
+    off_us: float
+    sure_us: float
+    bound_us: float
+
+
+def read_clock_errors(folders: Iterable[Path]) -> dict[str, list[ClockError]]:
+    """The errors of all pictures of these sessions, by camera."""
+    found: dict[str, list[ClockError]] = {}
+    for folder in folders:
+        session = Session.open(folder)
+        truth = session.true_times()
+        assert truth is not None
+        for image in session.manifest.images:
+            assert image.local_ns is not None
+            off_ns = image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns)
+            stated_ns = image.uncertainty_ns or 0, image.hard_bound_ns or 0
+            error = ClockError(*(one / 1000 for one in (off_ns, *stated_ns)))
+            found.setdefault(image.camera, []).append(error)
+    return found
+
+
+def error_figures(errors: Sequence[ClockError]) -> dict[str, float]:
+    """What a table shows of them; its columns are COLUMNS."""
+    return {
+        "images": len(errors),
+        "mean_abs_us": fmean(abs(error.off_us) for error in errors),
+        "max_us": max(abs(error.off_us) for error in errors),
+        "stated_95_us": fmean(error.sure_us for error in errors),
+        "stated_95_held": sum(abs(error.off_us) <= error.sure_us for error in errors),
+        "bound_us": fmean(error.bound_us for error in errors),
+        "bound_held": sum(abs(error.off_us) <= error.bound_us for error in errors),
+    }
+
+
+COLUMNS = {
+    "images": ("images", ""),
+    "mean_abs_us": ("mean", ".1f"),
+    "max_us": ("largest", ".1f"),
+    "stated_95_us": ("95 %", ".1f"),
+    "stated_95_held": ("held", ""),
+    "bound_us": ("bound", ".1f"),
+    "bound_held": ("held", ""),
+}

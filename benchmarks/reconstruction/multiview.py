@@ -2,7 +2,7 @@
 
     python -m benchmarks.reconstruction.multiview        four scenes, 640x480: the package's studio, a plainer
                                                          one, and two rooms with nearly blank walls
-    python -m benchmarks.reconstruction.multiview --scene plain --size 1920x1080
+    python -m benchmarks.reconstruction.multiview --size 1920x1440 --condition synced
     python -m benchmarks.reconstruction.multiview --scene path/to/scene.py --json
     python -m benchmarks.reconstruction.multiview --session sample_sessions/jumper --instants 13
 
@@ -32,7 +32,7 @@ import numpy as np
 
 from benchmarks.reconstruction.multiview_cloud import cloud_scores, normal_error_deg
 from benchmarks.reconstruction.multiview_plain import sgbm_pairs, simple_sweep
-from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered, from_file, plain
+from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered, from_file
 from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
@@ -278,7 +278,7 @@ def main() -> None:
     parser.add_argument(
         "--scene", action="append", help=f"{', '.join(SCENES)}, or a Python file [default: all]"
     )
-    parser.add_argument("--size", default="640x480", help="of the plain scene")
+    parser.add_argument("--size", default="640x480", help="of the pictures; a file's scene has its own")
     parser.add_argument("--method", action="append", choices=list(METHODS), help="[default: all]")
     parser.add_argument("--condition", action="append", choices=["synced", "offset"], help="[default: both]")
     parser.add_argument(
@@ -294,10 +294,7 @@ def main() -> None:
     width, height = (int(part) for part in chosen.size.split("x"))
     rows: list[Result] = []
     for name in chosen.scene or SCENES:
-        if name == "plain":
-            rendered = plain(width, height)
-        else:
-            rendered = SCENES[name]() if name in SCENES else from_file(Path(name))
+        rendered = SCENES[name](width, height) if name in SCENES else from_file(Path(name))
         rows += run(
             rendered, chosen.method or list(METHODS), chosen.condition or ("synced", "offset"), chosen.seeds
         )

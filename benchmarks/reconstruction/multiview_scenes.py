@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from benchmarks.reconstruction import blank_scenes
-from capture_app.simulation.rendering import scene
 from capture_app.simulation.rendering.scene import Scene
+from capture_app.simulation.scenes.stages import DEFINITIONS
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 
@@ -37,24 +37,36 @@ class Rendered:
     offset: Condition
 
 
-def studio() -> Rendered:
-    """The package's own scene, five of its views, 640x480."""
-    return _rendered(scene.load("studio"), ("cam05", "cam00", "cam06", "cam01", "cam04"), at_s=1.37)
+def studio(width: int = 640, height: int = 480) -> Rendered:
+    """The package's own scene, five of its views."""
+    stage = Scene("studio", DEFINITIONS["studio"], scale=_scale(width, height))
+    return _rendered(stage, ("cam05", "cam00", "cam06", "cam01", "cam04"), at_s=1.37)
 
 
-def blank_room() -> Rendered:
-    """A room with nearly blank walls, a ramp, thin rods and leaves, 640x480."""
-    return _rendered(Scene("blank-room", blank_scenes.ROOM), tuple(blank_scenes.ROOM_CAMERAS), at_s=0.62)
+def blank_room(width: int = 640, height: int = 480) -> Rendered:
+    """A room with nearly blank walls, a ramp, thin rods and leaves."""
+    stage = Scene("blank-room", blank_scenes.ROOM, scale=_scale(width, height))
+    return _rendered(stage, tuple(blank_scenes.ROOM_CAMERAS), at_s=0.62)
 
 
-def blank_attic() -> Rendered:
-    """Leaning blank walls, crossing ramps, thin rods and leaves, from cameras farther apart; 640x480."""
-    return _rendered(Scene("blank-attic", blank_scenes.ATTIC), tuple(blank_scenes.ATTIC_CAMERAS), at_s=0.4)
+def blank_attic(width: int = 640, height: int = 480) -> Rendered:
+    """Leaning blank walls, crossing ramps, thin rods and leaves, from cameras farther apart."""
+    stage = Scene("blank-attic", blank_scenes.ATTIC, scale=_scale(width, height))
+    return _rendered(stage, tuple(blank_scenes.ATTIC_CAMERAS), at_s=0.4)
+
+
+def _scale(width: int, height: int) -> float:
+    if 3 * width != 4 * height:
+        raise SystemExit(f"this scene is 4 to 3, not {width}x{height}; --scene plain has any size")
+    return width / 640
 
 
 def _rendered(stage: Scene, names: tuple[str, ...], *, at_s: float) -> Rendered:
     """Views of a scene of the package's renderer at that time, and with `OFFSETS_MS` about it."""
-    views = {n: View.from_calibration(stage.calibration().cameras[n], 640, 480) for n in names}
+    known = stage.calibration().cameras
+    views = {
+        name: View.from_calibration(known[name], known[name].width, known[name].height) for name in names
+    }
 
     def shoot(offsets: tuple[int, ...]) -> Condition:
         pictures, depth, movers = {}, {}, {}
@@ -64,7 +76,8 @@ def _rendered(stage: Scene, names: tuple[str, ...], *, at_s: float) -> Rendered:
             depth[name], _, movers[name] = stage.ground_truth(name, start_ns, 4_000_000, 30_000)
         return Condition(pictures, depth, movers)
 
-    return Rendered(stage.name, views, shoot((0,) * 5), shoot(OFFSETS_MS))
+    size = next(iter(views.values()))
+    return Rendered(f"{stage.name} {size.width}x{size.height}", views, shoot((0,) * 5), shoot(OFFSETS_MS))
 
 
 def from_file(path: Path) -> Rendered:

@@ -76,11 +76,9 @@ TOLERANCE = 0.006
 MIN_SHARE = 0.004
 """Share of a picture that must lie on a plane."""
 MAX_PLANES = 32
-EVERY = 2
-"""One of so many points of a picture is taken."""
 TRIALS, JUDGES, FINALISTS = 240, 2000, 8
-"""Points whose own planes are tried for the next plane, points by which these are judged, and how many all
-points judge: by some points alone another plane may win if a grey level differs."""
+"""Points whose own planes are tried for the next plane, points by which these are judged, and how many are
+fitted to all points before one is chosen: else another plane wins if a grey level differs a little."""
 ROUNDS = 4
 NORMAL_RADIUS_PX = 3
 
@@ -117,7 +115,6 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * usual, radius=NORMAL_RADIUS_PX, rounds=3)
     facing = surface_normals(level, right, down, image.rays)
     rows, columns = np.nonzero(evident)
-    rows, columns = rows[::EVERY], columns[::EVERY]
     pixels = np.column_stack([columns, rows]).astype(float)
     places = image.view.unproject(pixels, 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float))
     normals = facing[rows, columns] @ image.view.rotation
@@ -130,7 +127,7 @@ def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[Scen
     left = SurfacePoints(*(np.concatenate(part) for part in zip(*samples, strict=True)))
     found: list[ScenePlane] = []
     while len(found) < MAX_PLANES and len(left.places) >= least:
-        plane = _refined(_most_supported(left), left)
+        plane = _most_supported(left)
         off = plane.off(left)
         if np.count_nonzero(off < TOLERANCE) < least:
             break
@@ -141,15 +138,15 @@ def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[Scen
 
 
 def _most_supported(points: SurfacePoints) -> ScenePlane:
+    """The plane that most points lie on, fitted to them."""
     tried, judges = (
         _selected(points, slice(None, None, max(1, len(points.places) // n))) for n in (TRIALS, JUDGES)
     )
     distances = (tried.normals * tried.places).sum(1)
     support = (_relative_gaps(tried.normals, distances, judges) < TOLERANCE).sum(1)
     last = np.argsort(-support, kind="stable")[:FINALISTS]
-    support = (_relative_gaps(tried.normals[last], distances[last], points) < TOLERANCE).sum(1)
-    best = int(last[support.argmax()])
-    return ScenePlane(tried.normals[best], float(distances[best]))
+    planes = [_refined(ScenePlane(tried.normals[k], float(distances[k])), points) for k in last]
+    return max(planes, key=lambda plane: np.count_nonzero(plane.off(points) < TOLERANCE))
 
 
 def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
@@ -348,7 +345,7 @@ def settle_blank_walls(
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     samples = [one for found in pool.map(sample, names) for one in found]
-    least = round(MIN_SHARE / EVERY * float(np.mean([part.there.size for part in parts.values()])))
+    least = round(MIN_SHARE * float(np.mean([part.there.size for part in parts.values()])))
     planes = find_scene_planes(samples, least)
 
     def settle(name: str) -> Surface:

@@ -216,7 +216,9 @@ def _child(method: str, condition: str, path: str, seeds: int) -> Result:
         for key, value in found[0].items()
         if isinstance(value, float | int)
     }
-    return {**found[0], **mean, "spread": max(shares) - min(shares), "seeds": len(found)}
+    # From the second on, the most memory is that of scoring the cloud before.
+    first = {"peak_mb": found[0]["peak_mb"], "spread": max(shares) - min(shares), "seeds": len(found)}
+    return {**found[0], **mean, **first}
 
 
 def run(rendered: Rendered, methods: Sequence[str], conditions: Sequence[str], seeds: int) -> list[Result]:

@@ -82,7 +82,7 @@ class SweepOptions:
     """Side of the window that is matched, px."""
     fine_window: int = 7
     """Side of the window in sweeps along the surface, px."""
-    refinements: tuple[Refinement, ...] = (Refinement(0.5, 4, 0.0125), Refinement(0.25, 4, 0.005))
+    refinements: tuple[Refinement, ...] = (Refinement(0.5, 4, 0.0125), Refinement(0.25, 3, 0.005))
     max_cells: int = 80_000_000
     """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
     first_scale: float = 1.0
@@ -118,7 +118,7 @@ def sweep_view(
     if scale < 1.0:
         surface = _enlarge_surface(surface, reference)
     fine = replace(reference, window=options.fine_window)
-    plan = options.refinements if scale == 1.0 else (*options.refinements, Refinement(0.25 * scale, 4))
+    plan = options.refinements if scale == 1.0 else (*options.refinements, Refinement(0.25 * scale, 3))
     source_views = [SourceView(fine, source) for source in sources]
     return _refine_surface(surface, fine, source_views, step, plan, options.engine)
 

@@ -79,7 +79,8 @@ MAX_PLANES = 32
 TRIALS, JUDGES, FINALISTS = 240, 2000, 8
 """Points whose own planes are tried for the next plane, points by which these are judged, and how many are
 fitted to all points before one is chosen: else another plane wins if a grey level differs a little."""
-ROUNDS = 4
+ROUNDS = 2.0, 1.5, 1.0, 1.0
+"""Tolerances within which points count for each fit: what is tilted at first stays so among the nearest."""
 NORMAL_RADIUS_PX = 3
 
 
@@ -151,8 +152,8 @@ def _most_supported(points: SurfacePoints) -> ScenePlane:
 
 def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
     """The plane by least squares through the points on it, again and again."""
-    for _ in range(ROUNDS):
-        close = _selected(points, plane.off(points) < TOLERANCE)
+    for reach in ROUNDS:
+        close = _selected(points, plane.off(points) < reach * TOLERANCE)
         on = SurfacePoints(*(part.astype(float) for part in close))
         if len(on.places) < 3:
             break

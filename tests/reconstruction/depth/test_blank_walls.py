@@ -26,12 +26,14 @@ CAMERAS = ("cam1", "cam2", "cam3")
 DISTANCES = np.array([4.0, 2.0, 1.5])
 
 
-def seen_on(plane: ScenePlane, count: int, rng: np.random.Generator) -> SurfacePoints:
-    """Points before a camera in the origin, off the plane by 0.1 % of their depth and 5 degrees."""
+def seen_on(
+    plane: ScenePlane, count: int, rng: np.random.Generator, *, off: float = 0.001, tilt: float = 0.05
+) -> SurfacePoints:
+    """Points before a camera in the origin, off the plane by a share of their depth and some radians."""
     rays = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.ones(count)])
     rays = rays[rays @ plane.normal > 0.2]
-    depth = plane.distance / (rays @ plane.normal) * rng.normal(1, 0.001, len(rays))
-    normals = plane.normal + rng.normal(0, 0.05, rays.shape)
+    depth = plane.distance / (rays @ plane.normal) * rng.normal(1, off, len(rays))
+    normals = plane.normal + rng.normal(0, tilt, rays.shape)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return SurfacePoints(rays * depth[:, None], normals, np.zeros_like(rays))
 
@@ -50,6 +52,14 @@ def test_planes_are_found_among_points_of_nothing() -> None:
         same = [one for one in found if abs(float(one.normal @ plane.normal)) > 0.9999]
         assert len(same) == 1
         assert abs(same[0].distance) == pytest.approx(plane.distance, rel=0.002)
+
+
+def test_a_wall_among_noise_is_not_tilted_as_its_first_candidate_is() -> None:
+    wall = ScenePlane(NORMALS[0], float(DISTANCES[0]))
+    for seed in range(8):
+        points = seen_on(wall, 5000, np.random.default_rng(seed), off=0.005, tilt=0.2)
+        found = find_scene_planes([points], least=400)[0]
+        assert np.degrees(np.arccos(abs(float(found.normal @ wall.normal)))) < 0.2
 
 
 def test_a_plane_is_where_a_camera_sees_it() -> None:

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from benchmarks.reconstruction import blank_scenes
-from capture_app.simulation.rendering.scene import Scene
-from capture_app.simulation.scenes.stages import DEFINITIONS
+from capture_app.simulation.rendering.scene import Scene, load
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 
@@ -39,7 +38,7 @@ class Rendered:
 
 def studio(width: int = 640, height: int = 480) -> Rendered:
     """The package's own scene, five of its views."""
-    stage = Scene("studio", DEFINITIONS["studio"], scale=_scale(width, height))
+    stage = load("studio", scale=_scale(width, height))
     return _rendered(stage, ("cam05", "cam00", "cam06", "cam01", "cam04"), at_s=1.37)
 
 

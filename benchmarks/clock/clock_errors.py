@@ -14,6 +14,8 @@ class ClockError(NamedTuple):
     off_us: float
     sure_us: float
     bound_us: float
+    late_us: float
+    """From the instant that was asked for to the true start of its exposure."""
 
 
 def read_clock_errors(folders: Iterable[Path]) -> dict[str, list[ClockError]]:
@@ -23,11 +25,14 @@ def read_clock_errors(folders: Iterable[Path]) -> dict[str, list[ClockError]]:
         session = Session.open(folder)
         truth = session.true_times()
         assert truth is not None
+        exposed_ns = {(image.camera, image.instant): image.true_ns for image in truth.images}
         for image in session.manifest.images:
             assert image.local_ns is not None
             off_ns = image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns)
             stated_ns = image.uncertainty_ns or 0, image.hard_bound_ns or 0
-            error = ClockError(*(one / 1000 for one in (off_ns, *stated_ns)))
+            instant_ns = session.manifest.burst.instants_ns[image.instant]
+            late_ns = exposed_ns[image.camera, image.instant] - instant_ns
+            error = ClockError(*(one / 1000 for one in (off_ns, *stated_ns, late_ns)))
             found.setdefault(image.camera, []).append(error)
     return found
 

@@ -13,12 +13,12 @@ import sys
 import time
 from pathlib import Path
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import Any
 
+from benchmarks.clock.clock_errors import error_figures, read_clock_errors
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
-from capture_app.session.reading.reader import Session
 
 PORT = 47010
 SPREAD_S = 3600.0
@@ -33,16 +33,6 @@ NODES = {
 """Each node's camera, and by how many ppm its clock is fast."""
 TARGET_US = 150.0
 """No picture may be further from its instant."""
-
-
-class Image(NamedTuple):
-    """What is known of one picture, in us."""
-
-    total_us: float
-    """From the instant that was asked for to the true start of its exposure."""
-    clock_us: float
-    stated_us: float
-    bound_us: float
 
 
 def main() -> int:
@@ -118,43 +108,23 @@ def _status(namespace: str) -> dict[str, Any]:
 
 def _errors(sessions: Path, told: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Each node's errors against the truth, and how often it was ready after a burst."""
-    seen: dict[str, list[Image]] = {name: [] for name in NODES}
-    for folder in sorted(sessions.glob("burst-*")):
-        session = Session.open(folder)
-        truth = session.true_times()
-        assert truth is not None
-        exposed_ns = {(image.camera, image.instant): image.true_ns for image in truth.images}
-        for image in session.manifest.images:
-            assert image.local_ns is not None
-            true_ns = truth.clocks[image.camera].true_from_local(image.local_ns)
-            instant_ns = session.manifest.burst.instants_ns[image.instant]
-            seen[image.camera].append(
-                Image(
-                    (exposed_ns[image.camera, image.instant] - instant_ns) / 1000,
-                    (image.leader_ns - true_ns) / 1000,
-                    (image.uncertainty_ns or 0) / 1000,
-                    (image.hard_bound_ns or 0) / 1000,
-                )
-            )
+    seen = read_clock_errors(sorted(sessions.glob("burst-*")))
     states = [{node["name"]: node["state"] for node in status["nodes"]} for status in told]
-    return {
-        name: {
-            "skew_ppm": NODES[name][1],
-            "camera": NODES[name][0],
-            "images": len(images),
-            "ready": sum(state[name] == "ready" for state in states),
-            "total_mean_us": fmean(abs(image.total_us) for image in images),
-            "total_max_us": max(abs(image.total_us) for image in images),
-            "clock_mean_us": fmean(abs(image.clock_us) for image in images),
-            "clock_max_us": max(abs(image.clock_us) for image in images),
-            "stated_95_us": fmean(image.stated_us for image in images),
-            "stated_95_held": sum(abs(image.clock_us) <= image.stated_us for image in images),
-            "bound_us": fmean(image.bound_us for image in images),
-            "bound_held": sum(abs(image.clock_us) <= image.bound_us for image in images),
-        }
-        for name, images in seen.items()
-        if images
-    }
+    nodes = {}
+    for name, (camera, skew_ppm) in NODES.items():
+        if errors := seen.get(name):
+            clock = error_figures(errors)
+            nodes[name] = {
+                "skew_ppm": skew_ppm,
+                "camera": camera,
+                "ready": sum(state[name] == "ready" for state in states),
+                "total_mean_us": fmean(abs(error.late_us) for error in errors),
+                "total_max_us": max(abs(error.late_us) for error in errors),
+                "clock_mean_us": clock.pop("mean_abs_us"),
+                "clock_max_us": clock.pop("max_us"),
+                **clock,
+            }
+    return nodes
 
 
 def _verdicts(nodes: dict[str, dict[str, Any]], expected: int) -> list[dict[str, Any]]:
